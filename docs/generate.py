@@ -20,7 +20,7 @@ from typing import Any
 import typer.models
 
 from filters import simulation
-from filters.effects import additive, catalogue, reference_errors, run_specific
+from filters.effects import catalogue, deterministic, plain_names
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS
 from imutui.cli import COMMANDS
@@ -140,12 +140,8 @@ def _effect(name: str, note: dict[str, str]) -> Iterator[str]:
 
 def _title(name: str, note: dict[str, str]) -> str:
     """The few words that the tracer has for it, else those of the notes."""
-    for h in _hypotheses(name):
-        return getattr(h, "text", h.label)
-    for kind in (run_specific.Tone, run_specific.Step, run_specific.Telegraph):
-        if kind.effect == name:
-            return kind.text
-    return note["title"]
+    known = _hypotheses(name) or name in ("tone", "step", "telegraph")
+    return plain_names.effect(name) if known else note["title"]
 
 
 def _on(name: str) -> str:
@@ -162,9 +158,9 @@ def _on(name: str) -> str:
 def _hypotheses(name: str, channels: tuple[int, ...] = (0, 3)) -> list[Hypothesis]:
     found: list[Hypothesis] = []
     for c in channels:
-        every = (*additive.hypotheses(c), *reference_errors.harmonics(c), additive.Bias(c))
+        every = (*deterministic.of_sensor(c), *deterministic.harmonics(c), deterministic.bias(c))
         found += [h for h in every if h.effect == name]
-    return found or [h for h in reference_errors.shared() if h.effect == name]
+    return found or [h for h in deterministic.shared() if h.effect == name]
 
 
 def _reported(name: str) -> str:
@@ -175,9 +171,9 @@ def _reported(name: str) -> str:
     said: list[str] = []
     for kind in dict.fromkeys(h.channels[0] < 3 for h in hypotheses):
         own = [h for h in hypotheses if (h.channels[0] < 3) == kind]
-        widest = max(own, key=lambda h: len(h.parameters()))
-        units = ("" if p.unit == "1" else f" in {p.unit}" for p in widest.parameters())
-        pairs = zip(widest.parameters(), units, strict=True)
+        widest = max(own, key=lambda h: len(h.parameters))
+        units = ("" if p.unit == "1" else f" in {p.unit}" for p in widest.parameters)
+        pairs = zip(widest.parameters, units, strict=True)
         said.append("; ".join(f"{p.name}{unit}, plausible {p.prior:g}" for p, unit in pairs))
     if len(said) == 2:
         text = said[0] if said[0] == said[1] else f"gyros: {said[0]}. Accelerometers: {said[1]}"
@@ -185,7 +181,7 @@ def _reported(name: str) -> str:
         text = said[0]
     grid: dict[str, list[str]] = {}
     for h in hypotheses:
-        for key, value in h.shape().items():
+        for key, value in h.shape.items():
             shown = f"{value:g}" if isinstance(value, float) else value
             if shown not in grid.setdefault(key, []):
                 grid[key].append(shown)

@@ -2,9 +2,9 @@
 
 `catalogue` names every effect, with its equation and its family; a family is a module:
 
-additive       `additive` a sensor's own errors: of temperature, of time, of what it senses (thermal_lin … g_squared) ·
-               `drivers` free curves over anything that was logged, where the physics has no name (driver:NAME)
-motion         `reference_errors` errors of the reference, one parameter over several channels (mounting, earth_rate,
+additive       `deterministic` a sensor's own errors, as data: of temperature, of time, of what it senses (thermal_lin …
+               g_squared) · `drivers` free curves over anything that was logged, where no name is known (driver:NAME)
+motion         `deterministic` too: errors of the reference, one parameter over several channels (mounting, earth_rate,
                delay, lever_arm, tilt, gravity), and harmonics of a table's angle
 run_specific   `run_specific` what each run has its own of (tone, step, telegraph)
 drift          random_walk and gauss_markov have no regressor: they are processes of `filters.tracing.whitening`

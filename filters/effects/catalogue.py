@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from filters.channels import CHANNELS
-from filters.effects import additive, drivers, reference_errors, thermal_average
+from filters.effects import deterministic, drivers, thermal_average
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import ShapeValue, number_of, numbers_of
 from filters.errors import InputError
@@ -74,30 +74,25 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     `shape`: what its `shape()` gave, and a driver's knots.
     Raises InputError if there is no such effect, or its shape is not one that it can have.
     """
-    for s in reference_errors.shared():
+    for s in deterministic.shared():
         if s.effect == effect:
             return s
     if len(channels) != 1:
         raise InputError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')
     channel = CHANNELS.index(channels[0])
-    if effect == "bias":
-        return additive.Bias(channel)
     if shape.get("form") == thermal_average.FORM:
         return thermal_average.from_file(effect, channel, shape)
-    wanted = {key: value for key, value in shape.items() if key != "knots"}
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)
-    for h in (*additive.hypotheses(channel), *reference_errors.harmonics(channel)):
-        if h.effect == effect and dict(h.shape()) == wanted:
-            return h
-    known = [
-        dict(h.shape())
-        for h in (*additive.hypotheses(channel), *reference_errors.harmonics(channel))
-        if h.effect == effect
-    ]
+    every = (*deterministic.of_sensor(channel), *deterministic.harmonics(channel), deterministic.bias(channel))
+    known = [h for h in every if h.effect == effect]
     if not known:
         raise InputError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')
-    raise InputError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')
+    wanted = {key: value for key, value in shape.items() if key != "knots"}
+    for h in known:
+        if h.shape == wanted:
+            return h
+    raise InputError(f'`parameters` of "{effect}" are {wanted}, not one of {[dict(h.shape) for h in known]}')
 
 
 def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothesis:
@@ -117,6 +112,6 @@ def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothe
         return drivers.relay(number_of(shape, "down_degc"), number_of(shape, "up_degc")).on(channel)
     for basis in drivers.bases(ranges):
         same = basis.name == name and basis.kind == shape.get("basis")
-        if same and all(basis.parts.get(key) == shape.get(key) for key in ("order", "tau_s")):
+        if same and all(basis.shape.get(key) == shape.get(key) for key in ("order", "tau_s")):
             return basis.on(channel)
     raise InputError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')

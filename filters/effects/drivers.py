@@ -4,14 +4,14 @@ A driver is a quantity of `Inputs` in the unit it is reported in; a basis makes 
 """
 
 import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from filters.channels import DPS, G
-from filters.effects import plain_names
-from filters.effects.hypothesis import ChannelEffect, Parameter
+from filters.effects.hypothesis import Hypothesis, Parameter, own_parameter
 from filters.effects.inputs import TRAILED, TRAILS, Inputs
 from filters.motion.segments import AXES
 from filters.types import Array
@@ -64,66 +64,73 @@ def _direction(axis: int) -> Values:
     return lambda inputs: inputs.direction[:, axis]
 
 
-def _angle(axis: int) -> Values:
-    return lambda inputs: inputs.angles[:, axis] / DPS
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Driver(Hypothesis):
+    """e = sum of θ_i B_i(driver): columns of a basis, the same for every channel, each in the channel's unit."""
 
-
-@dataclass(frozen=True)
-class Driver(ChannelEffect):
-    """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit."""
-
-    name: str = ""  # of the driver
-    # columns from the inputs, dimensionless, shape (n, k)
-    columns_of: Callable[[Inputs], Array] = field(default=lambda inputs: inputs.t[:, None], compare=False, repr=False)
-    count: int = 1  # k
-    kind: str = "line"  # of the basis: hat, fourier, line, threshold, relay, settling, trail
-    parts: Mapping[str, float | str] = field(default_factory=dict, compare=False)  # knots and the like
+    kind: str  # of the basis: hat, fourier, line, threshold, relay, settling, trail
     knots: tuple[float, ...] = ()
     unit: str = ""
-    choices: int = 1  # size of the grid it is one of
-    driven_by: str = "motion"  # "time", "temperature" or "motion"
+
+    is_free: ClassVar = True
 
     @property
-    def effect(self) -> str:  # type: ignore[override]
-        """Name of the effect: `driver:` and the driver's own name."""
-        return f"driver:{self.name}"
-
-    @property
-    def source(self) -> str:  # type: ignore[override]
-        """What it is a function of."""
-        return self.driven_by
-
-    @property
-    def grid(self) -> int:
-        """Size of the grid."""
-        return self.choices
+    def name(self) -> str:
+        """Of the driver."""
+        return self.effect.removeprefix("driver:")
 
     @property
     def label(self) -> str:
-        words = plain_names.effect(self.effect)
+        words = super().label
         if self.kind == "relay":
-            low, high = (float(self.parts[key]) for key in ("down_degc", "up_degc"))
+            low, high = (float(self.shape[key]) for key in ("down_degc", "up_degc"))
             return f"{words}, flipping up above {high:.3g} and back below {low:.3g} degC"
-        return f"{words}, which it follows in some {self.parts['tau_s']:g} s" if self.kind == "trail" else words
+        return f"{words}, which it follows in some {self.shape['tau_s']:g} s" if self.kind == "trail" else words
 
     @property
     def in_filter(self) -> bool:
         """Whether the filter can have it from what it knows: not what remembers the table's motion, or a flip."""
         return self.kind not in ("relay", "trail") and not self.name.startswith(PAST_MOTION)
 
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        return self.columns_of(inputs)
+    def on(self, channel: int) -> "Driver":
+        """The same on a channel."""
+        own = _parameters(channel, len(self.parameters), self.knots, self.unit)
+        return replace(self, channels=(channel,), parameters=own)
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One for each column; any size is plausible where nothing is known."""
-        names = [f"at {knot:.4g} {self.unit}" for knot in self.knots[1:]] if self.kind == "hat" else None
-        return tuple(
-            self.channel_parameter(names[k] if names else f"b{k + 1}" if self.count > 1 else "k", "", 1.0, 1.0, 10.0)[0]
-            for k in range(self.count)
-        )
 
-    def shape(self) -> Mapping[str, float | str]:
-        return {"basis": self.kind, **self.parts}
+def _parameters(channel: int, count: int, knots: Sequence[float], unit: str) -> tuple[Parameter, ...]:
+    """One for each column; any size is plausible where nothing is known."""
+    names = [f"at {knot:.4g} {unit}" for knot in knots[1:]] or [f"b{k + 1}" for k in range(count)]
+    return tuple(own_parameter(channel, name if count > 1 or knots else "k", "", 1.0, 10.0) for name in names)
+
+
+def _driver(
+    name: str,
+    columns: Callable[[Inputs], Array],
+    count: int,
+    kind: str,
+    source: str,
+    parts: Mapping[str, float | str],
+    knots: tuple[float, ...] = (),
+    unit: str = "",
+    choices: int = 1,
+    over: tuple[str, ...] = (),
+) -> Driver:
+    """On channel 0: `on` gives it on another."""
+    return Driver(
+        effect=f"driver:{name}",
+        channels=(0,),
+        source=source,
+        parameters=_parameters(0, count, knots, unit),
+        columns=lambda inputs, channel: columns(inputs),
+        shape={"basis": kind, **parts},
+        grid=choices,
+        over=over,
+        at_blocks=kind in ("settling", "trail") or name.startswith(("since", "direction")),
+        kind=kind,
+        knots=knots,
+        unit=unit,
+    )
 
 
 def hats(values: Array, knots: Array) -> Array:
@@ -132,37 +139,7 @@ def hats(values: Array, knots: Array) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(1, knots.size)))
 
 
-@dataclass(frozen=True, slots=True)
-class Basis:
-    """Columns that are the same for every channel, to be computed once; what `Driver` carries."""
-
-    name: str
-    columns_of: Callable[[Inputs], Array]
-    count: int
-    kind: str
-    driven_by: str
-    parts: dict[str, float | str]
-    knots: tuple[float, ...] = ()
-    unit: str = ""
-    choices: int = 1
-
-    def on(self, channel: int) -> Driver:
-        """The hypothesis on a channel."""
-        return Driver(
-            channel,
-            name=self.name,
-            columns_of=self.columns_of,
-            count=self.count,
-            kind=self.kind,
-            parts=self.parts,
-            knots=self.knots,
-            unit=self.unit,
-            choices=self.choices,
-            driven_by=self.driven_by,
-        )
-
-
-def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     """All bases that the data can carry.
 
     `ranges`: least and greatest value of each scalar driver over all runs, and of "outer", "middle", "inner" (rad);
@@ -177,42 +154,42 @@ def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
     return made + _trails(ranges) + _products(ranges)
 
 
-def _hat(name: str, low: float, high: float) -> Basis:
+def _hat(name: str, low: float, high: float) -> Driver:
     unit, value, source = SCALARS[name]
     count = _KNOTS.get(name, _KNOTS_INPUT)
     if name in _LOGARITHMIC:
         knots = np.expm1(np.linspace(np.log1p(low), np.log1p(high), count))
     else:
         knots = np.linspace(low, high, count)
-    return Basis(
+    return _driver(
         name, lambda inputs: hats(value(inputs), knots), count - 1, "hat", source, {}, tuple(knots.tolist()), unit
     )
 
 
-def _thresholds(low: float, high: float) -> list[Basis]:
+def _thresholds(low: float, high: float) -> list[Driver]:
     at = np.linspace(low, high, THRESHOLDS + 2)[1:-1]
     return [threshold(float(limit)) for limit in at]
 
 
-def threshold(limit: float) -> Basis:
+def threshold(limit: float) -> Driver:
     """e = k H(T - limit)."""
 
     def above(inputs: Inputs) -> Array:
         return (inputs.temperature > limit).astype(np.float64)[:, None]
 
-    parts: dict[str, float | str] = {"threshold_degc": limit}
+    parts, over = {"threshold_degc": limit}, ("temperature",)
     name = "temperature_threshold"
-    return Basis(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS)
+    return _driver(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS, over=over)
 
 
-def _relays(low: float, high: float) -> list[Basis]:
+def _relays(low: float, high: float) -> list[Driver]:
     if high - low < _RELAY_K:
         return []
     at = np.linspace(low, high, RELAY_LEVELS + 2)[1:-1].tolist()
     return [relay(down, up) for down, up in itertools.combinations(at, 2)]
 
 
-def relay(down: float, up: float) -> Basis:
+def relay(down: float, up: float) -> Driver:
     """e = k s, s being 1 since temperature was last above `up`, 0 since it was last below `down`."""
 
     def state(inputs: Inputs) -> Array:
@@ -223,45 +200,46 @@ def relay(down: float, up: float) -> Basis:
         first = float(T[0] > 0.5 * (down + up)) if T.size else 0.0
         return np.where(last >= 0, known[np.maximum(last, 0)], first)[:, None]
 
-    parts: dict[str, float | str] = {"down_degc": down, "up_degc": up}
-    name = "temperature_threshold"
+    parts, over = {"down_degc": down, "up_degc": up}, ("temperature",)
     choices = THRESHOLDS + RELAY_LEVELS * (RELAY_LEVELS - 1) // 2
-    return Basis(name, state, 1, "relay", "temperature", parts, unit="degC", choices=choices)
+    return _driver(
+        "temperature_threshold", state, 1, "relay", "temperature", parts, unit="degC", choices=choices, over=over
+    )
 
 
-def _trails(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+def _trails(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     """What follows the inputs from behind, and how much the unit was turned of late."""
     made = []
     for k, name in enumerate(TRAILED):
-        if name not in ranges or "since_motion" not in ranges:
-            continue
-        for j, tau in enumerate(TRAILS):
+        if name in ranges and "since_motion" in ranges:
             unit = DPS if k < 3 or name == "rate_norm" else G
-            made.append(_trail(name, k, j, tau, unit))
+            made += [_trail(name, k, j, unit) for j in range(len(TRAILS))]
     return made
 
 
-def _trail(name: str, k: int, j: int, tau: float, unit: float) -> Basis:
-    return Basis(
-        name, lambda inputs: inputs.trail[:, k, j, None] / unit, 1, "trail", "motion", {"tau_s": tau},
-        choices=len(TRAILS),
-    )  # fmt: skip
+def _trail(name: str, k: int, j: int, unit: float) -> Driver:
+    def followed(inputs: Inputs) -> Array:
+        return inputs.trail[:, k, j, None] / unit
+
+    return _driver(name, followed, 1, "trail", "motion", {"tau_s": TRAILS[j]}, choices=len(TRAILS))
 
 
-def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:
-    def fourier(order: int) -> Basis:
+def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Driver]:
+    def fourier(order: int) -> Driver:
         def columns(inputs: Inputs) -> Array:
             angle = inputs.angles[:, k, None] * np.arange(1, order + 1)
             return np.hstack([np.sin(angle), np.cos(angle)])
 
         parts: dict[str, float | str] = {"order": float(order)}
-        return Basis(f"angle_{axis}", columns, 2 * order, "fourier", "motion", parts, unit="deg", choices=len(_FOURIER))
+        return _driver(
+            f"angle_{axis}", columns, 2 * order, "fourier", "motion", parts, unit="deg", choices=len(_FOURIER)
+        )
 
-    def settling(tau: float) -> Basis:
+    def settling(tau: float) -> Driver:
         def columns(inputs: Inputs) -> Array:
             return (inputs.direction[:, k] * np.exp(-inputs.since_motion / tau))[:, None]
 
-        return Basis(f"settling_{axis}", columns, 1, "settling", "motion", {"tau_s": tau}, choices=len(SETTLING_TAUS))
+        return _driver(f"settling_{axis}", columns, 1, "settling", "motion", {"tau_s": tau}, choices=len(SETTLING_TAUS))
 
     made = [fourier(order) for order in _FOURIER] + [settling(tau) for tau in SETTLING_TAUS]
     made.append(_line(f"direction_{axis}", _direction(k), "motion"))
@@ -270,8 +248,8 @@ def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:
     return made
 
 
-def _line(name: str, value: Values, source: str, parts: dict[str, float | str] | None = None) -> Basis:
-    return Basis(name, lambda inputs: value(inputs)[:, None], 1, "line", source, parts or {})
+def _line(name: str, value: Values, source: str, parts: dict[str, float | str] | None = None) -> Driver:
+    return _driver(name, lambda inputs: value(inputs)[:, None], 1, "line", source, parts or {})
 
 
 def _centre(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float | str]:
@@ -279,7 +257,7 @@ def _centre(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, f
     return {"centre": 0.5 * sum(ranges[name])} if name in ("temperature", "time") else {}
 
 
-def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     w, f = [f"w{axis}" for axis in "xyz"], [f"f{axis}" for axis in "xyz"]
     pairs = [*itertools.product(w, f), *itertools.product(("temperature", "time"), (*w, *f))]
     made = [
@@ -302,10 +280,10 @@ def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
     return lambda inputs: value(inputs) - middle
 
 
-def _with_angle(name: str, value: Values, k: int, axis: str, parts: dict[str, float | str]) -> Basis:
+def _with_angle(name: str, value: Values, k: int, axis: str, parts: dict[str, float | str]) -> Driver:
 
     def columns(inputs: Inputs) -> Array:
         angle = inputs.angles[:, k]
         return np.stack([value(inputs) * np.sin(angle), value(inputs) * np.cos(angle)], axis=1)
 
-    return Basis(f"{name}*angle_{axis}", columns, 2, "fourier", "motion", {"order": 1.0, **parts})
+    return _driver(f"{name}*angle_{axis}", columns, 2, "fourier", "motion", {"order": 1.0, **parts})

@@ -1,11 +1,12 @@
-"""What every deterministic effect offers: columns that its parameters multiply, and what the parameters mean."""
+"""What every deterministic effect is: columns over the inputs that its parameters multiply, and how it differs."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
 
-from filters.channels import ACCELS, DPS, GYROS, G, error_unit
+from filters.channels import ACCELS, GYROS, error_unit
+from filters.effects import plain_names
 from filters.effects.inputs import Inputs
 from filters.types import Array
 
@@ -24,98 +25,66 @@ class Parameter:
     prior: float  # plausible standard deviation for this class of instruments, in the unit
 
 
-@runtime_checkable
-class Hypothesis(Protocol):
-    """One way in which readings may be wrong: e = columns · θ.
+def own_parameter(
+    channel: int, name: str, per: str, gyro_prior: float, accel_prior: float, si: float = 1.0
+) -> Parameter:
+    """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`."""
+    unit, factor = error_unit(channel)
+    return Parameter(name, unit + per, factor / si, gyro_prior if channel in GYROS else accel_prior)
 
-    `effect`: name in the catalogue, or driver:NAME.
-    `label`: a few words for a sentence.
-    `channels`: those it acts on with the same θ: one, or several where it is shared.
-    `source`: "time", "temperature" or "motion": what it is a function of; "run_specific" for what each run has its own
-      of.
-    `grid`: how many hypotheses of this effect there are on the channel: what choosing among them costs.
+
+def _no_columns(inputs: Inputs, channel: int) -> Array:
+    raise TypeError("an effect of one run's own rows is no function of the inputs")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hypothesis:
+    """One way in which readings may be wrong: e = columns · θ; equal to another of the same name, channels and shape.
+
+    `columns` gives the regressor of a channel, SI per SI of the parameters, shape (n, k).
     """
 
-    @property
-    def effect(self) -> str: ...  # noqa: D102
-    @property
-    def label(self) -> str: ...  # noqa: D102
-    @property
-    def channels(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def source(self) -> str: ...  # noqa: D102
-    @property
-    def grid(self) -> int: ...  # noqa: D102
+    effect: str  # name in the catalogue, or driver:NAME
+    channels: tuple[int, ...]  # those it acts on with the same θ: one, or several where it is shared
+    # what it is a function of: "time", "temperature", "motion"; "run_specific" for what each run has its own of
+    source: str
+    parameters: tuple[Parameter, ...]  # what the k columns' factors are, in their order
+    columns: Callable[[Inputs, int], Array] = field(default=_no_columns, repr=False)
+    shape: Mapping[str, float | str] = field(default_factory=dict)  # what else fixes it: time constants, orders, axes
+    words: str = ""  # a few, for a sentence, where those of `plain_names` are not enough
+    grid: int = 1  # how many hypotheses of this effect there are on the channel: what choosing among them costs
+    rank: int = 16  # of two that do as well the one of the lower rank is taken; free curves come last
+    needs: tuple[str, ...] = ()  # drivers and table axes that must vary for it to show; () of motion: any input
+    over: tuple[str, ...] = ()  # drivers that it is a sum of curves over
+    is_wide: bool = False  # whether it needs a long run, far through temperature
+    is_everywhere: bool = False  # whether its columns are the same on every channel
+    follows_rates: bool = False  # of what several channels share: as fast as the motion, not as slow as drift
+    at_blocks: bool = False  # of motion: whether it is a function of what the motion was, which changes slowly
 
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Regressor, SI per SI of the parameters, shape (n, k)."""
-        ...
+    is_free: ClassVar = False  # whether it is a free curve, and no effect of the catalogue
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        """What the k columns' factors are, in their order."""
-        ...
+    @cached_property
+    def key(self) -> tuple[str, tuple[int, ...], str]:
+        """Effect, channels and shape: what makes two the same, whatever the data."""
+        return self.effect, self.channels, str(sorted(self.shape.items()))
 
-    def shape(self) -> Mapping[str, float | str]:
-        """What else fixes it: time constants, orders, axes."""
-        ...
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Hypothesis) and self.key == other.key
 
-
-@dataclass(frozen=True)
-class HypothesisBase(ABC):
-    """What all effects of the catalogue share; subclasses give columns and parameters."""
-
-    effect: ClassVar[str]
-    source: ClassVar[str]
-    text: ClassVar[str]
+    def __hash__(self) -> int:
+        return hash(self.key)
 
     @property
-    def grid(self) -> int:
-        """One, unless a subclass has a grid."""
-        return 1
+    def channel(self) -> int:
+        """The one that it is on, or the first."""
+        return self.channels[0]
 
     @property
     def label(self) -> str:
         """A few words for a sentence."""
-        return self.text
-
-    def shape(self) -> Mapping[str, float | str]:
-        """Nothing, unless a subclass has something."""
-        return {}
-
-    @abstractmethod
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Regressor, SI per SI of the parameters, shape (n, k)."""
-
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """What the k columns' factors are, in their order."""
-
-
-@dataclass(frozen=True)
-class ChannelEffect(HypothesisBase):
-    """An effect of one channel by itself."""
-
-    channel: int
-
-    where: ClassVar[tuple[int, ...]] = ALL
+        return self.words or plain_names.effect(self.effect)
 
     @property
-    def channels(self) -> tuple[int, ...]:
-        """The one channel that it is on, as a tuple."""
-        return (self.channel,)
-
-    @property
-    def gyro(self) -> bool:
-        """Whether the channel is a gyro's."""
-        return self.channel in GYROS
-
-    def channel_parameter(
-        self, name: str, per: str, si: float, gyro_prior: float, accel_prior: float
-    ) -> tuple[Parameter, ...]:
-        """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`; alone."""
-        unit, factor = error_unit(self.channel)
-        return (Parameter(name, unit + per, factor / si, gyro_prior if self.gyro else accel_prior),)
-
-    def input_unit(self) -> tuple[str, float]:
-        """Unit of what the channel senses, and its SI value."""
-        return ("(deg/s)", DPS) if self.gyro else ("g", G)
+    def is_slow(self) -> bool:
+        """Whether it is a function of time, temperature and what the motion was: the middle of a block tells it."""
+        return self.at_blocks or self.source != "motion"

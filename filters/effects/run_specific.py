@@ -3,16 +3,13 @@
 Each search takes a channel's residual, whitened under what is selected already, and gives the best event that it finds.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from filters.effects.hypothesis import ChannelEffect, Parameter
-from filters.effects.inputs import Inputs
+from filters.effects.hypothesis import Hypothesis, Parameter, own_parameter
 from filters.types import Array
 
 TONE_HZ = 1.6
@@ -23,72 +20,64 @@ _SWITCHES = 3
 _ITERATIONS = 8
 
 
-@dataclass(frozen=True)
-class RunSpecific(ChannelEffect):
-    """An effect with columns of its own rows; `made` are those, shape (n, k)."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunSpecific(Hypothesis):
+    """An effect with columns of its own rows, in no other run."""
 
-    made: Array = field(default_factory=lambda: np.zeros((0, 1)), compare=False, repr=False)
-    penalty: float = 0.0
-    facts: Mapping[str, float | str] = field(default_factory=dict, compare=False)
-    count: int = 1
-
-    source: ClassVar = "run_specific"
-
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Not a function of the drivers: what happened at the rows it was found on."""
-        return self.made
-
-    def shape(self) -> Mapping[str, float | str]:
-        return self.facts
+    source: str = "run_specific"
+    parameters: tuple[Parameter, ...] = ()
+    made: Array = field(default_factory=lambda: np.zeros((0, 1)), repr=False)  # its columns, shape (n, k)
+    penalty: float = 0.0  # what choosing it costs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Tone(RunSpecific):
     """e = a sin 2π f t + b cos 2π f t, amplitude and phase of each run its own."""
 
-    hz: float = 0.0
+    effect: str = "tone"
+    hz: float
 
-    effect: ClassVar = "tone"
-    text: ClassVar = "oscillates"
+    @classmethod
+    def of(cls, channel: int, hz: float, made: Array, penalty: float) -> "Tone":
+        """Of a frequency, two columns a run."""
+        names = [f"{part} run {r + 1}" for r in range(made.shape[1] // 2) for part in ("sin", "cos")]
+        own = tuple(own_parameter(channel, name, "", 0.1, 5.0) for name in names)
+        words = f"oscillates at {hz:.4g} Hz"
+        shape: dict[str, float | str] = {"hz": hz}
+        return cls(
+            channels=(channel,), parameters=own, shape=shape, words=words, made=made, penalty=penalty, hz=hz
+        )  # fmt: skip
 
-    @property
-    def label(self) -> str:
-        return f"oscillates at {self.hz:.4g} Hz"
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        names = [f"{part} run {r + 1}" for r in range(self.count // 2) for part in ("sin", "cos")]
-        return tuple(self.channel_parameter(name, "", 1.0, 0.1, 5.0)[0] for name in names)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Step(RunSpecific):
     """e = k from t0 on, in one run, or (`run` -1) at the same time of every run."""
 
-    at: float = 0.0
-    run: int = 0
+    effect: str = "step"
+    at: float
+    run: int
 
-    effect: ClassVar = "step"
-    text: ClassVar = "bias steps"
+    @classmethod
+    def of(cls, channel: int, at: float, run: int, made: Array) -> "Step":
+        """Of an instant, s, with its column."""
+        which = "every run" if run < 0 else f"run {run + 1}"
+        return cls(
+            channels=(channel,),
+            parameters=(own_parameter(channel, "k", "", 0.1, 3.0),),
+            shape={"at_s": at, "run": float(run + 1)},
+            words=f"bias steps at {at:.1f} s of {which}",
+            made=made,
+            penalty=2.0 * float(np.log(len(made))),
+            at=at,
+            run=run,
+        )
 
-    @property
-    def label(self) -> str:
-        return f"bias steps at {self.at:.1f} s of {'every run' if self.run < 0 else f'run {self.run + 1}'}"
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.channel_parameter("k", "", 1.0, 0.1, 3.0)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Telegraph(RunSpecific):
     """e = k s(t), s in {0, 1}."""
 
-    switches: int = 0
-
-    effect: ClassVar = "telegraph"
-    text: ClassVar = "bias jumps between two levels"
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.channel_parameter("k", "", 1.0, 0.05, 2.0)
+    effect: str = "telegraph"
 
 
 def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period: float, most_hz: float) -> Tone | None:
@@ -121,8 +110,7 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
     for k, part in enumerate(parts):
         columns[part, 2 * k] = np.sin(2.0 * np.pi * refined * t[part])
         columns[part, 2 * k + 1] = np.cos(2.0 * np.pi * refined * t[part])
-    penalty = 2.0 * float(np.log(6.0 * t.size / 2.0))
-    return Tone(channel, made=columns, penalty=penalty, facts={"hz": refined}, count=columns.shape[1], hz=refined)
+    return Tone.of(channel, refined, columns, 2.0 * float(np.log(6.0 * t.size / 2.0)))
 
 
 def _power(hz: float, white: Array, t: Array, parts: list[NDArray[np.int_]]) -> float:
@@ -166,11 +154,7 @@ def step(channel: int, white: Array, basis: Array, t: Array, starts: NDArray[np.
     for k, row in rows:
         column[starts[k] + row : ends[k], 0] = 1.0
     number, first = rows[0][0], starts[rows[0][0]] + rows[0][1]
-    at = float(0.5 * (t[first] + t[first - 1]))
-    which = -1 if len(rows) > 1 else number
-    facts = {"at_s": at, "run": float(which + 1)}
-    penalty = 2.0 * float(np.log(t.size))
-    return Step(channel, made=column, penalty=penalty, facts=facts, at=at, run=which)
+    return Step.of(channel, float(0.5 * (t[first] + t[first - 1])), -1 if len(rows) > 1 else number, column)
 
 
 def _best(top: Array, size: Array) -> tuple[float, int]:
@@ -214,10 +198,13 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
     switches = int(np.count_nonzero(np.diff(s.astype(int)))) - int(np.count_nonzero(s[starts[1:]] != s[starts[1:] - 1]))
     if switches < _SWITCHES:
         return None
-    facts = {"switches": float(switches)}
-    penalty = switches * _price(switches, r.size)
-    made = s.astype(np.float64)[:, None]
-    return Telegraph(channel, made=made, penalty=penalty, facts=facts, switches=switches)
+    return Telegraph(
+        channels=(channel,),
+        parameters=(own_parameter(channel, "k", "", 0.05, 2.0),),
+        shape={"switches": float(switches)},
+        made=s.astype(np.float64)[:, None],
+        penalty=switches * _price(switches, r.size),
+    )
 
 
 def _price(switches: int, n: int) -> float:

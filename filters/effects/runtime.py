@@ -238,7 +238,7 @@ def _part(effect: Included) -> _Part:
             f'"{effect.effect}" follows past motion, or what temperature has crossed, which the filter does'
             " not keep: take it out of the file"
         )
-    parameters = h.parameters()
+    parameters = h.parameters
     if len(parameters) != len(effect.states):
         raise InputError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')
     for p, state in zip(parameters, effect.states, strict=True):

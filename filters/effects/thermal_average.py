@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 
 from filters.channels import error_unit
-from filters.effects.hypothesis import ChannelEffect, Parameter
+from filters.effects.hypothesis import Hypothesis, Parameter
 from filters.effects.inputs import BANKS, LAGS, Inputs
 from filters.effects.records import ShapeValue, number_of, numbers_of
 from filters.errors import InputError
@@ -48,50 +48,44 @@ def columns(T: Array, lagged: Array, plays: Array, low: float, high: float) -> l
     return made + [(plays[:, k] * width - T) / half for k, (width, _) in enumerate(BANKS)]
 
 
-@dataclass(frozen=True)
-class ThermalAverage(ChannelEffect):
-    """The average of thermal forms on a channel."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ThermalAverage(Hypothesis):
+    """The average of thermal forms on a channel, named after the form with the most evidence."""
 
-    leading: str = "thermal_poly"  # effect of the form with the most evidence
     # low, high: range of temperature in training, degC
-    low: float = 0.0
-    high: float = 1.0
+    low: float
+    high: float
     # what each of `columns` is multiplied with, in the channel's unit of error: of the mean, then of each spread
-    curves: tuple[tuple[float, ...], ...] = ()
+    curves: tuple[tuple[float, ...], ...]
 
-    @property
-    def effect(self) -> str:  # type: ignore[override]
-        """Name of the leading form."""
-        return self.leading
+    @classmethod
+    def of(
+        cls, channel: int, leading: str, low: float, high: float, curves: tuple[tuple[float, ...], ...]
+    ) -> "ThermalAverage":
+        """An average of amplitude 1, and spreads of their own standard deviations."""
+        names = ("amplitude", *(f"spread{n}" for n in range(1, len(curves))))
 
-    @property
-    def source(self) -> str:  # type: ignore[override]
-        """What it is a function of."""
-        return "temperature"
+        def added_up(inputs: Inputs, channel: int) -> Array:
+            """One column a curve; in order, so that it does not depend on how many samples come at once."""
+            out = np.zeros((inputs.temperature.size, len(curves)))
+            for k, column in enumerate(columns(inputs.temperature, inputs.lagged, inputs.plays, low, high)):
+                for n, curve in enumerate(curves):
+                    if curve[k] != 0.0:
+                        out[:, n] += curve[k] * column
+            return out * error_unit(channel)[1]
 
-    @property
-    def label(self) -> str:
-        """What it says of the bias."""
-        return "temperature, an average of forms"
-
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        """One column a curve; added up in order, so that it does not depend on how many samples come at once."""
-        made = columns(inputs.temperature, inputs.lagged, inputs.plays, self.low, self.high)
-        out = np.zeros((inputs.temperature.size, len(self.curves)))
-        for k, column in enumerate(made):
-            for n, curve in enumerate(self.curves):
-                if curve[k] != 0.0:
-                    out[:, n] += curve[k] * column
-        return out * error_unit(self.channel)[1]
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of the mean and of each spread."""
-        names = ("amplitude", *(f"spread{n}" for n in range(1, len(self.curves))))
-        return tuple(Parameter(name, "1", 1.0, 1.0) for name in names)
-
-    def shape(self) -> Mapping[str, float | str]:
-        """That it is an average; of what is in `coefficients`."""
-        return {"form": FORM}
+        return cls(
+            effect=leading,
+            channels=(channel,),
+            source="temperature",
+            parameters=tuple(Parameter(name, "1", 1.0, 1.0) for name in names),
+            columns=added_up,
+            shape={"form": FORM},
+            words="temperature, an average of forms",
+            low=low,
+            high=high,
+            curves=curves,
+        )
 
     def coefficients(self) -> dict[str, ShapeValue]:
         """What an effects file keeps of it beside `shape`."""
@@ -128,7 +122,7 @@ def from_file(effect: str, channel: int, shape: Mapping[str, ShapeValue]) -> The
     if not (spreads.is_integer() and 0 <= spreads <= _MOST_SPREADS):
         raise InputError(f"`spreads` of {effect} is {spreads:g}, not a number from 0 to {_MOST_SPREADS}")
     curves = tuple(_curve(effect, shape, f"_{n}" if n else "") for n in range(int(spreads) + 1))
-    return ThermalAverage(channel, effect, low, high, curves)
+    return ThermalAverage.of(channel, effect, low, high, curves)
 
 
 def _curve(effect: str, shape: Mapping[str, ShapeValue], own: str) -> tuple[float, ...]:

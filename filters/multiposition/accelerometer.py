@@ -10,25 +10,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from filters.channels import ACCELS
-from filters.effects import additive
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects import deterministic
+from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import least_squares
 from filters.multiposition.least_squares import Fit
 from filters.multiposition.rests import Rest
 from filters.multiposition.triad import Triad, priors
 from filters.types import Array
 
-BIAS: tuple[ChannelEffect, ...] = tuple(additive.Bias(c) for c in ACCELS)
-SCALE: tuple[ChannelEffect, ...] = tuple(additive.Scale(c) for c in ACCELS)
-MISALIGNMENT: tuple[ChannelEffect, ...] = (additive.CrossAxis(ACCELS[0]), additive.CrossAxis(ACCELS[1], 2))
+BIAS: tuple[Hypothesis, ...] = tuple(deterministic.bias(c) for c in ACCELS)
+SCALE: tuple[Hypothesis, ...] = tuple(deterministic.scale(c) for c in ACCELS)
+MISALIGNMENT: tuple[Hypothesis, ...] = (deterministic.cross_axis(ACCELS[0]), deterministic.cross_axis(ACCELS[1], 2))
 FORMS = (BIAS, SCALE, MISALIGNMENT)
 """Groups of effects, each taken together, in the order in which they join."""
 FEWEST = 9
 """Distinct directions below which misalignment is not asked for."""
-BEYOND: tuple[ChannelEffect, ...] = (
-    *(additive.GSquared(c, c - ACCELS[0]) for c in ACCELS),
-    *(additive.NonlinearityCubic(c) for c in ACCELS),
-    *(additive.Asymmetry(c) for c in ACCELS),
+BEYOND: tuple[Hypothesis, ...] = (
+    *(deterministic.g_squared(c, c - ACCELS[0]) for c in ACCELS),
+    *(deterministic.nonlinearity_cubic(c) for c in ACCELS),
+    *(deterministic.asymmetry(c) for c in ACCELS),
 )
 """Effects that join only if they clearly gain."""
 _STEP = 1e-3
@@ -76,6 +76,6 @@ class Rests:
         )
 
 
-def triad_of(*groups: Sequence[ChannelEffect]) -> Triad:
+def triad_of(*groups: Sequence[Hypothesis]) -> Triad:
     """Accelerometers with some groups of effects."""
     return Triad(ACCELS, tuple(effect for group in groups for effect in group))

@@ -10,7 +10,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import accelerometer, turns
 from filters.multiposition.accelerometer import Rests
 from filters.multiposition.least_squares import Fit
@@ -25,7 +25,7 @@ KEEP = 4.5
 _FREE = 6
 """Rests beyond the number of parameters before more effects are tried."""
 
-Groups = Sequence[Sequence[ChannelEffect]]
+Groups = Sequence[Sequence[Hypothesis]]
 
 
 @dataclass(frozen=True)
@@ -34,24 +34,24 @@ class Choice:
 
     triad: Triad  # its effects
     fit: Fit  # to all observations
-    undetermined: tuple[ChannelEffect, ...]  # what the data cannot tell
+    undetermined: tuple[Hypothesis, ...]  # what the data cannot tell
     count: int  # observations whose logarithm is the price of a parameter: rests, or turns
     logs: int = 1  # how often the biases stand in the fit, once a log; 1 where the logs share them
 
-    def places(self, effect: ChannelEffect) -> np.ndarray:
+    def places(self, effect: Hypothesis) -> np.ndarray:
         """Where an effect's parameters stand in the fit: of a bias one a log."""
         return places(self.triad, effect, self.logs)
 
-    def gain(self, effect: ChannelEffect) -> float:
+    def gain(self, effect: Hypothesis) -> float:
         """By how much chi-square would grow without it."""
         return self.fit.gain(self.places(effect))
 
-    def score(self, effect: ChannelEffect) -> float:
+    def score(self, effect: Hypothesis) -> float:
         """The gain less the price of the parameters."""
         return self.gain(effect) - self.places(effect).size * float(np.log(max(2, self.count)))
 
 
-def places(triad: Triad, effect: ChannelEffect, logs: int) -> np.ndarray:
+def places(triad: Triad, effect: Hypothesis, logs: int) -> np.ndarray:
     """Where an effect's parameters stand in a fit to several logs: biases of log after log, then all that is shared."""
     own = np.arange(triad.size)[triad.places(effect)]
     if logs > 1 and effect.effect == "bias":
@@ -119,9 +119,9 @@ def _determined(triad: Triad, fit: Callable[[Triad], Fit], logs: int) -> tuple[T
         triad = triad.without(last)
 
 
-def _ratio(triad: Triad, made: Fit, effect: ChannelEffect, logs: int) -> float:
+def _ratio(triad: Triad, made: Fit, effect: Hypothesis, logs: int) -> float:
     """The worst of an effect's standard deviations, in what is plausible of the parameter."""
-    plausible = np.array([p.prior * p.si for p in effect.parameters()])
+    plausible = np.array([p.prior * p.si for p in effect.parameters])
     sd = made.sd[places(triad, effect, logs)]
     return float(np.max(sd / np.resize(plausible, sd.size)))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.channels import ACCELS, CHANNELS, DPS, GYROS, MG
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import Included, State
 from filters.multiposition.calibration import Calibration, HeldOut, own_biases
 from filters.multiposition.choice import KEEP, Choice, unseen_residuals
@@ -37,7 +37,7 @@ from filters.types import Array
 class Verdict:
     """On one effect."""
 
-    effect: ChannelEffect
+    effect: Hypothesis
     confirmed: bool | None  # none where nothing judges it: without a log held out, and of the bias of each power-on
     refuted: bool  # whether it raises the error
     # metric, unit: which error
@@ -48,16 +48,16 @@ class Verdict:
     without: float
 
 
-def verdicts(found: Calibration, seed: int) -> dict[ChannelEffect, Verdict]:
+def verdicts(found: Calibration, seed: int) -> dict[Hypothesis, Verdict]:
     """Verdict on each effect that was chosen."""
-    out: dict[ChannelEffect, Verdict] = {}
+    out: dict[Hypothesis, Verdict] = {}
     for chosen in (found.accelerometers, found.gyros):
         if chosen is not None:
             out |= _of_triad(found, chosen, seed)
     return out
 
 
-def _of_triad(found: Calibration, chosen: Choice, seed: int) -> dict[ChannelEffect, Verdict]:
+def _of_triad(found: Calibration, chosen: Choice, seed: int) -> dict[Hypothesis, Verdict]:
     apart, gyros = found.heldout, chosen is found.gyros
     metric, unit, si = ("gravity_direction", "deg", DPS) if gyros else ("gravity_norm", "mg", MG)
     judged = [e for e in chosen.triad.effects if not (gyros and e.effect == "bias")]
@@ -76,7 +76,7 @@ def _of_triad(found: Calibration, chosen: Choice, seed: int) -> dict[ChannelEffe
     return out
 
 
-def _errors(apart: HeldOut, chosen: Choice, gone: Sequence[ChannelEffect]) -> Array:
+def _errors(apart: HeldOut, chosen: Choice, gone: Sequence[Hypothesis]) -> Array:
     """Errors on the log held out, without some effects."""
     if gone:
         places = np.concatenate([chosen.places(e) for e in gone])
@@ -169,14 +169,14 @@ def notes(found: Calibration) -> list[str]:
 # ----------------------------------------------------------------------------------------------------------- findings
 
 
-def _finding(found: Calibration, chosen: Choice, effect: ChannelEffect, verdict: Verdict) -> FindingEntry:
+def _finding(found: Calibration, chosen: Choice, effect: Hypothesis, verdict: Verdict) -> FindingEntry:
     gain, share = _unseen(found, chosen, effect)
     return {
         "effect": effect.effect,
         "label": effect.label,
         "channels": [CHANNELS[effect.channel]],
         "params": _parameters(found, chosen, effect),
-        "shape": dict(effect.shape()),
+        "shape": dict(effect.shape),
         "score": chosen.score(effect),
         "gain": chosen.gain(effect),
         "heldout_gain": gain,
@@ -189,12 +189,12 @@ def _finding(found: Calibration, chosen: Choice, effect: ChannelEffect, verdict:
     }
 
 
-def _parameters(found: Calibration, chosen: Choice, effect: ChannelEffect) -> list[ParameterEntry]:
+def _parameters(found: Calibration, chosen: Choice, effect: Hypothesis) -> list[ParameterEntry]:
     """Values with their standard deviations; of a gyro's bias one a power-on."""
     at = chosen.places(effect)
-    parameters = effect.parameters() * (at.size // len(effect.parameters()))
+    parameters = effect.parameters * (at.size // len(effect.parameters))
     names = [p.name for p in parameters]
-    if at.size > len(effect.parameters()):
+    if at.size > len(effect.parameters):
         power_ons = found.turned.power_ons if found.turned is not None else ()
         names = [f"{p.name} {run}" for p, run in zip(parameters, power_ons, strict=True)]
     return [
@@ -209,7 +209,7 @@ def _parameters(found: Calibration, chosen: Choice, effect: ChannelEffect) -> li
     ]
 
 
-def _unseen(found: Calibration, chosen: Choice, effect: ChannelEffect) -> tuple[float, float | None]:
+def _unseen(found: Calibration, chosen: Choice, effect: Hypothesis) -> tuple[float, float | None]:
     """Gain of an effect on rests and turns left out of the fit in turn, and its share of the excess over noise."""
     fit = chosen.fit
     less = fit.without(chosen.places(effect))
@@ -233,7 +233,7 @@ def _unseen(found: Calibration, chosen: Choice, effect: ChannelEffect) -> tuple[
     return gain, float(np.clip(drop / excess, 0.0, 1.0)) if excess > 0.0 else None
 
 
-def _rivals(chosen: Choice, effect: ChannelEffect) -> list[RivalEntry]:
+def _rivals(chosen: Choice, effect: Hypothesis) -> list[RivalEntry]:
     """Gravity's magnitude, where one scale factor common to all accelerometers would do as well as three."""
     scales = [e for e in chosen.triad.effects if e.effect == "scale"]
     if effect.effect != "scale" or effect.channel not in ACCELS or len(scales) < len(ACCELS):
@@ -277,7 +277,7 @@ def _untestable(found: Calibration) -> list[UntestableEntry]:
 
 
 def _status(
-    found: Calibration, findings: Sequence[FindingEntry], judged: dict[ChannelEffect, Verdict]
+    found: Calibration, findings: Sequence[FindingEntry], judged: dict[Hypothesis, Verdict]
 ) -> dict[str, Status]:
     out: dict[str, Status] = {}
     have = recorded(found.runs[0])
@@ -306,7 +306,7 @@ def _limits(found: Calibration, name: str) -> list[LimitEntry]:
             continue
         for effect in (e for e in chosen.triad.effects if e.effect == name):
             sd = chosen.fit.sd[chosen.places(effect)]
-            for p, value in zip(effect.parameters(), sd, strict=False):
+            for p, value in zip(effect.parameters, sd, strict=False):
                 limit = _LIMIT_SD * float(value / p.si)
                 said = f" {p.unit}" if p.unit != "1" else ""
                 text = f"shown from {limit:.3g}{said} on, {p.name}"
@@ -323,7 +323,7 @@ def _limits(found: Calibration, name: str) -> list[LimitEntry]:
 # -------------------------------------------------------------------------------------------------------- the filter
 
 
-def _included(found: Calibration, kept: Sequence[tuple[Choice, ChannelEffect]]) -> tuple[tuple[Included, ...], Array]:
+def _included(found: Calibration, kept: Sequence[tuple[Choice, Hypothesis]]) -> tuple[tuple[Included, ...], Array]:
     """Effects as constant states with the covariance of the fit."""
     included = []
     blocks: list[Array] = []
@@ -338,10 +338,10 @@ def _included(found: Calibration, kept: Sequence[tuple[Choice, ChannelEffect]]) 
         for effect in own:
             states = tuple(
                 State(p.name, p.unit, float(mean[first + k] / p.si), float(sd[first + k] / p.si))
-                for k, p in enumerate(effect.parameters())
+                for k, p in enumerate(effect.parameters)
             )
             first += len(states)
-            included.append(Included(effect.effect, (CHANNELS[effect.channel],), "A", dict(effect.shape()), states))
+            included.append(Included(effect.effect, (CHANNELS[effect.channel],), "A", dict(effect.shape), states))
     size = sum(len(block) for block in blocks)
     correlation = np.eye(size)
     first = 0
@@ -351,12 +351,12 @@ def _included(found: Calibration, kept: Sequence[tuple[Choice, ChannelEffect]]) 
     return tuple(included), 0.5 * (correlation + correlation.T)
 
 
-def _over_logs(chosen: Choice, effects: Sequence[ChannelEffect]) -> tuple[Array, Array]:
+def _over_logs(chosen: Choice, effects: Sequence[Hypothesis]) -> tuple[Array, Array]:
     """Values and covariance of some effects; a bias that each log has its own of is their mean, as wide as they lie."""
     rows, spread = [], []
     for effect in effects:
         at = chosen.places(effect)
-        size = len(effect.parameters())
+        size = len(effect.parameters)
         pick = np.zeros((size, chosen.fit.theta.size))
         for k in range(size):
             own = at[k::size]

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, TRAILED, TRAILS, Inputs
 from filters.types import Array
 
@@ -24,24 +24,24 @@ class Triad:
     """Three sensors of a kind with their effects."""
 
     channels: tuple[int, ...]  # numbers of the three
-    effects: tuple[ChannelEffect, ...]  # in the order of their parameters
+    effects: tuple[Hypothesis, ...]  # in the order of their parameters
 
     @cached_property
     def size(self) -> int:
         """How many parameters there are."""
-        return sum(len(e.parameters()) for e in self.effects)
+        return sum(len(e.parameters) for e in self.effects)
 
     @cached_property
     def _places(self) -> tuple[slice, ...]:
         """Where the parameters of each effect stand: a fit asks for it at every reading."""
-        edges = [0, *itertools.accumulate(len(e.parameters()) for e in self.effects)]
+        edges = [0, *itertools.accumulate(len(e.parameters) for e in self.effects)]
         return tuple(itertools.starmap(slice, itertools.pairwise(edges)))
 
-    def places(self, effect: ChannelEffect) -> slice:
+    def places(self, effect: Hypothesis) -> slice:
         """Where an effect's parameters stand."""
         return self._places[self.effects.index(effect)]
 
-    def without(self, effect: ChannelEffect) -> "Triad":
+    def without(self, effect: Hypothesis) -> "Triad":
         """The triad with one effect less."""
         return Triad(self.channels, tuple(e for e in self.effects if e != effect))
 
@@ -93,9 +93,9 @@ class Triad:
         return np.asarray(np.moveaxis((phi[0] - phi[1]) @ theta / (2.0 * step), 0, 2) + np.eye(3))
 
 
-def priors(effects: Sequence[ChannelEffect]) -> Array:
+def priors(effects: Sequence[Hypothesis]) -> Array:
     """Standard deviations that fits begin with, SI, shape (p,): so wide that what the data show counts alone."""
-    return np.array([_WIDE.get(e.effect, 20.0 * p.prior * p.si) for e in effects for p in e.parameters()])
+    return np.array([_WIDE.get(e.effect, 20.0 * p.prior * p.si) for e in effects for p in e.parameters])
 
 
 _WIDE = {"scale": 0.3, "cross_axis": 0.3}

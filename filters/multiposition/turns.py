@@ -12,8 +12,8 @@ import numpy as np
 
 from filters import attitude, earth
 from filters.channels import ACCELS, GYROS
-from filters.effects import additive
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects import deterministic
+from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import least_squares
 from filters.multiposition.least_squares import Fit
 from filters.multiposition.rests import Rest, unusable
@@ -21,10 +21,10 @@ from filters.multiposition.triad import Triad, priors
 from filters.tracing.run import Run
 from filters.types import Array
 
-BIAS: tuple[ChannelEffect, ...] = tuple(additive.Bias(c) for c in GYROS)
-SCALE: tuple[ChannelEffect, ...] = tuple(additive.Scale(c) for c in GYROS)
-MISALIGNMENT: tuple[ChannelEffect, ...] = tuple(additive.CrossAxis(c) for c in GYROS)
-G_SENSITIVITY: tuple[ChannelEffect, ...] = tuple(additive.GSensitivity(c) for c in GYROS)
+BIAS: tuple[Hypothesis, ...] = tuple(deterministic.bias(c) for c in GYROS)
+SCALE: tuple[Hypothesis, ...] = tuple(deterministic.scale(c) for c in GYROS)
+MISALIGNMENT: tuple[Hypothesis, ...] = tuple(deterministic.cross_axis(c) for c in GYROS)
+G_SENSITIVITY: tuple[Hypothesis, ...] = tuple(deterministic.g_sensitivity(c) for c in GYROS)
 GROUPS = (SCALE, MISALIGNMENT, G_SENSITIVITY)
 """What is asked for beside the bias of each power-on."""
 LONGEST_S = 60.0
@@ -219,7 +219,7 @@ class Turns:
         return out.reshape(-1)
 
 
-def triad_of(*groups: Sequence[ChannelEffect]) -> Triad:
+def triad_of(*groups: Sequence[Hypothesis]) -> Triad:
     """Gyros with biases and some groups of effects."""
     return Triad(GYROS, (*BIAS, *(effect for group in groups for effect in group)))
 

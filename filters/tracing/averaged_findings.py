@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from filters.effects.additive import Hysteresis, ThermalLag, ThermalPoly
+from filters.effects.deterministic import hysteresis, thermal_lag, thermal_poly
 from filters.effects.hypothesis import Parameter
 from filters.effects.inputs import BANKS, LAGS
 from filters.tracing.columns import Term
@@ -32,12 +32,12 @@ def _term(form: Form, design: Design, channel: int) -> Term | None:
     if form.effect == "thermal_lag":
         wanted = {"tau_s": LAGS[form.lag or 0]}
     elif form.effect == "hysteresis":
-        wanted = dict(Hysteresis(channel, form.bank or 0).shape())
+        wanted = dict(hysteresis(channel, form.bank or 0).shape)
     elif form.effect == "thermal_poly":
         wanted = {"order": float(form.order)}
     for term in design.terms:
         h = term.hypothesis
-        if h.effect == form.effect and list(term.places) == [channel] and dict(h.shape()) == wanted:
+        if h.effect == form.effect and list(term.places) == [channel] and dict(h.shape) == wanted:
             return term
     return None
 
@@ -51,7 +51,7 @@ def parameters_of(joint: JointChoice, channel: int) -> list[ParameterEntry]:
     form, weight = average.families[0]
     entries: list[ParameterEntry] = []
     factors, covariance = curve_in_kelvins(form, average.low, average.high)
-    curve = ThermalPoly(channel, 3).parameters()
+    curve = thermal_poly(channel, 3).parameters
     if form.order or form.bank is not None:
         entries += [
             _fitted(p, value, sd)
@@ -59,11 +59,11 @@ def parameters_of(joint: JointChoice, channel: int) -> list[ParameterEntry]:
         ]
     half = 0.5 * (average.high - average.low)
     if form.lag is not None:
-        entries += _memory(form, form.order, 1.0 / half, ThermalLag(channel, form.lag).parameters()[0], "k_lag")
+        entries += _memory(form, form.order, 1.0 / half, thermal_lag(channel, form.lag).parameters[0], "k_lag")
         entries.append(_shape("tau", LAGS[form.lag], "s"))
     if form.bank is not None:
         width, start = BANKS[form.bank]
-        entries += _memory(form, -1, width / half, Hysteresis(channel, form.bank).parameters()[0], "k_play")
+        entries += _memory(form, -1, width / half, hysteresis(channel, form.bank).parameters[0], "k_play")
         entries += [_shape("width", width, "K"), _shape("start", start, "1")]
     carried = ParameterEntry(
         name="carried_over", value=float(joint.theta[0]), sd=float(joint.sd[0]), unit="1", plausible=True

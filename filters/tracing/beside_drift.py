@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.tracing.columns import Term, is_slow
+from filters.tracing.columns import Term
 from filters.tracing.design_matrix import VISIBLE, Design, inverse_of
 from filters.tracing.drift_guard import by_seconds, drift_price
 from filters.tracing.whitening import NONE, Drift, drift_grid, whiten
@@ -55,7 +55,7 @@ class BesideDrift:
 
 def is_judged(term: Term) -> bool:
     """Whether a term is slow enough, and on one channel."""
-    return len(term.places) == 1 and is_slow(term.hypothesis)
+    return len(term.places) == 1 and term.hypothesis.is_slow
 
 
 def beside_drift(

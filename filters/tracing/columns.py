@@ -1,15 +1,14 @@
 """Columns of the design matrix: which hypotheses the runs can carry, and their regressors averaged over blocks."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from filters.channels import CHANNELS
-from filters.effects import additive, drivers, reference_errors
-from filters.effects.additive import Hysteresis, ThermalLag
+from filters.effects import deterministic, drivers
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import SENSED, Inputs
 from filters.motion.segments import AXES
@@ -21,6 +20,11 @@ WIDE_K = 20.0
 _AT_ONCE = 1 << 14
 _RELAY_ROWS = 1 << 16
 """Rows up to which flips between two temperatures are tried: there are hundreds of pairs, each with a column."""
+
+
+Key = tuple[str, tuple[int, ...], str]
+Maker = tuple[Hypothesis, int, slice]
+"""A hypothesis, a channel, and the places of its columns there."""
 
 
 @dataclass(frozen=True)
@@ -35,47 +39,41 @@ class Term:
         """How many parameters it has: k."""
         return next(iter(self.places.values())).size
 
-    @cached_property
-    def key(self) -> tuple[str, tuple[int, ...], str]:
-        """Effect, channels and shape: equal for the same hypothesis, whatever the data."""
-        h = self.hypothesis
-        return h.effect, h.channels, str(sorted(h.shape().items()))
+    @property
+    def key(self) -> Key:
+        """Its hypothesis': equal for the same one, whatever the data."""
+        return self.hypothesis.key
 
 
 def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
     """Columns of all hypotheses that vary, over all runs, shape (n, K), and the terms that say where they are."""
     ranges = _ranges(stack)
     seconds = float((stack.t - stack.t[stack.begins][stack.power_on]).max())
-    makers: list[tuple[bool, Callable[[Inputs], Array], int]] = []
+    makers: list[Maker] = []
     terms: list[Term] = []
-    width = 0
 
-    def put(slow: bool, columns: Callable[[Inputs], Array], count: int) -> NDArray[np.int_]:
-        nonlocal width
-        makers.append((slow, columns, count))
-        width += count
-        return np.arange(width - count, width)
+    def put(h: Hypothesis, channel: int) -> NDArray[np.int_]:
+        first = makers[-1][2].stop if makers else 0
+        makers.append((h, channel, slice(first, first + len(h.parameters))))
+        return np.arange(first, first + len(h.parameters))
 
-    # what is a function of time or temperature is the same on every channel
     kept: dict[object, NDArray[np.int_]] = {}
     for c in range(len(CHANNELS)):
-        for h in (*additive.hypotheses(c), *reference_errors.harmonics(c)):
+        for h in (*deterministic.of_sensor(c), *deterministic.harmonics(c)):
             if not _has(h, ranges, seconds):
                 continue
-            alike = h.source != "motion" or h.effect in ("harmonic", "g_squared", "g_sensitivity")
-            key = (h.effect, str(h.shape())) if alike else (h.effect, c, str(h.shape()))
+            key = (h.effect, str(h.shape), -1 if h.is_everywhere else c)
             if key not in kept:
-                kept[key] = put(is_slow(h), _bound(h, c), len(h.parameters()))
+                kept[key] = put(h, c)
             terms.append(Term(h, {c: kept[key]}))
-    for basis in drivers.bases(ranges):
-        if basis.kind == "relay" and stack.t.size > _RELAY_ROWS:
+    for driver in drivers.bases(ranges):
+        if driver.kind == "relay" and stack.t.size > _RELAY_ROWS:
             continue
-        places = put(is_slow(basis.on(0)), basis.columns_of, basis.count)
-        terms += [Term(basis.on(c), {c: places}) for c in range(len(CHANNELS)) if not _twin(basis.name, c)]
+        places = put(driver, 0)
+        terms += [Term(driver.on(c), {c: places}) for c in range(len(CHANNELS)) if not _twin(driver.name, c)]
     if any(not b.run.still for b in stack.blocks) or len(stack.blocks) > 1:
-        for s in reference_errors.shared():
-            terms.append(Term(s, {c: put(False, _bound(s, c), len(s.parameters())) for c in s.channels}))
-    return _filled(stack, makers, width), terms
+        terms += [Term(s, {c: put(s, c) for c in s.channels}) for s in deterministic.shared()]
+    return _filled(stack, makers), terms
 
 
 ColumnsByTerm = dict[tuple[object, int], Array]
@@ -85,48 +83,28 @@ ColumnsByTerm = dict[tuple[object, int], Array]
 def columns_on(stack: Stack, terms: Sequence[Term]) -> ColumnsByTerm:
     """Columns of hypotheses on another stack than that of their design."""
     wanted = [(a, c) for a in terms for c in a.places]
-    out: ColumnsByTerm = {}
-    places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
-    fast = [
-        (_bound(a.hypothesis, c), slice(places[k], places[k + 1]))
-        for k, (a, c) in enumerate(wanted)
-        if not is_slow(a.hypothesis)
-    ]
-    values = np.empty((stack.t.size, int(places[-1])))
-    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
-        rows = slice(start, start + blocks.t.size)
-        if fast:
-            blocks.mean(fast, values[rows])
-        for k, (a, c) in enumerate(wanted):
-            if is_slow(a.hypothesis):
-                values[rows, places[k] : places[k + 1]] = a.hypothesis.columns(blocks.slow(), c)
-    for k, (a, c) in enumerate(wanted):
-        out[a.key, c] = np.nan_to_num(values[:, places[k] : places[k + 1]])
-    return out
+    ends = np.cumsum([0, *(a.size for a, _ in wanted)]).tolist()
+    made = [(a.hypothesis, c, slice(*at)) for (a, c), at in zip(wanted, itertools.pairwise(ends), strict=True)]
+    values = _filled(stack, made)
+    return {(a.key, c): values[:, place] for (a, c), (*_, place) in zip(wanted, made, strict=True)}
 
 
-def is_slow(h: Hypothesis) -> bool:
-    """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
-    if isinstance(h, drivers.Driver) and h.kind == "trail":
-        return True
-    return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
-
-
-def _bound(h: Hypothesis, channel: int) -> Callable[[Inputs], Array]:
+def _on(h: Hypothesis, channel: int) -> Callable[[Inputs], Array]:
     return lambda inputs: h.columns(inputs, channel)
 
 
-def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], int]], width: int) -> Array:
-    out = np.zeros((stack.t.size, width))
-    places = np.concatenate([[0], np.cumsum([count for *_, count in makers])]).astype(int)
-    fast = [(f, slice(places[i], places[i + 1])) for i, (slow, f, _) in enumerate(makers) if not slow]
+def _filled(stack: Stack, makers: Sequence[Maker]) -> Array:
+    """Columns of hypotheses on channels at their places, over all runs, 0 where there is none; shape (n, K)."""
+    out = np.zeros((stack.t.size, makers[-1][2].stop if makers else 0))
+    fast = [(_on(h, c), place) for h, c, place in makers if not h.is_slow]
     for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
         rows = slice(start, start + blocks.t.size)
         at_rest = blocks.slow()
-        for i, (slow, f, _) in enumerate(makers):
-            if slow:
-                out[rows, places[i] : places[i + 1]] = f(at_rest)
-        blocks.mean(fast, out[rows])
+        for h, c, place in makers:
+            if h.is_slow:
+                out[rows, place] = h.columns(at_rest, c)
+        if fast:
+            blocks.mean(fast, out[rows])
     # in parts: what it makes by the way is as large as what it is given
     for first in range(0, len(out), _AT_ONCE):
         np.nan_to_num(out[first : first + _AT_ONCE], copy=False)
@@ -135,21 +113,14 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
 
 def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]], seconds: float) -> bool:
     """Whether what an effect is a function of is there and varies, over power-ons of at most so many seconds."""
-    if isinstance(h, ThermalLag | Hysteresis) and h.is_wide:
+    if h.is_wide:
         low, high = ranges.get("temperature", (0.0, 0.0))
-        if high - low < WIDE_K or float(h.shape().get("tau_s", 0.0)) > seconds:
+        if high - low < WIDE_K or float(h.shape.get("tau_s", 0.0)) > seconds:
             return False
-    if isinstance(h, additive.Warmup):
-        # longer than the record it is a ramp
-        return h.tau <= ranges.get("time", (0.0, 0.0))[1]
-    if h.effect == "thermal_scale":
-        # of an input that never varies it is a bias that follows temperature
-        return "temperature" in ranges and SENSED[h.channels[0]] in ranges
-    if h.source == "temperature":
-        return "temperature" in ranges
-    if h.effect == "harmonic":
-        return str(h.shape()["axis"]) in ranges
-    return h.source == "time" or any(name in ranges for name in SENSED)
+    if h.source == "time":
+        # settling that takes longer than the record is a ramp
+        return float(h.shape.get("tau_s", 0.0)) <= ranges.get("time", (0.0, 0.0))[1]
+    return all(name in ranges for name in h.needs) if h.needs else any(name in ranges for name in SENSED)
 
 
 def _twin(name: str, channel: int) -> bool:

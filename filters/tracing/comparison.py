@@ -18,7 +18,6 @@ from filters.effects.inputs import Inputs
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific
 from filters.tracing.blocks import Blocks, average, average_all
-from filters.tracing.columns import is_slow
 from filters.tracing.design_matrix import Design
 from filters.tracing.line_search import lines_of, rests_of, without_lines
 from filters.tracing.noise_level import NoiseDriver, noise_drivers
@@ -228,12 +227,12 @@ def explained(blocks: Blocks, chosen: Selection) -> Array:
     """
     parts = _parts(chosen)
     out = np.zeros((blocks.run.t.size, len(CHANNELS)))
-    fast = [p for p in parts if not is_slow(p.hypothesis)]
+    fast = [p for p in parts if not p.hypothesis.is_slow]
     if fast:
         blocks.at_samples([(_on(fast, c), c) for c in sorted({p.channel for p in fast})], out)
     slow = blocks.slow()
     for p in parts:
-        if is_slow(p.hypothesis):
+        if p.hypothesis.is_slow:
             out[:, p.channel] += np.interp(blocks.run.begins + blocks.run.t, blocks.t, p(slow))
     return out
 

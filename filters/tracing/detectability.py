@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.channels import ACCELS, CHANNELS, GYROS, error_unit
-from filters.effects import additive, reference_errors, run_specific
+from filters.effects import deterministic
 from filters.effects.catalogue import EFFECTS
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import IMU400CD_200, AxisMap, ImuSpec
@@ -74,13 +74,13 @@ def _of_term(design: Design, term: Term) -> list[LimitEntry]:
     """Limit of each parameter, the others being nothing."""
     h = term.hypothesis
     out = []
-    for k, p in enumerate(h.parameters()):
+    for k, p in enumerate(h.parameters):
         information = sum(float(design.gram(c)[0][places[k], places[k]]) for c, places in term.places.items())
         raw = max(float(design.raw[places[k]]) for places in term.places.values())
         if information <= 1e-9 * raw**2 * design.stack.t.size:
             continue
         limit = DETECTABLE / float(np.sqrt(information)) / p.si
-        shape = [f"{name} {value}" for name, value in h.shape().items()]
+        shape = [f"{name} {value}" for name, value in h.shape.items()]
         words = ", ".join([p.name, *shape] if term.size > 1 else shape)
         out.append(_entry(h.effect, [CHANNELS[c] for c in h.channels], limit, p.unit, words))
     return out
@@ -94,9 +94,9 @@ def _of_process(design: Design, c: int, effect: str) -> LimitEntry:
     white = float(design.sd[c]) * float(np.sqrt(stack.period))
     unit, si = error_unit(c)
     size, words = {
-        run_specific.Tone.effect: (np.sqrt(2.0 / total), "amplitude"),
-        run_specific.Step.effect: (2.0 / np.sqrt(run), "halfway through a run"),
-        run_specific.Telegraph.effect: (2.0 / np.sqrt(total), "as often up as down"),
+        "tone": (np.sqrt(2.0 / total), "amplitude"),
+        "step": (2.0 / np.sqrt(run), "halfway through a run"),
+        "telegraph": (2.0 / np.sqrt(total), "as often up as down"),
         "gauss_markov": (1.0 / np.sqrt(total), "standard deviation, slow against a run"),
         "random_walk": (np.sqrt(6.0) / run, "in a run"),
     }[effect]
@@ -181,13 +181,13 @@ def _columns(stack: Stack, spec: ImuSpec) -> Iterator[_Column]:
     for c, name in enumerate(CHANNELS):
         limit = spec.gyro_bias_limit if c in GYROS else spec.accel_bias_limit
         yield _Column(Quantity(BIAS, name, ""), limit, {c: np.ones(stack.t.size)})
-    terms = [Term(h, dict.fromkeys(h.channels, np.arange(len(h.parameters())))) for h in _effects()]
+    terms = [Term(h, dict.fromkeys(h.channels, np.arange(len(h.parameters)))) for h in _effects()]
     columns = columns_on(stack, terms)
     for term in terms:
         h = term.hypothesis
         channel = CHANNELS[h.channels[0]] if len(h.channels) == 1 else ""
-        for k, parameter in enumerate(h.parameters()):
-            axis = parameter.name if len(h.parameters()) > 1 else str(h.shape().get("axes", ""))
+        for k, parameter in enumerate(h.parameters):
+            axis = parameter.name if len(h.parameters) > 1 else str(h.shape.get("axes", ""))
             on = {c: columns[term.key, c][:, k] for c in h.channels}
             yield _Column(Quantity(h.effect, channel, axis), parameter.prior * parameter.si, on)
 
@@ -195,21 +195,16 @@ def _columns(stack: Stack, spec: ImuSpec) -> Iterator[_Column]:
 def _effects() -> Iterator[Hypothesis]:
     """Those that motion shows, each with all its parameters."""
     for c in (*GYROS, *ACCELS):
-        yield additive.Scale(c)
-        yield additive.CrossAxis(c)
+        yield deterministic.scale(c)
+        yield deterministic.cross_axis(c)
         if c in GYROS:
-            yield additive.GSensitivity(c)
-            yield additive.NonlinearityQuadratic(c)
+            yield deterministic.g_sensitivity(c)
+            yield deterministic.nonlinearity_quadratic(c)
         else:
-            yield additive.GSquared(c, c - 3)
-        yield additive.Asymmetry(c)
-        yield additive.NonlinearityCubic(c)
-    yield from (
-        reference_errors.Tilt(),
-        reference_errors.LeverArm(),
-        reference_errors.Delay(),
-        reference_errors.EarthRate(),
-    )
+            yield deterministic.g_squared(c, c - 3)
+        yield deterministic.asymmetry(c)
+        yield deterministic.nonlinearity_cubic(c)
+    yield from (deterministic.tilt(), deterministic.lever_arm(), deterministic.delay(), deterministic.earth_rate())
 
 
 def _information(columns: list[_Column], sd: Array, rows: NDArray[np.bool_]) -> Array:

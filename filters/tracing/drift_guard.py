@@ -17,7 +17,6 @@ _ROWS = 2000.0
 """Rows at most of a channel, for what is slow."""
 _FAST_HZ = 0.2
 """Faster tones are lost in means of 1 s."""
-_OF_RATES = ("delay", "lever_arm", "mounting")
 
 _Rows = tuple[Array, Array, NDArray[np.int_], Array, float]  # the arguments of `best_drift`
 _Best = tuple[float, Drift, float]  # what it returns
@@ -79,8 +78,7 @@ def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: flo
     """
     fits = design.fit(terms), design.fit([*terms, term])
     # what depends on the attitude is as slow as drift; what depends on rates would be lost in means of a second
-    attitude = term.hypothesis.effect not in _OF_RATES
-    seconds = max(_SECOND_S, design.stack.period) if attitude else design.stack.period
+    seconds = design.stack.period if term.hypothesis.follows_rates else max(_SECOND_S, design.stack.period)
     none = np.zeros((design.stack.t.size, 0))
     gain = 0.0
     for c in (c for c in term.places if design.sd[c] > 0.0):  # one that lacks data gains nothing

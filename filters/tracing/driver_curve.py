@@ -32,7 +32,7 @@ def curve(driver: Driver, theta: Array, covariance: Array) -> Curve | None:
         unit = driver.unit
     elif driver.kind == "fourier" and driver.name.startswith("angle_"):
         x = np.linspace(-180.0, 180.0, 49)
-        orders = np.arange(1, driver.count // 2 + 1)
+        orders = np.arange(1, len(driver.parameters) // 2 + 1)
         phase = np.deg2rad(x)[:, None] * orders
         B = np.hstack([np.sin(phase), np.cos(phase)])
         unit = "deg"

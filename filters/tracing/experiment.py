@@ -223,7 +223,7 @@ def _possible(
 
 def _absurd(term: Term, theta: Array) -> bool:
     """Whether a parameter is a hundred times of plausible size."""
-    sizes = zip(term.hypothesis.parameters(), theta.tolist(), strict=True)
+    sizes = zip(term.hypothesis.parameters, theta.tolist(), strict=True)
     return any(p.prior > 0.0 and abs(value / p.si) > _ABSURD * p.prior for p, value in sizes)
 
 

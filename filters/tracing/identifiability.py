@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.channels import CHANNELS
-from filters.effects import additive, reference_errors
+from filters.effects import deterministic
 from filters.effects.hypothesis import Hypothesis
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
@@ -32,7 +32,7 @@ def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
     """
     best: dict[str, list[Term]] = {}
     for term in design.terms:
-        if not term.hypothesis.effect.startswith("driver:") and any(c in channels for c in term.places):
+        if not term.hypothesis.is_free and any(c in channels for c in term.places):
             best.setdefault(term.hypothesis.effect, []).append(term)
     out = []
     for effect, moving in _catalogue().items():
@@ -50,8 +50,8 @@ def _catalogue() -> dict[str, str]:
 
 def _deterministic() -> list[Hypothesis]:
     """Hypotheses of all deterministic effects."""
-    of_channels = [h for c in (0, 3) for h in additive.hypotheses(c)]
-    return [*of_channels, *reference_errors.shared(), *reference_errors.harmonics(0)]
+    of_sensors = (h for c in (0, 3) for h in deterministic.of_sensor(c))
+    return [*of_sensors, *deterministic.shared(), *deterministic.harmonics(0)]
 
 
 def _hidden(effect: str, source: str, design: Design) -> UntestableEffect:
@@ -69,7 +69,7 @@ def _hidden(effect: str, source: str, design: Design) -> UntestableEffect:
 
 def _excited(design: Design, term: Term) -> bool:
     """Whether a plausible size of it would show: beyond the constant bias, at half a sigma at least for 5 times it."""
-    for k, p in enumerate(term.hypothesis.parameters()):
+    for k, p in enumerate(term.hypothesis.parameters):
         information = sum(design.gram(c)[0][places[k], places[k]] for c, places in term.places.items())
         raw = max(float(design.raw[places[k]] ** 2) for places in term.places.values())
         n = design.stack.t.size

@@ -63,9 +63,9 @@ def _constant(f: Finding) -> Included:
     sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
     states = tuple(
         State(p.name, p.unit, float(v / p.si), float(s / p.si))
-        for p, v, s in zip(h.parameters(), f.theta, sd, strict=True)
+        for p, v, s in zip(h.parameters, f.theta, sd, strict=True)
     )
-    parameters: dict[str, ShapeValue] = dict(h.shape())
+    parameters: dict[str, ShapeValue] = dict(h.shape)
     if isinstance(h, Driver) and h.knots:
         parameters["knots"] = list(h.knots)
     if isinstance(h, ThermalAverage):

@@ -143,7 +143,7 @@ def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntr
         "label": _label(h, stack),
         "channels": [CHANNELS[c] for c in f.channels],
         "params": _parameters(f),
-        "shape": dict(h.shape()),
+        "shape": dict(h.shape),
         "score": f.score,
         "gain": f.gain,
         "heldout_gain": unseen_gain,
@@ -180,9 +180,9 @@ def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
             unit=p.unit,
             plausible=bool(p.prior <= 0.0 or abs(value / p.si) <= _IMPLAUSIBLE * p.prior),
         )
-        for p, value, s in zip(h.parameters(), f.theta, sd, strict=True)
+        for p, value, s in zip(h.parameters, f.theta, sd, strict=True)
     ]
-    return fitted + [_shape(name, value) for name, value in h.shape().items() if not isinstance(value, str)]
+    return fitted + [_shape(name, value) for name, value in h.shape.items() if not isinstance(value, str)]
 
 
 def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
@@ -197,7 +197,7 @@ def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
     variance = np.array([u @ P @ u for u, P in zip(along, blocks, strict=True)])
     whole = float(np.sqrt(np.mean(size**2)))
     sd = float(np.sqrt(np.sum(size**2 * variance))) / (len(pairs) * whole)
-    plausible = whole / si <= _IMPLAUSIBLE * h.parameters()[0].prior
+    plausible = whole / si <= _IMPLAUSIBLE * h.parameters[0].prior
     return [
         {"name": "amplitude", "value": whole / si, "sd": sd / si, "unit": unit, "plausible": plausible},
         {"name": "frequency", "value": h.hz, "sd": None, "unit": "Hz", "plausible": True},
@@ -319,7 +319,7 @@ def _weak(w: Weak, stack: Stack) -> WeakEntry:
         "params": _parameters(w),
         "score": w.score,
         "guarded_score": w.guarded,
-        "limit": None if w.limit is None else w.limit / h.parameters()[0].si,
+        "limit": None if w.limit is None else w.limit / h.parameters[0].si,
         "why": w.why,
     }
 

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from filters.effects import reference_errors
-from filters.effects.inputs import SENSED
+from filters.effects import deterministic
 from filters.effects.run_specific import RunSpecific
 from filters.tracing.columns import Term
 from filters.tracing.selection import Selection
@@ -44,10 +43,8 @@ def rivals(chosen: Selection, term: Term) -> list[Rival]:
     ]
     gains = design.gains(rest, others)
     found: dict[str, Rival] = {}
-    if isinstance(term.hypothesis, reference_errors.Gravity):
-        found["scale"] = Rival(
-            Term(reference_errors.CommonScale(), term.places), 0.0
-        )  # always a pair: no motion separates them
+    if term.hypothesis.effect == "gravity":  # always a pair: no motion separates them
+        found["scale"] = Rival(Term(deterministic.common_scale(), term.places), 0.0)
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
         close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= term.size + 1)
@@ -61,27 +58,9 @@ def rivals(chosen: Selection, term: Term) -> list[Rival]:
 
 def contains(b: Term, a: Term) -> bool:
     """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
-    h, wide = a.hypothesis, b.hypothesis.effect
+    h, wide = a.hypothesis, b.hypothesis
     if b.size <= a.size:
         return False
-    if wide == "thermal_poly":
+    if wide.effect == "thermal_poly":
         return h.effect == "thermal_lin"
-    own = SENSED[next(iter(a.places))]
-    axes = str(h.shape().get("axes", ""))
-    drivers = {
-        "thermal_lin": "temperature",
-        "thermal_poly": "temperature",
-        "thermal_rate": "temperature_rate",
-        "ramp": "time",
-        "warmup": "time",
-        "scale": own,
-        "asymmetry": own,
-        "nonlinearity_quadratic": own,
-        "nonlinearity_cubic": own,
-        "g_squared": f"f{h.shape().get('axis', '')}",
-        "g_sensitivity": f"f{axes}",
-        "cross_axis": f"{own[0]}{axes}",
-        "harmonic": f"angle_{h.shape().get('axis', '')}",
-        "driver:temperature_threshold": "temperature",
-    }
-    return h.effect in drivers and wide == f"driver:{drivers[h.effect]}"
+    return len(h.over) == 1 and wide.effect == f"driver:{h.over[0]}"

@@ -1,6 +1,7 @@
 """The best tone, step and two-level noise of a channel beside what is selected, and what each gains."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,9 +148,7 @@ def step_on_drift(design: Design, selection: Sequence[Term], channel: int) -> St
     S, X = W[:, 1 : -near.size], W[:, -near.size :]
     gains = _gains(W[:, 0] - _projected(S, W[:, 0]), S, X)
     best = int(np.argmax(gains))
-    made, at = fine[:, best, None], float(near[best])
-    facts = {"at_s": at, "run": float(which + 1)}
-    return Step(channel, made=made, penalty=2.0 * float(np.log(stack.t.size)), facts=facts, at=at, run=which)
+    return Step.of(channel, float(near[best]), which, fine[:, best, None])
 
 
 def _weaker(drift: Drift) -> list[Drift]:
@@ -234,7 +233,7 @@ def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[
         effect = _levels(rows, channel, seconds)
         if effect is not None and _goes_on(effect.made[:, 0], rows.starts):
             made = _at_blocks(design, rows, effect.made)
-            own = Telegraph(channel, made=made, penalty=effect.penalty, facts=effect.facts, switches=effect.switches)
+            own = replace(effect, made=made)
             gain = gain_beside(design, selection, channel, made)
             if gain > own.penalty and _is_one_size(design, selection, channel, made[:, 0]):
                 found.append((own, gain))

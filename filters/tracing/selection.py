@@ -36,24 +36,6 @@ _MOST_FLIPS = 24  # between two temperatures, that are judged beside drift
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
 """Of a step, or of what channels share, beside drift: real drift has sudden turns that no Gaussian process has."""
-_ORDER = (
-    "thermal_lin",
-    "scale",
-    "cross_axis",
-    "warmup",
-    "ramp",
-    "thermal_rate",
-    "thermal_lag",
-    "g_sensitivity",
-    "asymmetry",
-    "nonlinearity_quadratic",
-    "nonlinearity_cubic",
-    "g_squared",
-    "harmonic",
-    "thermal_poly",
-    "hysteresis",
-    "thermal_scale",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +219,7 @@ def _candidates(
     # of two that do as well the plainer one, which the catalogue has first
     found = [
         _Candidate(
-            float(g) - chosen.price(a) - _RANK * rank(a),
+            float(g) - chosen.price(a) - _RANK * a.hypothesis.rank,
             float(g),
             (a,),
             next(iter(a.places)) if len(a.places) == 1 else -1,
@@ -298,7 +280,7 @@ def _slow(chosen: Selection, terms: list[Term], channel: int) -> list[_Candidate
     found = []
     for k, a in enumerate(terms):
         if gains[k] > ACCEPT:
-            score = float(gains[k]) - chosen.price(a) - _RANK * rank(a)
+            score = float(gains[k]) - chosen.price(a) - _RANK * a.hypothesis.rank
             found.append(_Candidate(score, float(gains[k]), (a,), channel, judged.drift_with(k)))
     own = {a.key: float(gains[k]) - chosen.price(a) for k, a in enumerate(terms)}
     choice = 2.0 * float(np.log(max(1, _kinds(pairs))))
@@ -324,18 +306,12 @@ def _foremost(chosen: Selection, terms: list[Term]) -> list[Term]:
 
 def _pairs(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
     """Pairs of slow effects of one parameter each and of two kinds."""
-    single = [a for a in terms if a.size == 1 and not a.hypothesis.effect.startswith("driver:")]
+    single = [a for a in terms if a.size == 1 and not a.hypothesis.is_free]
     return [(a, b) for n, a in enumerate(single) for b in single[n + 1 :] if a.hypothesis.effect != b.hypothesis.effect]
 
 
 def _kinds(pairs: Sequence[tuple[Term, Term]]) -> int:
     return len({(a.hypothesis.effect, b.hypothesis.effect) for a, b in pairs})
-
-
-def rank(term: Term) -> int:
-    """Place of an effect in the catalogue; free curves come last."""
-    name = term.hypothesis.effect
-    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _strike_time(terms: list[Term], gains: Array) -> None:
@@ -449,7 +425,7 @@ def _list_weak(chosen: Selection, usable: list[Term], channels: Sequence[int]) -
         if chosen.design.drift[c].level == 0.0:
             continue
         terms = [a for a in usable if c in a.places and is_judged(a) and _kind(a) not in taken]
-        terms = [a for a in terms if not a.hypothesis.effect.startswith("driver:")]
+        terms = [a for a in terms if not a.hypothesis.is_free]
         judged = beside_drift(chosen.design, chosen.terms, c, [(a,) for a in terms])
         scores = judged.gain - np.array([chosen.price(a) for a in terms])
         listed: set[str] = set()

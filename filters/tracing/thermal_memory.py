@@ -84,7 +84,7 @@ def _replace(chosen: Selection, c: int, own: list[Term], rows: Rows, found: Aver
     across = spreads(way_back(rows), found.covariance)
     leading = found.families[0][0].effect
     curves = tuple(tuple(x.tolist()) for x in (found.weights, *across))
-    h = ThermalAverage(c, leading, found.low, found.high, curves)
+    h = ThermalAverage.of(c, leading, found.low, found.high, curves)
     made = np.concatenate([h.columns(b.slow(), c) for b in design.stack.blocks])
     term = design.add(h, made)
     chosen.terms = [a for a in chosen.terms if not any(a is b for b in own)] + [term]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.effects.additive import Hysteresis
+from filters.effects.deterministic import hysteresis
 from filters.effects.inputs import LAGS
 from filters.effects.thermal_average import columns
 from filters.tracing.temperature import lag, plays
@@ -53,7 +53,7 @@ def carried_over(rows: Rows, found: Average, channel: int) -> float:
     own = rows.columns @ found.weights
     if not went_one_way(rows) or not np.ptp(own) > 0.0:
         return 1.0
-    plausible = Hysteresis(channel).parameters()[0].prior
+    plausible = hysteresis(channel).parameters[0].prior
     return max(0.0, 1.0 - (2.0 * plausible / float(np.ptp(own))) ** 2)
 
 

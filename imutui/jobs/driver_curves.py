@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.channels import CHANNELS, DPS, G, error_unit
-from filters.effects import additive, catalogue
+from filters.effects import catalogue
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import LAGS, REFERENCE_DEGC, SENSED, Inputs
 from filters.errors import InputError
@@ -182,7 +182,7 @@ def _found(d: TraceDocument) -> list[_Found]:
             continue
         if rows.size and len(h.channels) == 1 and (h.source == "temperature" or _drivers(h)):
             known.append((h, rows))
-            si[rows] = [p.si for p in h.parameters()]
+            si[rows] = [p.si for p in h.parameters]
     theta = si * [state.mean for effect in document.effects for state in effect.states]
     covariance = document.covariance() * np.outer(si, si)
     made = []
@@ -208,16 +208,7 @@ def _groups(known: Sequence[_Known]) -> Iterator[list[_Known]]:
 
 def _drivers(h: Hypothesis) -> tuple[str, ...]:
     """What an effect is a function of; empty where it is one of the past, of time or of several together."""
-    if isinstance(h, additive.ThermalLin | additive.ThermalPoly):
-        return (TEMPERATURE,)
-    if isinstance(h, additive.GSquared):
-        return (SENSED[3 + h.axis],)
-    if isinstance(h, additive.CrossAxis):
-        return tuple(("w" if h.gyro else "f") + p.name for p in h.parameters())
-    if isinstance(h, additive.GSensitivity):
-        return tuple(f"f{p.name}" for p in h.parameters())
-    own = additive.Scale | additive.Asymmetry | additive.NonlinearityCubic | additive.NonlinearityQuadratic
-    return (SENSED[h.channel],) if isinstance(h, own) else ()
+    return () if h.is_free else tuple(name for name in h.over if name == TEMPERATURE or name in SENSED)
 
 
 def _cells(d: TraceDocument, channel: int) -> Iterator[_Cells]:

@@ -10,14 +10,13 @@ import pytest
 from helpers.runs import QUIET, run_of
 
 from filters import simulation
-from filters.effects import additive, catalogue, drivers, reference_errors
+from filters.effects import catalogue, deterministic, drivers
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, Scenario, Temperature
 from filters.tracing.blocks import Blocks, average
-from filters.tracing.columns import is_slow
 
 DEG = np.pi / 180.0
 NONE = (0.0, 0.0, 0.0)
@@ -169,9 +168,9 @@ def without_effects(seat: str, still: bool) -> Blocks:
 
 
 def regressor(h: Hypothesis, seen: Blocks, channel: int) -> np.ndarray:
-    if is_slow(h):
+    if h.is_slow:
         return h.columns(seen.slow(), channel)
-    out = np.empty((seen.t.size, len(h.parameters())))
+    out = np.empty((seen.t.size, len(h.parameters)))
     seen.mean([(lambda inputs: h.columns(inputs, channel), slice(None))], out)
     return out
 
@@ -182,7 +181,7 @@ def left_and_said(name: str, case: Case, seat: str = "reads +1 g at rest") -> tu
     scene = replace(STILL if case.still else MOVING, axes=SEATS[seat])
     left = averaged(replace(scene, effects=(Effect(name, case.channels, case.asked),))).y - clean.y
     h = catalogue.hypothesis(name, case.channels, case.shape)
-    theta = np.array([value * p.si for value, p in zip(case.values, h.parameters(), strict=True)])
+    theta = np.array([value * p.si for value, p in zip(case.values, h.parameters, strict=True)])
     said = np.zeros_like(left)
     for c in h.channels:
         said[:, c] = regressor(h, clean, c) @ theta
@@ -227,7 +226,7 @@ def test_the_world_does_not_depend_on_how_the_unit_sits(name: str) -> None:
     def in_body(seat: str) -> np.ndarray:
         seen, axes = without_effects(seat, still=False), SEATS[seat]
         h = catalogue.hypothesis(name, (), {})
-        columns = np.zeros((seen.t.size, 6, len(h.parameters())))
+        columns = np.zeros((seen.t.size, 6, len(h.parameters)))
         for c in h.channels:
             columns[:, c] = regressor(h, seen, c)
         turned = np.moveaxis(columns, 1, 2)
@@ -243,15 +242,15 @@ def test_the_world_does_not_depend_on_how_the_unit_sits(name: str) -> None:
 def test_parameters_are_in_the_units_that_the_simulator_takes(name: str, number: int) -> None:
     """The units of a report say what the numbers are; that the numbers are the simulator's is shown above."""
     case = CASES[name][number]
-    parameters = catalogue.hypothesis(name, case.channels, case.shape).parameters()
+    parameters = catalogue.hypothesis(name, case.channels, case.shape).parameters
     assert tuple(p.unit for p in parameters) == case.units
     assert all(p.prior > 0.0 for p in parameters)
 
 
 def everything() -> list[Hypothesis]:
-    found: list[Hypothesis] = list(reference_errors.shared())
+    found: list[Hypothesis] = list(deterministic.shared())
     for c in range(6):
-        found += [*additive.hypotheses(c), *reference_errors.harmonics(c)]
+        found += [*deterministic.of_sensor(c), *deterministic.harmonics(c)]
     return found
 
 
@@ -259,10 +258,10 @@ def test_an_effect_comes_back_from_its_name_channels_and_shape() -> None:
     """As a trace writes them to a file and the filter reads them: through JSON."""
     for h in everything():
         names = tuple(CHANNELS[c] for c in h.channels)
-        shape = json.loads(json.dumps(dict(h.shape())))
+        shape = json.loads(json.dumps(dict(h.shape)))
         again = catalogue.hypothesis(h.effect, names, shape)
         assert again == h
-        assert again.parameters() == h.parameters()
+        assert again.parameters == h.parameters
 
 
 def test_a_driver_comes_back_with_the_same_columns() -> None:
@@ -275,10 +274,10 @@ def test_a_driver_comes_back_with_the_same_columns() -> None:
         if basis.name.startswith("turns"):
             continue
         h = basis.on(1)
-        kept = dict(h.shape()) | ({"knots": list(h.knots)} if h.knots else {})
+        kept = dict(h.shape) | ({"knots": list(h.knots)} if h.knots else {})
         again = catalogue.hypothesis(h.effect, ("gy",), json.loads(json.dumps(kept)))
         assert again.effect == h.effect
-        assert len(again.parameters()) == len(h.parameters()) == regressor(h, seen, 1).shape[1]
+        assert len(again.parameters) == len(h.parameters) == regressor(h, seen, 1).shape[1]
         assert np.allclose(regressor(again, seen, 1), regressor(h, seen, 1), atol=1e-9)
 
 

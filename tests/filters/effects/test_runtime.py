@@ -23,7 +23,6 @@ from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
 from filters.state import PAPER_SITE
 from filters.tracing.blocks import average
-from filters.tracing.columns import is_slow
 from filters.tracing.residual import perfect
 from filters.tracing.run import Run
 
@@ -62,7 +61,7 @@ def known(moving: bool = True) -> np.ndarray:
 
 def included(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any] | None = None) -> Included:
     h = catalogue.hypothesis(effect, channels, shape or {})
-    states = tuple(State(p.name, p.unit, 1.0, p.prior) for p in h.parameters())
+    states = tuple(State(p.name, p.unit, 1.0, p.prior) for p in h.parameters)
     return Included(effect, tuple(CHANNELS[c] for c in h.channels), "A", dict(shape or {}), states)
 
 
@@ -191,13 +190,13 @@ def test_the_filter_takes_what_the_tracer_fitted(name: str) -> None:
     own = average(run())
     theirs = np.zeros((own.t.size, 6, len(e.states)))
     for c in h.channels:
-        if is_slow(h):
+        if h.is_slow:
             theirs[:, c] = h.columns(own.slow(), c)
         else:
             out = np.empty((own.t.size, len(e.states)))
             own.mean([(lambda inputs, c=c: h.columns(inputs, c), slice(None))], out)  # type: ignore[misc]
             theirs[:, c] = out
-    theirs = theirs * np.array([p.si for p in h.parameters()])
+    theirs = theirs * np.array([p.si for p in h.parameters])
     turned = np.moveaxis(theirs, 1, 2)
     body = np.concatenate([AXES.accel_to_body(turned[..., 3:]), AXES.gyro_to_body(turned[..., :3])], axis=2)
     phi = rows(causal(e), True, whole())[0]

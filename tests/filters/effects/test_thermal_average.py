@@ -1,6 +1,5 @@
 """An average of thermal forms as one effect: beyond the range of training, and as a file keeps it."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,16 +13,20 @@ CURVE = np.zeros(ORDERS + len(LAGS) + len(BANKS))
 CURVE[[0, 1, 2, ORDERS + 8, ORDERS + len(LAGS) + 7]] = 0.4, -0.2, 0.1, 0.3, -0.05
 SPREAD = np.zeros_like(CURVE)
 SPREAD[[1, ORDERS]] = 0.02, 0.01
-MADE = ThermalAverage(2, "thermal_lag", -20.0, 60.0, (tuple(CURVE.tolist()), tuple(SPREAD.tolist())))
+MADE = ThermalAverage.of(2, "thermal_lag", -20.0, 60.0, (tuple(CURVE.tolist()), tuple(SPREAD.tolist())))
 
 
 def test_a_file_keeps_all_of_it() -> None:
     """Made again from its name, channel and what is kept, it is the same to the last bit."""
-    kept = {**MADE.shape(), **MADE.coefficients()}
-    assert catalogue.hypothesis("thermal_lag", ("gz",), kept) == MADE
-    assert [p.name for p in MADE.parameters()] == ["amplitude", "spread1"]
-    mean_only = replace(MADE, curves=MADE.curves[:1])
-    assert catalogue.hypothesis("thermal_lag", ("gz",), {**mean_only.shape(), **mean_only.coefficients()}) == mean_only
+    kept = {**MADE.shape, **MADE.coefficients()}
+    again = catalogue.hypothesis("thermal_lag", ("gz",), kept)
+    assert isinstance(again, ThermalAverage)
+    assert (again, again.low, again.high, again.curves) == (MADE, MADE.low, MADE.high, MADE.curves)
+    assert [p.name for p in again.parameters] == ["amplitude", "spread1"]
+    mean_only = ThermalAverage.of(2, "thermal_lag", -20.0, 60.0, MADE.curves[:1])
+    alone = catalogue.hypothesis("thermal_lag", ("gz",), {**mean_only.shape, **mean_only.coefficients()})
+    assert isinstance(alone, ThermalAverage)
+    assert (alone.curves, len(alone.parameters)) == (mean_only.curves, 1)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +43,7 @@ def test_a_file_keeps_all_of_it() -> None:
 )
 def test_what_is_not_one_is_said(key: str, value: Any, says: str) -> None:
     """Another time constant, lists of other lengths, an empty range: the message names the parameter."""
-    kept = {**MADE.shape(), **MADE.coefficients(), key: value}
+    kept = {**MADE.shape, **MADE.coefficients(), key: value}
     with pytest.raises(ValueError, match=says):
         catalogue.hypothesis("thermal_lag", ("gz",), kept)
 
@@ -48,7 +51,7 @@ def test_what_is_not_one_is_said(key: str, value: Any, says: str) -> None:
 def test_only_thermal_effects_are_averages() -> None:
     """A scale factor has no such form."""
     with pytest.raises(ValueError, match="can't be an average"):
-        catalogue.hypothesis("scale", ("gz",), {**MADE.shape(), **MADE.coefficients()})
+        catalogue.hypothesis("scale", ("gz",), {**MADE.shape, **MADE.coefficients()})
 
 
 def test_beyond_the_range_a_curve_goes_on_straight() -> None:

@@ -52,7 +52,7 @@ def named(made: Design, effect: str, *channels: int, **shape: object) -> Term:
     """The one term of that effect, on those channels, of that shape."""
     for a in made.terms:
         h = a.hypothesis
-        if h.effect == effect and (not channels or h.channels == channels) and shape.items() <= dict(h.shape()).items():
+        if h.effect == effect and (not channels or h.channels == channels) and shape.items() <= dict(h.shape).items():
             return a
     raise AssertionError(f"no {effect} on {channels}")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers.turned import lacking
 
-from filters.effects.additive import ThermalScale
-from filters.effects.hypothesis import ChannelEffect
+from filters.effects.deterministic import thermal_scale
+from filters.effects.hypothesis import Hypothesis
 from filters.imu import AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate
@@ -79,11 +79,11 @@ def named(design: Design, effect: str, channel: int, **shape: float | str) -> Te
         for a in design.terms
         if a.hypothesis.effect == effect
         and channel in a.places
-        and all(a.hypothesis.shape().get(key) == value for key, value in shape.items())
+        and all(a.hypothesis.shape.get(key) == value for key, value in shape.items())
     )
 
 
-def added(design: Design, hypothesis: ChannelEffect) -> Term:
+def added(design: Design, hypothesis: Hypothesis) -> Term:
     """A hypothesis that the design has left out, since these runs don't tell it from another."""
     columns = [hypothesis.columns(blocks.slow(), hypothesis.channel) for blocks in design.stack.blocks]
     return design.add(hypothesis, np.vstack(columns))
@@ -254,7 +254,11 @@ def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
     run = cold.stack.blocks[0].run
     design = designed(run)
     a = named(design, "thermal_lin", 5)
-    rivals = [added(design, ThermalScale(5)), named(design, "thermal_rate", 5), named(design, "warmup", 5, tau_s=400.0)]
+    rivals = [
+        added(design, thermal_scale(5)),
+        named(design, "thermal_rate", 5),
+        named(design, "warmup", 5, tau_s=400.0),
+    ]
     made = experiment.separating(design, a, of_size(design, a, 40.0), rivals, run)
     assert made is not None
     assert made.leaves == ()
@@ -266,7 +270,7 @@ def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
     """A gyro at rest that drifts with temperature might have a scale factor of thirty times Earth rate: it has not."""
     run = performed([Effect("thermal_rate", ("gz",), {"dps_s_per_k": 28.0})], 40)
     design = designed(run)
-    a = added(design, ThermalScale(2))
+    a = added(design, thermal_scale(2))
     rivals = [named(design, "thermal_lin", 2), named(design, "thermal_rate", 2)]
     made = experiment.separating(design, a, design.fit([a]).theta[0], rivals, run)
     assert made is not None

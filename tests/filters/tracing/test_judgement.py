@@ -75,7 +75,8 @@ def test_what_belongs_to_one_run_is_not_judged() -> None:
     runs = power_ons(Effect("step", ("gz",), {"dps": 0.3, "at_s": 350.0}), count=1, hz=4.0)
     stack = Stack.of([average(runs[0])])
     design = Design(stack)
-    term = design.add(Step(2, at=350.0), np.where(stack.t > 350.0, 1.0, 0.0)[:, None])
+    late = np.where(stack.t > 350.0, 1.0, 0.0)[:, None]
+    term = design.add(Step.of(2, 350.0, 0, late), late)
     finding = replace(judged(1, 1.0, 1.0)[0][0], term=term, theta=np.array([0.005]), channels=(2,), confirmed=None)
     held, refuted = judge(HeldOutRun.of(stack, design, [finding]), [finding], design, range(6), 0)
     assert refuted == []

@@ -43,8 +43,8 @@ def test_a_state_that_flips_between_two_temperatures_is_found_with_both() -> Non
     h = chosen.terms[0].hypothesis
     assert isinstance(h, Driver)
     assert (h.effect, h.kind) == ("driver:temperature_threshold", "relay")
-    assert h.parts["up_degc"] == pytest.approx(UP, abs=0.6)
-    assert h.parts["down_degc"] == pytest.approx(DOWN, abs=0.6)
+    assert h.shape["up_degc"] == pytest.approx(UP, abs=0.6)
+    assert h.shape["down_degc"] == pytest.approx(DOWN, abs=0.6)
     assert chosen.fit().theta[0][0] == pytest.approx(0.1 * DPS, rel=0.15)
 
 
@@ -53,7 +53,7 @@ def test_a_state_keeps_what_it_was_between_its_temperatures() -> None:
     made = drivers.relay(20.0, 30.0)
     T = np.array([24.0, 29.0, 31.0, 25.0, 21.0, 19.0, 24.0, 26.0])
     inputs = average(power_ons(count=1, seconds=60.0)[0]).slow()
-    columns = made.columns_of(replace(inputs, temperature=T))[:, 0]
+    columns = made.columns(replace(inputs, temperature=T), 0)[:, 0]
     assert columns.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
 
 
@@ -73,7 +73,7 @@ def test_what_follows_the_force_of_another_axis_from_behind_is_named_by_it() -> 
     chosen = selected([lagging(run, 40.0) for run in runs], 3)
     h = chosen.terms[0].hypothesis
     assert isinstance(h, Driver)
-    assert (h.effect, h.kind, h.parts["tau_s"]) == ("driver:fy", "trail", 40.0)
+    assert (h.effect, h.kind, h.shape["tau_s"]) == ("driver:fy", "trail", 40.0)
     assert chosen.fit().theta[0][0] / G == pytest.approx(0.003, rel=0.3)
 
 
@@ -85,7 +85,7 @@ def test_a_trail_is_named_by_what_it_follows() -> None:
     for number, basis in enumerate(trails):
         k, j = divmod(number, len(TRAILS))
         unit = G if basis.name[0] == "f" else DPS
-        np.testing.assert_array_equal(basis.columns_of(inputs)[:, 0], inputs.trail[:, k, j] / unit)
+        np.testing.assert_array_equal(basis.columns(inputs, 0)[:, 0], inputs.trail[:, k, j] / unit)
 
 
 def test_neither_is_in_the_effects_file_and_the_filter_refuses_both() -> None:

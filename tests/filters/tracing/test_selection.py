@@ -145,7 +145,7 @@ def test_events_are_found_where_they_are() -> None:
     assert sorted(names(chosen)) == [("step", (2,)), ("telegraph", (5,)), ("tone", (4,))]
     fit = chosen.fit()
     for number, term in enumerate(chosen.terms):
-        facts, theta = term.hypothesis.shape(), fit.theta[number]
+        facts, theta = term.hypothesis.shape, fit.theta[number]
         match term.hypothesis.effect:
             case "step":
                 assert float(facts["at_s"]) == pytest.approx(350.0, abs=4.0)
