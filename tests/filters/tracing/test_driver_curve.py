@@ -30,7 +30,7 @@ def test_the_form_that_made_a_curve_is_proposed(form: str) -> None:
         assert proposed_form(Curve("d", "K", x, y + sd * noise, np.full(x.size, sd), "mg")) == form
 
 
-def basis(name: str, kind: str) -> drivers.Basis:
+def basis(name: str, kind: str) -> drivers.Driver:
     ranges = dict.fromkeys((*drivers.SCALARS, "outer", "middle", "inner"), (0.0, 8.0))
     return next(b for b in drivers.bases(ranges) if b.name == name and b.kind == kind)
 
@@ -51,9 +51,9 @@ def test_a_curve_is_its_parameters_at_the_knots() -> None:
 def test_a_curve_over_a_turn_is_its_harmonics() -> None:
     """sin and cos of the angle, -180 to 180 deg."""
     driver = basis("angle_inner", "fourier").on(0)
-    theta = np.zeros(driver.count)
-    theta[0], theta[driver.count // 2 + 1] = 2.0 * DPS, 1.0 * DPS
-    made = curve(driver, theta, np.zeros((driver.count,) * 2))
+    theta = np.zeros(len(driver.parameters))
+    theta[0], theta[len(driver.parameters) // 2 + 1] = 2.0 * DPS, 1.0 * DPS
+    made = curve(driver, theta, np.zeros((len(driver.parameters),) * 2))
     assert made is not None
     x = np.deg2rad(made.x)
     assert np.allclose(made.y, 2.0 * np.sin(x) + np.cos(2.0 * x))
