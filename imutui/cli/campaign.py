@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from imutui.jobs.campaign.log_list import LogList
-    from imutui.jobs.campaign.run import RunDocument, Standing, Way
+    from imutui.jobs.campaign.run import Pace, RunDocument, Way
     from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
 
 
@@ -145,36 +145,36 @@ def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
     return cluster.Cluster(address, found.root, lambda text: say(f"imutui: {text}"))
 
 
-def _progress() -> "Callable[[Standing], None]":
+def _progress() -> "Callable[[Pace], None]":
     """Show how far it is: in place on a terminal, else a line now and then."""
     from imutui.cli.exit_codes import say, show_progress
 
     live = sys.stderr.isatty()
     shown = time.monotonic() if not live else 0.0
 
-    def show(standing: "Standing") -> None:
+    def show(pace: "Pace") -> None:
         nonlocal shown
         now = time.monotonic()
-        over = standing["done"] == standing["wanted"]
-        if live and (over or not standing["done"] or now - shown >= _LIVE_S):
-            show_progress("" if over else progress_text(standing))
+        over = pace.done == pace.wanted
+        if live and (over or not pace.done or now - shown >= _LIVE_S):
+            show_progress("" if over else progress_text(pace))
             shown = now
         elif not live and now - shown >= _SPARSE_S:
-            say(f"imutui: {progress_text(standing)}")
+            say(f"imutui: {progress_text(pace)}")
             shown = now
 
     return show
 
 
-def progress_text(standing: "Standing") -> str:
+def progress_text(pace: "Pace") -> str:
     """How many logs are done, how many of these have an error, how fast, and how long it will take."""
-    words = [f"{standing['done']:,} of {standing['wanted']:,} logs"]
-    if not standing["done"]:
+    words = [f"{pace.done:,} of {pace.wanted:,} logs"]
+    if not pace.done:
         words.append("workers start: the first time on a machine they compile the filter, some seconds")
-    if standing["errors"]:
-        words.append(f"{standing['errors']:,} with an error")
-    if standing["per_minute"] is not None and standing["left_s"] is not None:
-        words += [f"{standing['per_minute']:,.0f} a minute", f"{_duration(standing['left_s'])} left"]
+    if pace.errors:
+        words.append(f"{pace.errors:,} with an error")
+    if (rate := pace.per_second()) is not None:
+        words += [f"{60.0 * rate:,.0f} a minute", f"{_duration((pace.wanted - pace.done) / rate)} left"]
     return ", ".join(words)
 
 

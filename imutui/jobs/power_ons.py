@@ -6,7 +6,7 @@ said. What it leaves out: how a log says what it continues (`imutui.logbook.powe
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,16 +20,8 @@ from imutui.logbook import power_on
 _SAME_ATTITUDE = np.deg2rad(3.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Joined:
-    """Logs that were read, those of one power-on joined, and what there is to say of that, a sentence each."""
-
-    reads: list[LoggedRun]
-    notes: list[str]
-
-
-def join(reads: Sequence[LoggedRun]) -> Joined:
-    """Join the logs of each power-on; they stay in the order given.
+def join(reads: Sequence[LoggedRun]) -> tuple[list[LoggedRun], list[str]]:
+    """The logs, those of each power-on joined, in the order given; what there is to say of that, a sentence each.
 
     Raises InputError if two parts of a power-on overlap in time.
     """
@@ -62,7 +54,7 @@ def join(reads: Sequence[LoggedRun]) -> Joined:
         names = ", then ".join(reads[number].run.name for number in parts)
         notes.append(f"{names}: one power-on in {len(parts)} parts, with one bias and one history of temperature")
         notes += _levelled_once(made, parts)
-    return Joined(made, notes)
+    return made, notes
 
 
 def _preceding(reads: Sequence[LoggedRun]) -> dict[int, int]:

@@ -33,7 +33,7 @@ from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
-from imutui.logbook.results import Counters, ReplayChoices, ResultDocument, Timings
+from imutui.logbook.results import ReplayChoices, ResultDocument
 from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line, quoted
@@ -161,8 +161,10 @@ def replayed(
         info,
         path,
         finished=log.finished,
-        counters=Counters.from_diagnostics(log.diagnostics),
-        timings=Timings(filter_s, read_s),
+        lost_packets=int(log.diagnostics.get("lost_packets", "0")),
+        bad_checksums=int(log.diagnostics.get("bad_checksums", "0")),
+        filter_s=filter_s,
+        read_s=read_s,
         log_sha256=log_sha256,
     )
     if log.damage:

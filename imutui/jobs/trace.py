@@ -75,10 +75,9 @@ def trace(
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
-    joined = power_ons.join(reads)
-    reads = joined.reads
+    reads, joined = power_ons.join(reads)
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
-    notes += joined.notes
+    notes += joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += [_lacking(read) for read in reads if read.run.unread]
     find = _trace_turned if by_hand else _trace_known

@@ -3,7 +3,6 @@
 Also the one place where the filter's state leaves SI and body axes for the instrument's axes, mg and deg/s.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NotRequired, TypeAlias, TypedDict
 
@@ -34,27 +33,6 @@ EXACT_BUT_LARGE = (
 )
 DRAWN = "measurements are drawn with covariance R"
 MOVING = "the trajectory is fed as it is: NIS compares its own errors with R, which was not made for it"
-
-
-@dataclass(frozen=True, slots=True)
-class Counters:
-    """What acquisition counted; zeros for imported logs."""
-
-    lost_packets: int = 0
-    bad_checksums: int = 0
-
-    @classmethod
-    def from_diagnostics(cls, values: dict[str, str]) -> "Counters":
-        """From the values of a /diagnostics message."""
-        return cls(int(values.get("lost_packets", "0")), int(values.get("bad_checksums", "0")))
-
-
-@dataclass(frozen=True, slots=True)
-class Timings:
-    """How long it took, s; the only fields in which live and replay differ."""
-
-    filter_s: float = 0.0
-    read_s: float = 0.0
 
 
 Three: TypeAlias = Annotated[list[float | None], 3]
@@ -265,7 +243,7 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, 
     return {
         "position_deg_m": _where(np.array([np.rad2deg(nav.latitude), longitude, nav.height]), np.full(3, placed)),
         "velocity_mps": _where(nav.velocity_n, np.full(3, placed)),
-        "rpy_deg": _floats(np.rad2deg(attitude.to_rpy(nav.C_nb))),
+        "rpy_deg": np.rad2deg(attitude.to_rpy(nav.C_nb)).tolist(),
         "accel_bias_mg": _where(accel, seen[:3]),
         "gyro_bias_dps": _where(np.rad2deg(axes.gyro_to_instrument(nav.gyro_bias)), seen[3:]),
     }
@@ -282,7 +260,7 @@ def sd_fields(
     return {
         "position_m": _where(sd[state.POSITION], np.full(3, placed)),
         "velocity_mps": _where(sd[state.VELOCITY], np.full(3, placed)),
-        "rpy_deg": [float(x) if np.isfinite(x) else None for x in np.rad2deg(rpy)],
+        "rpy_deg": _where(np.rad2deg(rpy), np.isfinite(rpy)),
         "accel_bias_mg": _where(accel, seen[:3]),
         "gyro_bias_dps": _where(np.rad2deg(axes.sd_to_instrument(sd[state.GYRO_BIAS])), seen[3:]),
     }
@@ -291,12 +269,7 @@ def sd_fields(
 def seen_axes(estimator: "Estimator", axes: AxisMap) -> np.ndarray:
     """Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,)."""
     seen = np.array(estimator.observable, float).reshape(2, 3)
-    return np.concatenate([to_instrument_order(part, axes) for part in seen]) > 0.5
-
-
-def to_instrument_order(values: np.ndarray, axes: AxisMap) -> np.ndarray:
-    """Unsigned body x, y, z reordered to the instrument's x, y, z, shape (3,)."""
-    return axes.sd_to_instrument(values)
+    return np.concatenate([axes.sd_to_instrument(part) for part in seen]) > 0.5
 
 
 def converged_since(estimator: "Estimator", axes: AxisMap) -> dict[str, list[float | None]]:
@@ -306,7 +279,7 @@ def converged_since(estimator: "Estimator", axes: AxisMap) -> dict[str, list[flo
         [-1.0 if s is None or not seen else s for s, seen in zip(since, estimator.observable, strict=True)]
     )
     return {
-        name: [float(s) if s >= 0.0 else None for s in to_instrument_order(as_numbers[part], axes)]
+        name: [float(s) if s >= 0.0 else None for s in axes.sd_to_instrument(as_numbers[part])]
         for name, part in zip(_BIASES, (slice(0, 3), slice(3, 6)), strict=True)
     }
 
@@ -317,10 +290,11 @@ def document(
     log: Path,
     *,
     finished: bool,
-    counters: Counters,
-    timings: Timings,
+    lost_packets: int,
+    bad_checksums: int,
+    filter_s: float,
+    read_s: float,
     log_sha256: str,
-    seed: int | None = None,
 ) -> ResultDocument:
     """Result of a run, ready for JSON (contract version 1).
 
@@ -328,11 +302,12 @@ def document(
     `info`: with the settings in force.
     `log`: the samples' file.
     `finished`: whether the file has its footer.
-    `counters`: of the acquisition.
-    `timings`: of this run.
-    `log_sha256`: hash of the file.
+    `lost_packets`, `bad_checksums`: as the acquisition counted.
+    `filter_s`, `read_s`: how long it took; only in these do live and replay differ.
     Raises ValueError if there was no sample.
     """
+    from filters.motion.attitude_only import Turning
+
     latest = estimator.latest
     if latest is None or estimator.reference is None:
         raise ValueError("`estimator` has had no sample")
@@ -342,7 +317,8 @@ def document(
     rest = estimator.first_rest
     begun, duration = (0.0, latest.t) if rest is None else (rest.begun or 0.0, rest.last_t or latest.t)
     used = latest.t - begun
-    unplaced = () if _placed(estimator) else PLACE
+    # such a reference does not say where the unit is
+    unplaced = PLACE if isinstance(estimator.reference, Turning) else ()
     return {
         "version": VERSION,
         "log": str(log.resolve()),
@@ -368,8 +344,8 @@ def document(
         "effects": effect_fields(estimator),
         "history_known": bool(info.memory),
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
-        "lost_packets": counters.lost_packets,
-        "bad_checksums": counters.bad_checksums,
+        "lost_packets": lost_packets,
+        "bad_checksums": bad_checksums,
         "rejected": estimator.rejected,
         "alarms": estimator.alarms(),
         "confounded": estimator.confounded(),
@@ -377,10 +353,10 @@ def document(
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since_s": estimator.held_since,
         "departure": departures.sentence(estimator, axes, g_unit),
-        "filter_s": timings.filter_s,
-        "read_s": timings.read_s,
-        "steps_per_s": estimator.nis_count / timings.filter_s if timings.filter_s > 0.0 else None,
-        "times_real_time": duration / timings.filter_s if timings.filter_s > 0.0 else None,
+        "filter_s": filter_s,
+        "read_s": read_s,
+        "steps_per_s": estimator.nis_count / filter_s if filter_s > 0.0 else None,
+        "times_real_time": duration / filter_s if filter_s > 0.0 else None,
         "log_sha256": log_sha256,
         "config_sha256": info.config_sha256(),
         "identity": info.identity(),
@@ -423,27 +399,35 @@ def _why(mean: float | None, dof: float, *, is_test: bool, followed: bool) -> st
 
 def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFields:
     """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
-    measured = estimator.monitor.noise()
-    if measured is not None and estimator.settings.unread:
+    found = estimator.monitor.noise()
+    measured = np.full(6, np.nan) if found is None else found
+    if estimator.settings.unread:
         measured = np.where(estimator.settings.unread, np.nan, measured)
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
-    nothing: list[float | None] = [None] * 3
     return {
-        "gyro_arw_deg_sqrt_h": nothing if measured is None else _told(_arw(measured[3:], axes)),
-        "accel_vrw_mps_sqrt_h": nothing if measured is None else _told(_vrw(measured[:3], axes)),
+        **_white(measured[3:], measured[:3], axes),
         "relative_sd": estimator.monitor.noise_relative_sd(),
-        "specification": {
-            "gyro_arw_deg_sqrt_h": _arw(np.full(3, spec.gyro_arw), axes),
-            "accel_vrw_mps_sqrt_h": _vrw(np.full(3, spec.accel_vrw), axes),
-        },
+        "specification": _white(np.full(3, spec.gyro_arw), np.full(3, spec.accel_vrw), axes),
         "used": {
             "source": source,
-            "gyro_arw_deg_sqrt_h": _arw(np.array(used.gyro_arw), axes),
-            "accel_vrw_mps_sqrt_h": _vrw(np.array(used.accel_vrw), axes),
-            "gyro_walk_dps_sqrt_h": _arw(np.array(used.gyro_walk), axes),
-            "accel_walk_mps2_sqrt_h": _vrw(np.array(used.accel_walk), axes),
+            **_white(np.array(used.gyro_arw), np.array(used.accel_vrw), axes),
+            "gyro_walk_dps_sqrt_h": _per_hour(np.rad2deg(axes.sd_to_instrument(np.array(used.gyro_walk)))),
+            "accel_walk_mps2_sqrt_h": _per_hour(axes.sd_to_instrument(np.array(used.accel_walk))),
         },
     }
+
+
+def _white(gyro: np.ndarray, accel: np.ndarray, axes: AxisMap) -> WhiteNoise:
+    """White noise per √s, SI and body axes, per √h and in instrument axes."""
+    return {
+        "gyro_arw_deg_sqrt_h": _per_hour(np.rad2deg(axes.sd_to_instrument(gyro))),
+        "accel_vrw_mps_sqrt_h": _per_hour(axes.sd_to_instrument(accel)),
+    }
+
+
+def _per_hour(density: np.ndarray) -> list[float | None]:
+    """Per √h of what is per √s (of a rate or an acceleration too)."""
+    return _where(density * 60.0, np.isfinite(density))
 
 
 def remainder_fields(estimator: "Estimator", axes: AxisMap) -> list[RemainderField]:
@@ -452,7 +436,7 @@ def remainder_fields(estimator: "Estimator", axes: AxisMap) -> list[RemainderFie
     ratio = np.full(6, np.nan)
     if found.ratio is not None:
         parts = found.ratio[3:], found.ratio[:3]
-        ratio = np.concatenate([to_instrument_order(part, axes) for part in parts])
+        ratio = np.concatenate([axes.sd_to_instrument(part) for part in parts])
         accel, gyro = np.split(seen_axes(estimator, axes), 2)
         ratio[~np.concatenate([gyro, accel])] = np.nan
     return [
@@ -473,16 +457,6 @@ def effect_fields(estimator: "Estimator") -> list[EffectField]:
     ]
 
 
-def _arw(density: np.ndarray, axes: AxisMap) -> list[float | None]:
-    """rad per √s in deg per √h (of a rate too), instrument axes."""
-    return [*_floats(np.rad2deg(to_instrument_order(density, axes)) * 60.0)]
-
-
-def _vrw(density: np.ndarray, axes: AxisMap) -> list[float | None]:
-    """m/s per √s in m/s per √h (of an acceleration too), instrument axes."""
-    return [*_floats(to_instrument_order(density, axes) * 60.0)]
-
-
 def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarray) -> SpreadFields | None:
     moments = estimator.after_convergence
     if moments is None or estimator.reference is None:
@@ -494,21 +468,5 @@ def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarr
     }
 
 
-def _placed(estimator: "Estimator") -> bool:
-    """Whether the reference says where the unit is."""
-    from filters.motion.attitude_only import Turning
-
-    return not isinstance(estimator.reference, Turning)
-
-
 def _where(values: np.ndarray, seen: np.ndarray) -> list[float | None]:
     return [float(value) if s else None for value, s in zip(values, seen, strict=True)]
-
-
-def _told(values: list[float | None]) -> list[float | None]:
-    """Null for what is not known."""
-    return [None if value is None or np.isnan(value) else value for value in values]
-
-
-def _floats(values: np.ndarray) -> list[float]:
-    return [float(v) for v in values]

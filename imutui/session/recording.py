@@ -246,8 +246,10 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
         info,
         path,
         finished=True,
-        counters=results.Counters(counters.lost_packets, counters.bad_checksums),
-        timings=results.Timings(live.seconds, 0.0),
+        lost_packets=counters.lost_packets,
+        bad_checksums=counters.bad_checksums,
+        filter_s=live.seconds,
+        read_s=0.0,
         log_sha256=log_sha256 or "",
     )
     document["log_sha256"] = log_sha256

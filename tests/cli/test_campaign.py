@@ -19,6 +19,7 @@ from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.shared import once
 
 from imutui.cli import campaign
+from imutui.jobs.campaign.run import Pace
 
 BAD = ["corrupt.mcap", "empty.mcap", "foreign.mcap"]
 
@@ -64,10 +65,11 @@ def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch
     screen = StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: True)
     monkeypatch.setattr(sys, "stderr", screen)
-    show = campaign._progress()
-    show({"wanted": 3, "done": 0, "errors": 0, "per_minute": None, "left_s": None})
+    show, pace = campaign._progress(), Pace(3)
+    show(pace)
     assert "0 of 3 logs, workers start" in screen.getvalue()
-    show({"wanted": 3, "done": 3, "errors": 1, "per_minute": 60.0, "left_s": 0.0})
+    pace.done = 3
+    show(pace)
     assert screen.getvalue().endswith("\r\x1b[K")
     assert "\n" not in screen.getvalue()
 
@@ -75,12 +77,13 @@ def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch
 def test_in_a_file_a_campaign_says_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not one a log: a night's campaign has thousands."""
     monkeypatch.setattr(sys, "stderr", StringIO())
-    show = campaign._progress()
-    for done in range(1, 4):
-        show({"wanted": 9, "done": done, "errors": 0, "per_minute": 60.0, "left_s": 8.0})
+    monkeypatch.setattr(Pace, "per_second", lambda pace: 1.0)
+    show, pace = campaign._progress(), Pace(9)
+    for pace.done in range(1, 5):
+        show(pace)
     assert sys.stderr.getvalue() == ""
     monkeypatch.setattr(campaign, "_SPARSE_S", 0.0)
-    show({"wanted": 9, "done": 4, "errors": 0, "per_minute": 60.0, "left_s": 5.0})
+    show(pace)
     assert sys.stderr.getvalue() == "imutui: 4 of 9 logs, 60 a minute, 5 s left\n"
 
 

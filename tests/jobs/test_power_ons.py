@@ -29,7 +29,7 @@ def part(folder: Path, name: str, begins: float, *flags: str, tilt: float = 0.0)
     return output
 
 
-def joined(*logs: Path) -> power_ons.Joined:
+def joined(*logs: Path) -> tuple[list[runs.LoggedRun], list[str]]:
     return power_ons.join([runs.read_run(log, log.stem, ReplayOptions()) for log in logs])
 
 
@@ -43,13 +43,13 @@ def test_parts_are_joined_whatever_their_order(tmp_path: Path) -> None:
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     other = part(tmp_path, "o", 7.0)
     made = joined(b, other, a)
-    told = by_name(made.reads)
-    assert [r.run.name for r in made.reads] == ["b", "o", "a"]
+    told = by_name(made[0])
+    assert [r.run.name for r in made[0]] == ["b", "o", "a"]
     assert told["a"][0] == told["b"][0] != ""
     assert told["a"][1:] == (0.0, False)
     assert told["b"][1:] == (100.0, True)
     assert told["o"] == ("", 0.0, False)
-    assert any(note.startswith("a, then b") for note in made.notes)
+    assert any(note.startswith("a, then b") for note in made[1])
 
 
 def test_without_the_log_before_it_history_is_unknown_and_said(tmp_path: Path) -> None:
@@ -58,15 +58,15 @@ def test_without_the_log_before_it_history_is_unknown_and_said(tmp_path: Path) -
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     c = part(tmp_path, "c", 200.0, "--continues", str(b))
     alone = joined(b)
-    assert by_name(alone.reads)["b"] == ("", 0.0, False)
-    assert "a.mcap" in alone.notes[0]
-    assert "not known" in alone.notes[0]
+    assert by_name(alone[0])["b"] == ("", 0.0, False)
+    assert "a.mcap" in alone[1][0]
+    assert "not known" in alone[1][0]
     broken = joined(a, c)
-    assert {told[0] for told in by_name(broken.reads).values()} == {""}
-    assert "b.mcap" in broken.notes[0]
+    assert {told[0] for told in by_name(broken[0]).values()} == {""}
+    assert "b.mcap" in broken[1][0]
     whole = joined(a, b, c)
-    assert len({told[0] for told in by_name(whole.reads).values()}) == 1
-    assert by_name(whole.reads)["c"][1] == pytest.approx(200.0)
+    assert len({told[0] for told in by_name(whole[0]).values()}) == 1
+    assert by_name(whole[0])["c"][1] == pytest.approx(200.0)
 
 
 def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_file(tmp_path: Path) -> None:
@@ -77,8 +77,8 @@ def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_fi
     os.utime(tmp_path / "a.npz", (1.6e9, 1.6e9))
     imutui("import", str(tmp_path / "a.npz"), "-o", str(a), "--reference", "gravity", "--force")
     made = joined(a, b)
-    assert by_name(made.reads)["b"][1:] == (100.0, True)
-    assert any("not the file that it was" in note for note in made.notes)
+    assert by_name(made[0])["b"][1:] == (100.0, True)
+    assert any("not the file that it was" in note for note in made[1])
 
 
 def test_two_logs_that_continue_the_same_one_and_overlap_are_refused(tmp_path: Path) -> None:
@@ -96,11 +96,11 @@ def test_the_level_is_read_once_a_power_on(tmp_path: Path) -> None:
     b = part(tmp_path, "b", 100.0, "--continues", str(a), tilt=0.01)
     c = part(tmp_path, "c", 200.0, "--continues", str(b), tilt=0.2)
     made = joined(a, b, c)
-    attitudes = [read.run.C_nb for read in made.reads]
+    attitudes = [read.run.C_nb for read in made[0]]
     assert all(C is not None for C in attitudes)
     assert np.array_equal(attitudes[0], attitudes[1])
     assert not np.array_equal(attitudes[0], attitudes[2])
-    assert "c is tilted by 11.5°" in made.notes[-1]
+    assert "c is tilted by 11.5°" in made[1][-1]
 
 
 def test_a_measured_power_on_in_two_parts_traces_as_one(tmp_path: Path) -> None:

@@ -242,7 +242,7 @@ def test_files_of_a_recording_are_one_power_on_in_a_trace(tmp_path: Path) -> Non
     """One bias and one history over both, the second beginning where the first ends."""
     made = recorded(tmp_path, 8300, 16_600, effects="", filter_name="none")
     reads = [runs.read_run(path, path.stem, ReplayOptions()) for path, _ in reversed(made)]
-    second, first = power_ons.join(reads).reads
+    second, first = power_ons.join(reads)[0]
     assert first.run.power_on == second.run.power_on != ""
     assert (first.run.history_known, second.run.history_known) == (False, True)
     # an average that is not full at a file's end is not written

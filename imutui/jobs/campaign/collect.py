@@ -1,7 +1,7 @@
 """Several folders of results made one: shards of a campaign, or campaigns of several machines over one set of logs."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypedDict
 
@@ -44,7 +44,7 @@ def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     parts = [stored_rows.read(path) for path in paths]
     for part in parts[1:]:
         _check_settings(parts[0], part)
-    notes = [*_notes_on_roots(parts), *_notes_on_shards(parts), *_notes_on_parts(parts)]
+    notes = list(_notes_on(parts))
     complete = not _missing(parts) and all(part.head["complete"] for part in parts)
     rows = {log: k for k, part in enumerate(parts) for log in part.rows}
     head: HeadFields = {**parts[0].head, "shard": None, "logs": len(rows), "complete": False}
@@ -100,11 +100,19 @@ def _check_settings(first: Part, other: Part) -> None:
     )
 
 
-def _notes_on_roots(parts: Sequence[Part]) -> list[str]:
+def _notes_on(parts: Sequence[Part]) -> Iterator[str]:
     roots = list(dict.fromkeys(part.head["root"] for part in parts))
-    if len(roots) == 1:
-        return []
-    return [f"the logs lay below {' and '.join(roots)}: they are told apart by their paths below these alone"]
+    if len(roots) > 1:
+        yield f"the logs lay below {' and '.join(roots)}: they are told apart by their paths below these alone"
+    if missing := _missing(parts):
+        yield f"no part is of shard {', '.join(missing)}"
+    for part in parts:
+        if not part.head["complete"]:
+            of = plural(part.head["logs"], "log")
+            yield f"{part.folder} is not complete: {len(part.rows):,} of {of}. Run it again."
+    for part in parts:
+        if part.broken:
+            yield f"{part.folder}: {that_many(part.broken, 'line', 'is', 'are')} not readable; run it again"
 
 
 def _missing(parts: Sequence[Part]) -> list[str]:
@@ -112,21 +120,3 @@ def _missing(parts: Sequence[Part]) -> list[str]:
     shards = [log_list.parse_shard(part.head["shard"]) for part in parts if part.head["shard"]]
     of = max((shard.of for shard in shards), default=0)
     return [f"{k}/{of}" for k in range(1, of + 1) if not any(s.number == k and s.of == of for s in shards)]
-
-
-def _notes_on_shards(parts: Sequence[Part]) -> list[str]:
-    missing = _missing(parts)
-    return [f"no part is of shard {', '.join(missing)}"] if missing else []
-
-
-def _notes_on_parts(parts: Sequence[Part]) -> list[str]:
-    notes = [
-        f"{part.folder} is not complete: {len(part.rows):,} of {plural(part.head['logs'], 'log')}. Run it again."
-        for part in parts
-        if not part.head["complete"]
-    ]
-    return notes + [
-        f"{part.folder}: {that_many(part.broken, 'line', 'is', 'are')} not readable; run it again"
-        for part in parts
-        if part.broken
-    ]

@@ -55,16 +55,6 @@ class Campaign:
         }
 
 
-class Standing(TypedDict):
-    """How far a run is: logs to compute, done, of these with an error; how many a minute; seconds left."""
-
-    wanted: int
-    done: int
-    errors: int
-    per_minute: float | None
-    left_s: float | None
-
-
 class RunDocument(TypedDict):
     """What a run has come to, as `imutui campaign --json` prints it."""
 
@@ -92,7 +82,7 @@ class RunDocument(TypedDict):
     first_errors: list[str]
 
 
-def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda standing: None) -> RunDocument:
+def run(campaign: Campaign, way: Way, tell: "Callable[[Pace], None]" = lambda pace: None) -> RunDocument:
     """Compute the rows that lack, into the folder of results; what is there already stays.
 
     Interrupted at any time, it leaves the rows that were done, and `results.json` of them.
@@ -106,16 +96,21 @@ def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda 
     """
     logs = campaign.own_logs()
     with ResultsFolder(campaign.results, campaign.head(len(logs)), campaign.mode) as folder:
-        wanted = _wanted(campaign, folder, logs)
-        pace = _Pace(len(wanted))
-        tell(pace.standing())
+        known = folder.known
+        wanted = [
+            log for log in logs
+            if _is_anew(campaign, known.get(log)) or _has_changed(known.get(log), campaign.logs.path(log))
+        ]  # fmt: skip
+        pace = Pace(len(wanted))
+        tell(pace)
         try:
             for task, row in way(_tasks(campaign, folder, wanted), len(wanted)) if wanted else ():
                 if row is None:
                     row = _touched(folder.row(task.log), Path(task.path))
                     pace.unchanged += 1
                 folder.add(row)
-                tell(pace.after(row))
+                pace.count(row)
+                tell(pace)
                 folder.publish_now_and_then()
         except BaseException:
             folder.finish(complete=False)
@@ -124,13 +119,21 @@ def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda 
         return _document(campaign, folder, logs, pace, table)
 
 
-def _wanted(campaign: Campaign, folder: ResultsFolder, logs: list[str]) -> list[str]:
-    return [log for log in logs if _is_wanted(campaign, folder.known.get(log), campaign.logs.path(log))]
+def _is_anew(campaign: Campaign, known: Known | None) -> bool:
+    """Whether a log's row is made again even if the log is the same."""
+    return known is None or known.retry or campaign.again or (campaign.retry and known.failed)
 
 
-def _is_wanted(campaign: Campaign, known: Known | None, path: str) -> bool:
-    """Whether a log has no row that would be the same again."""
-    if known is None or known.retry or campaign.again or (campaign.retry and known.failed):
+def _tasks(campaign: Campaign, folder: ResultsFolder, wanted: list[str]) -> Iterator[Task]:
+    settings_sha256 = campaign.settings.sha256()
+    for log in wanted:
+        known = folder.known.get(log)
+        unless = None if known is None or _is_anew(campaign, known) else known.sha256
+        yield Task(log, campaign.logs.path(log), campaign.settings, settings_sha256, unless)
+
+
+def _has_changed(known: Known | None, path: str) -> bool:
+    if known is None:
         return True
     try:
         now = Path(path).stat()
@@ -139,23 +142,14 @@ def _is_wanted(campaign: Campaign, known: Known | None, path: str) -> bool:
     return (now.st_size, now.st_mtime_ns) != (known.bytes, known.mtime_ns)
 
 
-def _tasks(campaign: Campaign, folder: ResultsFolder, wanted: list[str]) -> Iterator[Task]:
-    settings_sha256 = campaign.settings.sha256()
-    for log in wanted:
-        known = folder.known.get(log)
-        anew = known is None or known.retry or campaign.again or (campaign.retry and known.failed)
-        unless = None if anew or known is None else known.sha256
-        yield Task(log, campaign.logs.path(log), campaign.settings, settings_sha256, unless)
-
-
 def _touched(row: Row, path: Path) -> Row:
     """The row of a log that has another time than it says, and the same content."""
     now = path.stat()
     return {**row, "log_bytes": now.st_size, "log_mtime_ns": now.st_mtime_ns}
 
 
-class _Pace:
-    """Counts rows as they come, and how fast they do."""
+class Pace:
+    """How far a run is: logs to compute, done, of these with an error or unchanged; and how fast it goes on."""
 
     def __init__(self, wanted: int) -> None:
         self.wanted = wanted
@@ -163,23 +157,11 @@ class _Pace:
         self.started = time.monotonic()
         self._first: float | None = None
 
-    def after(self, row: Row) -> Standing:
-        """Count a row."""
+    def count(self, row: Row) -> None:
+        """Count a row that has come."""
         self.done += 1
         self.errors += row["error"] is not None
         self._first = self._first or time.monotonic()
-        return self.standing()
-
-    def standing(self) -> Standing:
-        """How far the run is."""
-        rate = self.per_second()
-        return {
-            "wanted": self.wanted,
-            "done": self.done,
-            "errors": self.errors,
-            "per_minute": None if rate is None else 60.0 * rate,
-            "left_s": None if rate is None else (self.wanted - self.done) / rate,
-        }
 
     def per_second(self) -> float | None:
         """Rows a second since the first one, with which the workers were ready; None before the second one."""
@@ -189,7 +171,7 @@ class _Pace:
 
 
 def _document(
-    campaign: Campaign, folder: ResultsFolder, logs: list[str], pace: _Pace, table: Path | None
+    campaign: Campaign, folder: ResultsFolder, logs: list[str], pace: Pace, table: Path | None
 ) -> RunDocument:
     own = [folder.known[log] for log in logs]
     failed = [log for log in logs if folder.known[log].failed]

@@ -8,6 +8,7 @@ from typing import Literal, TypedDict
 
 Kind = Literal["measured", "simulated", "unknown"]
 DriftVerdict = Literal["drift", "temperature", "drift_or_temperature", "none", "too_few", "no_times"]
+Quantity = Literal["bias", "noise"]
 LimitVerdict = Literal["fails", "not_told"]
 Level = Literal["model", "some_units", "unit", "day", "not_told"]
 
@@ -121,7 +122,7 @@ class LimitField(TypedDict):
 
     serial_number: str
     channel: str
-    quantity: Literal["bias", "noise"]
+    quantity: Quantity
     verdict: LimitVerdict
     value: float
     sd: float

@@ -12,7 +12,7 @@ from filters.channels import CHANNELS, DPS, MG
 from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.fleet_values import BiasValue
 from imutui.jobs.campaign.rows import Row
-from imutui.jobs.campaign.summary_document import LimitField
+from imutui.jobs.campaign.summary_document import LimitField, LimitVerdict, Quantity
 
 SURE = 3.0
 """Standard deviations beyond a limit at which a value fails it; as many on the inner side are not told."""
@@ -66,13 +66,8 @@ def _bias(channel: str, unit: str, limit: float, values: Sequence[BiasValue]) ->
         return
     fails = bool(beyond) and worst.converged
     above = len({fleet_values.power_on(one.row) for one in beyond})
-    yield {
-        **_field(worst, channel, unit, limit),
-        "quantity": "bias",
-        "verdict": "fails" if fails else "not_told",
-        "above": above,
-        "of": len({fleet_values.power_on(v.row) for v in values}),
-    }
+    of = len({fleet_values.power_on(v.row) for v in values})
+    yield _field(worst, channel, unit, limit, "bias", "fails" if fails else "not_told", above, of)
 
 
 def _noise(channel: str, number: int, limit: float, unit: str, rows: Sequence[Row]) -> Iterator[LimitField]:
@@ -82,20 +77,14 @@ def _noise(channel: str, number: int, limit: float, unit: str, rows: Sequence[Ro
         return
     total = sum(sd**-2 for _, sd, _ in known)
     mean = sum(value / sd**2 for value, sd, _ in known) / total
-    worst = _Worst((mean - limit) / (limit * total**-0.5), mean, mean * total**-0.5, max(known, key=_size)[2], True)
+    worst = _Worst(
+        (mean - limit) / (limit * total**-0.5), mean, mean * total**-0.5, max(known, key=lambda one: one[0])[2], True
+    )
     if worst.excess <= -SURE:
         return
-    yield {
-        **_field(worst, channel, unit, limit),
-        "quantity": "noise",
-        "verdict": "fails" if worst.excess > SURE else "not_told",
-        "above": len({fleet_values.power_on(row) for value, sd, row in known if value - limit > SURE * limit * sd}),
-        "of": len({fleet_values.power_on(row) for *_, row in known}),
-    }
-
-
-def _size(known: tuple[float, float, Row]) -> float:
-    return known[0]
+    above = len({fleet_values.power_on(row) for value, sd, row in known if value - limit > SURE * limit * sd})
+    of = len({fleet_values.power_on(row) for *_, row in known})
+    yield _field(worst, channel, unit, limit, "noise", "fails" if worst.excess > SURE else "not_told", above, of)
 
 
 def _noise_of(row: Row, number: int) -> tuple[float, float] | None:
@@ -107,18 +96,20 @@ def _noise_of(row: Row, number: int) -> tuple[float, float] | None:
     return None if value is None else (value, relative)
 
 
-def _field(worst: _Worst, channel: str, unit: str, limit: float) -> LimitField:
+def _field(
+    worst: _Worst, channel: str, unit: str, limit: float, quantity: Quantity, verdict: LimitVerdict, above: int, of: int
+) -> LimitField:
     return {
         "serial_number": worst.row.get("serial_number") or "",
         "channel": channel,
-        "quantity": "bias",
-        "verdict": "not_told",
+        "quantity": quantity,
+        "verdict": verdict,
         "value": worst.value,
         "sd": worst.sd,
         "limit": limit,
         "unit": unit,
-        "above": 0,
-        "of": 0,
+        "above": above,
+        "of": of,
         "log": worst.row["log"],
         "start_utc": worst.row.get("start_utc"),
         "converged": worst.converged,
