@@ -100,11 +100,12 @@ def unit(output: Path, pipe: Connection) -> None:
     from helpers.units import served
     from reliability.setting import Sent
 
-    from imutui.cli.virtual_readings import SIMULATED, simulated
+    from filters.simulation import Scenario
+    from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
     from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 
     sent = Sent()
-    with served(VirtualUnit(simulated(None, 0, 0), UnitOptions(version=SIMULATED)), sent) as port:  # type: ignore[arg-type]
+    with served(VirtualUnit(SimulatedReadings(Scenario()), UnitOptions(version=SIMULATED)), sent) as port:  # type: ignore[arg-type]
         pipe.send(port)
         pipe.recv()
     np.save(output, sent.packets())

@@ -18,7 +18,7 @@ from filters.channels import CHANNELS
 from filters.imu import IMU400CD_200, LOOP_HZ, STANDARD_GRAVITY
 from filters.simulation import Unit
 from imutui.cli.spoil import Spoiled, load
-from imutui.cli.virtual_readings import SimulatedReadings, on_the_line, simulated
+from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line, scenario_of
 from imutui.instrument.virtual_instrument import Reading
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -205,8 +205,8 @@ def unit_of(effect: Undeclared, folder: Path, power_on: int) -> Unit:
     """The unit of an effect at a power-on, without the error."""
     file = folder / SCENARIO
     if not effect.measured:
-        return simulated(file, power_on, None).unit
-    readings = on_the_line(file, power_on, None, RECORDING, part_start(effect.part, power_on), None).readings
+        return SimulatedReadings(scenario_of(file, None), power_on).unit
+    readings = on_the_line(Asked(file, power_on, recording=RECORDING, start=part_start(effect.part, power_on))).readings
     assert isinstance(readings, SimulatedReadings)
     return readings.unit
 

@@ -21,7 +21,7 @@ from filters.simulation import Fault, Personality, PowerOn, Scenario, Temperatur
 from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
-from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings, on_the_line, simulated
+from imutui.cli.virtual_readings import SIMULATED, Asked, SimulatedReadings, on_the_line, scenario_of
 from imutui.instrument.imu400.crossbow import Mode
 from imutui.logbook import named_profiles, reader
 from imutui.scenario import ScenarioError, load_profile, load_scenario
@@ -180,7 +180,7 @@ def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
 def test_what_a_scenario_says_of_the_unit_is_what_the_unit_is(tmp_path: Path) -> None:
     """Its options, and a line that hands on in bursts though it has no faults."""
     path = written(tmp_path, '[unit]\npower_up_mode = "scaled"\nreply_delay_s = 0.5\n[line]\nusb_bursts_s = 0.016\n')
-    made = on_the_line(path, 0, None, None, 0.0, None)
+    made = on_the_line(Asked(path))
     options = made.options(7)
     assert (options.serial_number, options.version, options.reply_delay_s) == (7, SIMULATED, 0.5)
     assert options.power_up_mode is Mode.SCALED
@@ -400,9 +400,9 @@ def test_dropouts_and_jitter_of_a_scenario_reach_the_line(tmp_path: Path) -> Non
 def test_a_seed_on_the_command_line_wins_over_the_files(home: Path) -> None:
     """So that one file serves many runs."""
     path = written(home, "seed = 3")
-    assert simulated(path, 0, None).unit.scenario.seed == 3
-    assert simulated(path, 0, 9).unit.scenario.seed == 9
-    assert simulated(None, 0, None).unit.scenario.seed == 0
+    assert scenario_of(path, None).seed == 3
+    assert scenario_of(path, 9).seed == 9
+    assert scenario_of(None, None).seed == 0
 
 
 def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(

@@ -1,8 +1,8 @@
 """The commands, one file each; the only place with exit codes.
 
 What is no command: `exit_codes` how a command ends · `options`, `session_options` what several commands take ·
-`each_log` one job over logs named on the command line · `result_table` a result for people · `follow_acquisition` what
-`record` and the headless demo show · `virtual_units` which virtual instrument runs, `virtual_readings` what it reads.
+`each_log` one job over logs named on the command line · `follow_acquisition` what `record` and the headless demo show ·
+`virtual_units` which virtual instrument runs, `virtual_readings` what it reads.
 
 0 fine · 1 findings (RED, not converged, damaged file) · 2 usage · 3 input unreadable · 4 instrument or port · 5 disk ·
 130 interrupted. Each command imports what it needs when it runs, so that help is instant.

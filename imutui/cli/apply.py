@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.each_log import progress, width
+from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output, say
 from imutui.cli.options import Force, Json, Reference, reference_of
 
 if TYPE_CHECKING:
@@ -30,15 +32,10 @@ def command(
     Example: imutui apply logs/sample.mcap --effects effects.toml -o corrected.mcap
     """
     from imutui import config
-    from imutui.cli.each_log import progress, width
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, check_output, fail, say
     from imutui.jobs import apply as job
     from imutui.logbook import effects_file
-    from imutui.logbook.json_text import dumps
 
-    if output.exists() and log.exists() and output.samefile(log):
-        raise fail(USAGE, f"-o names the log itself, {log}; name another file.")
-    check_output(output, force)
+    check_output(output, force, log)
     content = effects_file.from_file(effects)
     file, kind = reference_of(reference)
     try:
@@ -52,21 +49,17 @@ def command(
         say(f"imutui: warning: {log}: {made.damage}. All before that is corrected.")
     if made.other_unit:
         say(f"imutui: warning: {log}: {made.other_unit}.")
-    if json:
-        print(dumps({
-            "version": 1, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
-            "set_aside": made.set_aside, "corrected": list(made.corrected), "left": list(made.left),
-            "largest": made.largest, "damage": made.damage, "other_unit": made.other_unit,
-        }))  # fmt: skip
-    else:
-        _tell(output, made, width())
+    document = {
+        "version": 1, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
+        "set_aside": made.set_aside, "corrected": list(made.corrected), "left": list(made.left),
+        "largest": made.largest, "damage": made.damage, "other_unit": made.other_unit,
+    }  # fmt: skip
+    answer(document, lambda: _text(output, made), json=json)
     raise typer.Exit(FINDINGS if made.damage else FINE)
 
 
-def _tell(output: Path, made: "Applied", width: int) -> None:
+def _text(output: Path, made: "Applied") -> str:
     import textwrap
-
-    from imutui.cli.exit_codes import tell
 
     lines = [f"{output}: {made.samples} samples; taken out: {'; '.join(made.corrected) or 'nothing'}."]
     units = {"g": "deg/s", "a": "mg"}
@@ -77,5 +70,4 @@ def _tell(output: Path, made: "Applied", width: int) -> None:
         lines.append(f"{made.set_aside} samples are no readings by the file, and are marked so.")
     if made.left:
         lines.append(f"Left in: {'; '.join(made.left)}.")
-    for line in lines:
-        tell(textwrap.fill(line, width))
+    return "\n".join(textwrap.fill(line, width()) for line in lines)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, fail
 from imutui.cli.options import Name
 
 if TYPE_CHECKING:
@@ -52,7 +53,6 @@ def has_screen() -> bool:
 
 def _show(connection: "Client | None") -> None:
     from imutui import config
-    from imutui.cli.exit_codes import USAGE, fail
     from imutui.cli.session_options import plan_from
 
     if not has_screen():

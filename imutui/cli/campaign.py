@@ -3,22 +3,20 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.each_log import width
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, say, show_progress
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
 from imutui.cli.report import check_folder
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from imutui.jobs.campaign.log_list import LogList
     from imutui.jobs.campaign.run import Pace, RunDocument, Way
-    from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
 
 
 _LIVE_S, _SPARSE_S = 0.1, 60.0
@@ -26,24 +24,23 @@ _LIVE_S, _SPARSE_S = 0.1, 60.0
 
 def command(
     logs: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Argument(metavar="DIR|GLOB...", help="Folders, of which all *.mcap are taken, logs, or quoted patterns."),
     ] = None,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("-o", "--output", metavar="RESULTS", help="Folder for the results."),
+        Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Folder for the results.")
     ] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Trace each log too, on its own.")] = False,
     workers: Annotated[
-        Optional[int],  # noqa: UP045
+        int | None,
         typer.Option("--workers", metavar="N", help="Processes on this machine; as many as it has cores unless given."),
     ] = None,
     cluster: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Scheduler of dask, whose workers do the work."),
     ] = None,
     shard: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--shard", metavar="I/N", help="Part I of N of the logs, from 1/N to N/N, chosen by their paths."),
     ] = None,
     filter_name: FilterName = None,
@@ -51,12 +48,11 @@ def command(
     effects: Effects = None,
     set_: Set = None,
     summary: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--summary", metavar="RESULTS", help="Compute nothing: tell what the rows of RESULTS say."),
     ] = None,
     report: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("--report", metavar="DIR", help="With --summary: folder for a page of it."),
+        Path | None, typer.Option("--report", metavar="DIR", help="With --summary: folder for a page of it.")
     ] = None,
     retry: Annotated[
         bool, typer.Option("--retry", help="Try rows with an error again though nothing changed.")
@@ -74,8 +70,6 @@ def command(
 
     Example: imutui campaign logs -o results
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, tell
-
     if summary is not None:
         if logs or output is not None:
             raise fail(USAGE, "--summary computes nothing: it takes no logs and no -o. Run the campaign first.")
@@ -86,7 +80,6 @@ def command(
     from imutui.jobs.campaign.run import Campaign, run
     from imutui.jobs.campaign.settings import CampaignSettings
     from imutui.jobs.replay import ReplayOptions
-    from imutui.logbook.json_text import dumps
 
     if not logs or output is None:
         raise fail(USAGE, "what is asked for? Name logs and -o RESULTS, or --summary RESULTS. imutui campaign -h")
@@ -110,10 +103,7 @@ def command(
         raise
     if document["table"] is None:
         say_no_table()
-    if json:
-        print(dumps(document))
-    else:
-        tell(campaign_words(document))
+    answer(document, lambda: campaign_words(document), json=json)
     raise typer.Exit(FINDINGS if document["errors"] or document["not_fine"] else FINE)
 
 
@@ -131,7 +121,6 @@ def _rows_in(results: Path) -> str:
 
 
 def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
-    from imutui.cli.exit_codes import USAGE, fail, say
     from imutui.cli.installed_from import command_for
     from imutui.jobs.campaign import cluster, local
 
@@ -147,8 +136,6 @@ def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
 
 def _progress() -> "Callable[[Pace], None]":
     """Show how far it is: in place on a terminal, else a line now and then."""
-    from imutui.cli.exit_codes import say, show_progress
-
     live = sys.stderr.isatty()
     shown = time.monotonic() if not live else 0.0
 
@@ -187,8 +174,6 @@ def _duration(seconds: float) -> str:
 
 def check_results(folder: Path) -> None:
     """Raise the exit for a folder that -o names and that can't be made, or is none; no folder above it is made."""
-    from imutui.cli.exit_codes import USAGE, check_output, fail
-
     if folder.exists() and not folder.is_dir():
         raise fail(USAGE, f"{folder} is a file; -o names a folder.")
     if not folder.exists():
@@ -197,7 +182,6 @@ def check_results(folder: Path) -> None:
 
 def say_no_table() -> None:
     """Say why there is no `results.parquet`."""
-    from imutui.cli.exit_codes import say
     from imutui.cli.installed_from import command_for
 
     say(f"imutui: results.parquet is left out: it takes pyarrow, which is not installed here: {command_for('cluster')}")
@@ -236,138 +220,22 @@ def counted(logs: int, errors: int, not_fine: int) -> str:
     return ", ".join(words if errors or not_fine else [*words, "all fine"])
 
 
-# -- the summary of a fleet as text, JSON, and a page ----------------------------------------------------------------
-
-_MOST = 12
-"""Sentences of one kind, and errors, in the terminal; the document and the page have all."""
-
-
 def _summarise(results: Path, report: Path | None, *, force: bool, json: bool) -> None:
     """Print the summary of a campaign's rows, and write its page.
 
     Raises UnreadableLogError if `results` holds no rows.
     Raises typer.Exit with 1 if no row has a result, with 2 if the page cannot or must not be made.
     """
-    from imutui.cli.exit_codes import FINDINGS, fail, say
     from imutui.jobs.campaign import stored_rows, summary
-    from imutui.logbook.json_text import dumps
+    from imutui.report import fleet_report
 
     if report is not None:
         check_folder(report, force, "--report")
     rows = stored_rows.rows_of(results)
     document = summary.summary(rows, str(stored_rows.path_of(results)))
     if report is not None:
-        from imutui.report import fleet_report
-
         say(f"imutui: {fleet_report.write(report, document)[0]}: page of the fleet")
-    if json:
-        print(dumps(document))
-    else:
-        print_summary(document)
+    answer(document, lambda: fleet_report.text(document, width()), json=json)
     if not document["groups"]:
         why = f"none of {len(rows):,} logs has a result, so that there is nothing to summarise"
         raise fail(FINDINGS, f"{results}: {why}. The reasons are above; `imutui check LOG` tells more.")
-
-
-def print_summary(document: "SummaryDocument") -> None:
-    """Print a summary for people on stdout, 80 columns wide where the terminal is no wider."""
-    from rich.console import Console
-
-    from imutui.report import fleet_sentences
-
-    console = Console(highlight=False, markup=False, emoji=False)
-    for group in document["groups"]:
-        _print_group(console, group)
-    lines = [fleet_sentences.left_out(document)]
-    for told, what in ((document["errors"], "error"), (document["trace_errors"], "no trace")):
-        lines += _shortened([f"{what}: {one['log']}: {one['error']}" for one in told])
-    _lines(console, lines)
-
-
-def _print_group(console: "Console", group: "GroupField") -> None:
-    from filters import specification
-    from imutui.report import fleet_sentences, numbers
-
-    console.rule(f"{fleet_sentences.name(group)}, {numbers.ORIGIN[group['kind']]}", align="left", characters="─")
-    _lines(console, [fleet_sentences.extent(group), *group["notes"]])
-    source = specification.of_model(group["instrument"]).source
-    if not group["units"]:  # no estimate can be: what is held to the limits is each log
-        _lines(console, ["", source])
-        _lines(console, [*_shortened(fleet_sentences.limits(group)), ""], indent=True)
-        return
-    for title, told in (
-        (source, fleet_sentences.limits(group)),
-        ("Drift", fleet_sentences.drifts(group)),
-        ("Days that stand out", fleet_sentences.days_out(group) or [_no_day(group)]),
-    ):
-        _lines(console, ["", title])
-        _lines(console, _shortened(told), indent=True)
-    _lines(console, ["", "Model, unit and day (mean ± sd; standard deviations with 95 % interval)"])
-    console.print(_parts(group["channels"]))
-    about = [*fleet_sentences.undetermined(group), *fleet_sentences.in_control(group)]
-    _lines(console, [*about, *fleet_sentences.repeats(group), *fleet_sentences.omissions(group)], indent=True)
-    if group["effects"]:
-        _lines(console, ["", "Effects that recur"])
-        console.print(_effects(group["effects"][:_MOST]))
-    _lines(console, [""])
-
-
-def _no_day(group: "GroupField") -> str:
-    from imutui.report import fleet_sentences
-
-    charted = any(one["chart_dof"] for one in group["channels"])
-    return "None: every power-on is within 3 σ of its unit's others." if charted else fleet_sentences.charts(group)
-
-
-def _lines(console: "Console", told: Sequence[str], *, indent: bool = False) -> None:
-    """Sentences, what is too long continued below itself."""
-    import textwrap
-
-    from rich.text import Text
-
-    from imutui.plain_text import visible
-
-    margin = "  " if indent else ""
-    for sentence in told:
-        # names of files are left whole, so that they can be copied
-        lines = textwrap.wrap(visible(sentence), console.width, initial_indent=margin, subsequent_indent=margin,
-                              break_long_words=False, break_on_hyphens=False)  # fmt: skip
-        console.print(Text("\n".join(lines)), soft_wrap=True)
-
-
-def _shortened(told: Sequence[str]) -> list[str]:
-    more = len(told) - _MOST
-    return [*told[:_MOST], *([f"and {more:,} more, which --json and --report list"] if more > 0 else [])]
-
-
-def _parts(channels: Sequence["ChannelField"]) -> "Table":
-    from rich.table import Table
-
-    from imutui.report import fleet_sentences
-
-    together = any(one["together"] for one in channels)
-    heads = ("between units and days",) if together else ("between units", "between days")
-    table = Table("", "unit", "model", *heads, box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in table.columns[2:]:
-        column.justify = "right"
-    for one in channels:
-        parts = (one["together"],) if together else (one["between_units"], one["between_power_ons"])
-        spreads = [fleet_sentences.component(part, " ") for part in parts]
-        table.add_row(one["channel"], one["unit"], fleet_sentences.value(one["model"]), *spreads)
-    return table
-
-
-def _effects(effects: Sequence["EffectField"]) -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    from imutui.plain_text import visible
-    from imutui.report import fleet_sentences
-
-    table = Table("", "effect", "where found", "whose", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for one in effects:
-        where, whose = fleet_sentences.effect_where(one), fleet_sentences.LEVELS[one["level"]]
-        sizes = [f"{p['name']} {fleet_sentences.value(p['model'], p['unit'])}" for p in one["params"] if p["model"]]
-        cells = (" ".join(one["channels"]), "\n".join([one["label"], *sizes]), where, whose)
-        table.add_row(*(Text(visible(cell)) for cell in cells))
-    return table

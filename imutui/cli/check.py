@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imutui.cli.each_log import over
 from imutui.cli.options import Json
 
 
@@ -20,7 +21,6 @@ def command(
 
     Example: imutui check logs/*.mcap
     """
-    from imutui.cli.each_log import over
     from imutui.jobs.check import check
     from imutui.report.logs import check_text
 

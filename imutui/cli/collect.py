@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, fail, say
 from imutui.cli.options import Force, Json
 
 
@@ -24,10 +25,8 @@ def command(
     """
     from imutui import config
     from imutui.cli.campaign import check_results, counted, say_no_table
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, tell
     from imutui.jobs.campaign import results_folder
     from imutui.jobs.campaign.collect import collect
-    from imutui.logbook.json_text import dumps
 
     check_results(output)
     if any(part.exists() and output.exists() and part.samefile(output) for part in parts):
@@ -42,9 +41,7 @@ def command(
         say(f"imutui: {note}")
     if document["table"] is None and document["complete"]:
         say_no_table()
-    if json:
-        print(dumps(document))
-    else:
-        tell(f"{document['results']}: {counted(document['logs'], document['errors'], document['not_fine'])}")
+    counts = counted(document["logs"], document["errors"], document["not_fine"])
+    answer(document, lambda: f"{document['results']}: {counts}", json=json)
     fine = document["complete"] and not document["errors"] and not document["not_fine"]
     raise typer.Exit(FINE if fine else FINDINGS)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.exit_codes import answer, say
 from imutui.cli.options import Json
 
 if TYPE_CHECKING:
@@ -21,18 +22,14 @@ def command(
     Example: imutui config --show
     """
     from imutui import config
-    from imutui.cli.exit_codes import say, tell
-    from imutui.logbook.json_text import dumps
 
     loaded = config.load()
     for warning in loaded.warnings:
         say(f"imutui: {warning}")
-    if json:
+    if json or show:
         settings = {key: {"value": s.value, "source": s.source} for key, s in loaded.settings.items()}
         files = [{"path": str(file.path), "read": file.read} for file in loaded.files]
-        print(dumps(settings | {"files": files}))
-    elif show:
-        tell(_text(loaded))
+        answer(settings | {"files": files}, lambda: _text(loaded), json=json)
 
 
 def _text(loaded: "Config") -> str:

@@ -2,10 +2,11 @@
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, fail
 from imutui.cli.options import Json, Rate
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ def command(
     headless: Annotated[
         bool, typer.Option("--headless", help="No terminal UI: progress and the final estimates.")
     ] = False,
-    seconds: Annotated[Optional[float], typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,  # noqa: UP045
+    seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
     rate: Rate = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
     json: Json = False,
@@ -30,7 +31,6 @@ def command(
     """
     from imutui import config
     from imutui.cli.attach import has_screen
-    from imutui.cli.exit_codes import USAGE, fail
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
     from imutui.session.plan import DEMO_RATE_HZ, demo

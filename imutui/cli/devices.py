@@ -1,38 +1,19 @@
 """`imutui devices`."""
 
-from typing import TYPE_CHECKING, Annotated, Required, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from imutui.cli.exit_codes import FINDINGS, FINE, answer, show_progress
 from imutui.cli.options import Json
 
 if TYPE_CHECKING:
     from imutui.session.snapshot import ProbeAnswer
 
 
-class PortEntry(TypedDict, total=False):
-    """A port, and what answers there if it was asked; see `session.snapshot.ProbeAnswer`."""
-
-    port: Required[str]
-    description: Required[str]
-    answers: bool
-    instrument: str
-    serial_number: str
-    firmware: str
-    baud: int | None
-    error: str | None
-
-
-class AcquisitionEntry(TypedDict, total=False):
-    """An acquisition of this user; one on its way up has a name and a state only."""
-
-    name: Required[str]
-    state: Required[str]
-    port: str
-    instrument: str
-    serial_number: str
-    kind: str
-    recording: bool
+Entry: TypeAlias = dict[str, Any]
+"""Of the JSON: a port, and what answers there if it was asked (`session.snapshot.ProbeAnswer`); or an acquisition."""
+_OF_ACQUISITION = ("name", "port", "instrument", "serial_number", "kind", "state")
 
 
 def command(
@@ -50,30 +31,19 @@ def command(
 
     Example: imutui devices --probe
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE
     from imutui.session import client
 
     running = _running()
-    known: list[PortEntry] = [{"port": name, "description": text} for name, text in client.ports()]
-    found = [entry for entry in known if not ports or entry["port"] in ports]
-    found += [{"port": name, "description": ""} for name in ports or () if name not in [p["port"] for p in found]]
+    known = dict(client.ports())
+    found: list[Entry] = [{"port": name, "description": known[name]} for name in known if not ports or name in ports]
+    found += [{"port": name, "description": ""} for name in ports or () if name not in known]
     if probe or ports:
-        found = [_with_answer(entry, _probed(entry["port"])) for entry in found]
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        print(dumps({"version": 1, "ports": found, "acquisitions": running}))
-    else:
-        _tell(found, running)
+        found = [entry | _probed(entry["port"]) for entry in found]
+    answer({"version": 1, "ports": found, "acquisitions": running}, lambda: _text(found, running), json=json)
     raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)
 
 
-def _with_answer(entry: PortEntry, answer: "ProbeAnswer") -> PortEntry:
-    return {**entry, **answer}
-
-
 def _probed(port: str) -> "ProbeAnswer":
-    from imutui.cli.exit_codes import show_progress
     from imutui.session import client
 
     show_progress(f"asking {port}")
@@ -83,53 +53,41 @@ def _probed(port: str) -> "ProbeAnswer":
         show_progress("")
 
 
-def _running() -> list[AcquisitionEntry]:
+def _running() -> list[Entry]:
     """Acquisitions of this user: name, port, instrument, state; those on their way up by name only."""
     from imutui.session import client
 
-    out: list[AcquisitionEntry] = []
+    out: list[Entry] = []
     for name in client.running():
         try:
             found = client.attach(name)
-            state = found.snapshot(since=2**62)
+            state: Entry = {**found.snapshot(since=2**62)}
             found.close()
         except client.SessionError:
             out.append({"name": name, "state": "connecting"})
             continue
-        out.append(
-            {
-                "name": state["name"],
-                "port": state["port"],
-                "instrument": state["instrument"],
-                "serial_number": state["serial_number"],
-                "kind": state["kind"],
-                "state": state["state"],
-                "recording": state["recording"] is not None,
-            }
-        )
+        out.append({key: state[key] for key in _OF_ACQUISITION} | {"recording": state["recording"] is not None})
     return out
 
 
-def _tell(found: list[PortEntry], running: list[AcquisitionEntry]) -> None:
-    from imutui.cli.exit_codes import tell
-
-    if not found:
-        tell("no serial port on this machine. Plug the adapter in; `imutui demo` needs none.")
+def _text(found: list[Entry], running: list[Entry]) -> str:
+    lines = [] if found else ["no serial port on this machine. Plug the adapter in; `imutui demo` needs none."]
     for entry in found:
         about = f"  {entry['description']}" if entry["description"] else ""
-        tell(f"{entry['port']}{about}")
+        lines.append(f"{entry['port']}{about}")
         if "answers" in entry:
-            tell(f"    {_answer(entry)}")
+            lines.append(f"    {_answer(entry)}")
     for a in running:
         if "port" not in a:
-            tell(f'acquisition "{a["name"]}" is connecting to its instrument')
+            lines.append(f'acquisition "{a["name"]}" is connecting to its instrument')
             continue
         what = "recording" if a["recording"] else "not recording"
         unit = f"{a['instrument']} #{a['serial_number']}" if a["serial_number"] else a["instrument"]
-        tell(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
+        lines.append(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
+    return "\n".join(lines)
 
 
-def _answer(entry: PortEntry) -> str:
+def _answer(entry: Entry) -> str:
     if not entry["answers"]:
         return f"no answer: {entry['error']}"
     number = f" #{entry['serial_number']}" if entry["serial_number"] else ""

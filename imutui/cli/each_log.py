@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import typer
 
-from imutui.cli.exit_codes import FINDINGS, FINE, in_words, say, show_progress, tell
+from imutui.cli.exit_codes import FINDINGS, FINE, in_words, print_json, say, show_progress, tell
 
 _WIDEST = 100
 
@@ -26,11 +26,8 @@ def over(
 ) -> None:
     """Print what a job finds in each log and end with the worst exit code.
 
-    `logs`: at least one.
     `job`: takes a path and a callable for its progress; returns a document.
     `text`: makes text of a document, so many columns wide.
-    `json`: print the documents instead: one, or a list of several.
-    `fine`: whether a document tells of nothing wrong.
     """
     documents: list[D] = []
     code = FINE
@@ -49,9 +46,7 @@ def over(
             tell(("\n" if documents else "") + text(document, width()))
         documents.append(document)
     if json and (documents or len(logs) > 1):
-        from imutui.logbook.json_text import dumps
-
-        print(dumps(documents if len(logs) > 1 else documents[0]))
+        print_json(documents if len(logs) > 1 else documents[0])
     raise typer.Exit(code)
 
 

@@ -7,9 +7,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeAlias, TypeVar
 
 import typer
 
@@ -17,6 +17,7 @@ FINE, FINDINGS, USAGE, UNREADABLE, INSTRUMENT, DISK, INTERRUPTED = 0, 1, 2, 3, 4
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Document: TypeAlias = Mapping[str, object] | Sequence[object] | None
 
 
 def say(text: str) -> None:
@@ -43,6 +44,21 @@ def in_signs(text: str) -> str:
     return GLYPHS["ascii"].text(text).encode(encoding, "replace").decode(encoding)
 
 
+def answer(document: Document, text: Callable[[], str], *, json: bool) -> None:
+    """Print what a command has found: the document where JSON is asked for, else its text for people."""
+    if json:
+        print_json(document)
+    else:
+        tell(text())
+
+
+def print_json(document: Document) -> None:
+    """Print a document on stdout."""
+    from imutui.logbook.json_text import dumps
+
+    print(dumps(document))
+
+
 def show_progress(text: str) -> None:
     """Replace the line that the cursor is in, "" to leave it empty; on a terminal only."""
     from imutui.plain_text import in_line
@@ -67,8 +83,14 @@ def refuse_existing(path: Path, force: bool, other: str = "name another file wit
         raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or {other}.")
 
 
-def check_output(path: Path, force: bool) -> None:
-    """Raise the exit for a file that -o names and that must not or can't be made; no folder is made unasked."""
+def check_output(path: Path, force: bool, *inputs: Path) -> None:
+    """Raise the exit for a file that -o names and that must not or can't be made; no folder is made unasked.
+
+    `*inputs`: files that are read, none of which it may be.
+    """
+    for file in inputs:
+        if path.exists() and file.exists() and path.samefile(file):
+            raise fail(USAGE, f"-o names {file} itself, which stays as it is; name another file.")
     refuse_existing(path, force)
     if not path.parent.exists():
         from shlex import quote
@@ -162,13 +184,10 @@ def in_words(error: Exception) -> tuple[int, str]:
     """Exit code of an error, and what to tell the user."""
     from filters.errors import InputError
 
-    if _raised("imutui.session.client", "SessionError", error):
-        return int(error.exit_code), str(error)  # type: ignore[attr-defined]
-    if _raised("imutui.jobs.campaign.cluster", "ClusterError", error):
-        return INSTRUMENT, str(error)
-    if any(_raised(module, name, error) for module, name in _INPUT_ERRORS):
-        return UNREADABLE, str(error)
-    if _raised("filters.kalman.spkf", "DivergenceError", error):
+    for code, names in _CODES.items():
+        if any(_raised(name, error) for name in names):
+            return getattr(error, "exit_code", code), str(error)
+    if _raised("filters.kalman.spkf.DivergenceError", error):
         return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
     if isinstance(error, InputError):
         return USAGE, str(error)
@@ -186,13 +205,20 @@ def in_words(error: Exception) -> tuple[int, str]:
     return FINDINGS, f"{defects.told(error)} Recordings are not affected."
 
 
-_INPUT_ERRORS = (
-    ("imutui.logbook.reader", "UnreadableLogError"),
-    ("imutui.logbook.importer", "ImportDataError"),
-)
+_CODES = {
+    INSTRUMENT: ("imutui.session.client.SessionError", "imutui.jobs.campaign.cluster.ClusterError"),
+    UNREADABLE: (
+        "imutui.logbook.reader.UnreadableLogError",
+        "imutui.logbook.importer.ImportDataError",
+        "imutui.scenario.ScenarioError",
+        "imutui.cli.spoil.SpoilError",
+    ),
+}
+"""Of errors whose message is all that is to be said; one that has an exit code of its own keeps it."""
 
 
-def _raised(module: str, name: str, error: Exception) -> bool:
+def _raised(name: str, error: Exception) -> bool:
     """Whether an error is of a class; whoever raised it has loaded its module, so that asking loads nothing."""
+    module, _, class_ = name.rpartition(".")
     loaded = sys.modules.get(module)
-    return loaded is not None and isinstance(error, getattr(loaded, name))
+    return loaded is not None and isinstance(error, getattr(loaded, class_))

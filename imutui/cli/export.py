@@ -1,10 +1,12 @@
 """`imutui export`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.each_log import width
+from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, say, show_progress
 from imutui.cli.options import End, Force, Json, Start
 
 if TYPE_CHECKING:
@@ -15,12 +17,10 @@ def command(
     log: Annotated[Path, typer.Argument(help="Log; another program's MCAP file with sensor_msgs/msg/Imu does too.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
     form: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--format", metavar="csv|npz|parquet", help="Unless the name of the file says it."),
+        str | None, typer.Option("--format", metavar="csv|npz|parquet", help="Unless the name of the file says it.")
     ] = None,
     topic: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--topic", help="Messages of this topic as they are, instead of the samples."),
+        str | None, typer.Option("--topic", help="Messages of this topic as they are, instead of the samples.")
     ] = None,
     start: Start = None,
     end: End = None,
@@ -35,8 +35,6 @@ def command(
     Example: imutui export logs/sample.mcap -o sample.csv
     """
     from imutui import config
-    from imutui.cli.each_log import width
-    from imutui.cli.exit_codes import FINDINGS, USAGE, check_output, fail, say, show_progress
     from imutui.jobs import export as job
 
     kind = form or output.suffix.lstrip(".").lower()
@@ -47,9 +45,7 @@ def command(
         from imutui.cli.installed_from import command_for
 
         raise fail(USAGE, f"Parquet needs pyarrow, which is not installed. Type: {command_for(extra)}")
-    if output.exists() and log.exists() and output.samefile(log):
-        raise fail(USAGE, f"-o names the log itself, {log}; name another file.")
-    check_output(output, force)
+    check_output(output, force, log)
     wanted = job.Export(log, output, kind, topic, start, end, force)
     try:
         made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
@@ -61,29 +57,24 @@ def command(
         show_progress("")
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        reference = None if made.reference is None else str(made.reference)
-        print(dumps({
-            "version": 1, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
-            "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
-            "damage": made.damage,
-        }))  # fmt: skip
-    else:
-        _tell(wanted, made, width())
+    reference = None if made.reference is None else str(made.reference)
+    document = {
+        "version": 1, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
+        "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
+        "damage": made.damage,
+    }  # fmt: skip
+    answer(document, lambda: _text(wanted, made), json=json)
     raise typer.Exit(FINDINGS if made.damage else 0)
 
 
-def _tell(wanted: "Export", made: "Exported", width: int) -> None:
+def _text(wanted: "Export", made: "Exported") -> str:
     import shlex
     import textwrap
 
-    from imutui.cli.exit_codes import tell
-
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
-    tell(textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width))
-    if wanted.topic is None:
-        reference = f" --reference {shlex.quote(str(made.reference))}" if made.reference else ""
-        file = shlex.quote(str(wanted.output))
-        tell(f"To read it back: imutui import {file} -o LOG.mcap {made.about['import']}{reference}")
+    told = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
+    if wanted.topic is not None:
+        return told
+    reference = f" --reference {shlex.quote(str(made.reference))}" if made.reference else ""
+    file = shlex.quote(str(wanted.output))
+    return f"{told}\nTo read it back: imutui import {file} -o LOG.mcap {made.about['import']}{reference}"

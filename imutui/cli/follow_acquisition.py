@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, say
-from imutui.cli.result_table import print_result
+from imutui.cli.each_log import width
+from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say
 from imutui.plain_text import in_line
+from imutui.report import replay_text
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.identity import not_said, unit_in_words
@@ -44,7 +45,6 @@ def follow(
     """Start an acquisition, show it until it ends, print its result, and exit.
 
     `plan`: with `record` set.
-    `json`: print the document instead of a table.
     `add`: adds to the result document before it is printed.
     """
     interrupted, terminated = False, threading.Event()
@@ -65,12 +65,8 @@ def follow(
     if result is None:
         raise SessionError("the acquisition ended without a recording")
     result = add(result)
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        print(dumps(result))
-    else:
-        print_result(result)
+    document = result
+    answer(document, lambda: replay_text.text(document, width()), json=json)
     parts = result.get("parts", [])
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")

@@ -2,15 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, check_output, fail, say
 from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Mount, SiteText, Start, parse_site
 
 if TYPE_CHECKING:
     from imutui.logbook.importer import Recording
-    from imutui.logbook.power_on import Preceding
     from imutui.logbook.reference_file import ReferenceFile
     from imutui.logbook.session_info import SessionInfo
 
@@ -27,7 +27,7 @@ def command(
     site: SiteText = None,
     gravity: Gravity = None,
     reference: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(
             "--reference",
             metavar="level|gravity|turned|trajectory|FILE",
@@ -40,7 +40,7 @@ def command(
         str, typer.Option("--stamps", metavar="sampling|arrival", help="What t is; arrival: fit the instants under it.")
     ] = "sampling",
     continues: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--continues",
             metavar="LOG",
@@ -63,7 +63,6 @@ def command(
     Example: imutui import still.npz -o still.mcap --accel-sign +1 --reference gravity
     """
     from imutui import config
-    from imutui.cli.exit_codes import USAGE, check_output, fail, say
     from imutui.cli.session_options import session_from
     from imutui.logbook import import_reference, importer, power_on
 
@@ -73,9 +72,7 @@ def command(
         raise fail(USAGE, f'--stamps is "{stamps}", not sampling or arrival.')
     if reference == "profile":
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
-    if output.exists() and file.exists() and output.samefile(file):
-        raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
-    check_output(output, force)
+    check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
     flags = {
         "instrument.accel_sign": accel_sign,
@@ -90,7 +87,9 @@ def command(
     # refuse what cannot be before a long file is read
     info.axes()
     info.settings()
-    before = _before(continues, info, output)
+    before = None if continues is None else power_on.preceding(continues)
+    if before is not None:
+        power_on.check_same_unit(before, info)
     recording = importer.load(file, start, end)
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:
@@ -119,20 +118,6 @@ def command(
     importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode)
     duration = recording.t[-1] - recording.t[0]
     say(f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}")
-
-
-def _before(log: Path | None, info: "SessionInfo", output: Path) -> "Preceding | None":
-    """The log that a recording continues, if it continues one and can be of the same unit."""
-    from imutui.cli.exit_codes import USAGE, fail
-    from imutui.logbook import power_on
-
-    if log is None:
-        return None
-    if output.exists() and log.exists() and output.samefile(log):
-        raise fail(USAGE, f"-o names the log that is continued, {log}; name another file.")
-    before = power_on.preceding(log)
-    power_on.check_same_unit(before, info)
-    return before
 
 
 def _reference(

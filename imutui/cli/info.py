@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from imutui.cli.each_log import over
+from imutui.cli.exit_codes import USAGE, answer, fail
 from imutui.cli.options import Json
 
 
@@ -24,8 +26,6 @@ def command(
 
     Example: imutui info logs/sample.mcap
     """
-    from imutui.cli.each_log import over
-
     if any(path.is_dir() for path in logs):
         _folders(logs, json=json)
         return
@@ -36,7 +36,6 @@ def command(
 
 
 def _folders(folders: list[Path], *, json: bool) -> None:
-    from imutui.cli.exit_codes import USAGE, fail, tell
     from imutui.jobs.info import folder_logs, row
     from imutui.report import log_table
 
@@ -44,12 +43,8 @@ def _folders(folders: list[Path], *, json: bool) -> None:
     if file is not None:
         raise fail(USAGE, f"{file} is no folder, and others are: ask for logs or for folders, one after the other.")
     found = {folder: folder_logs(folder) for folder in folders}
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        print(dumps([row(brief) for briefs in found.values() for brief in briefs]))
-    else:
-        tell("\n\n".join(log_table.text(str(folder), briefs, _columns()) for folder, briefs in found.items()))
+    tables = (log_table.text(str(folder), briefs, _columns()) for folder, briefs in found.items())
+    answer([row(brief) for briefs in found.values() for brief in briefs], lambda: "\n\n".join(tables), json=json)
 
 
 def _columns() -> int | None:

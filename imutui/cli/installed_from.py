@@ -13,10 +13,7 @@ NAME = "imutui"
 
 
 def command_for(extra: str) -> str:
-    """A command of the shell that installs an extra beside the running program.
-
-    `extra`: its name in pyproject.toml.
-    """
+    """A command of the shell that installs an extra beside the running program."""
     try:
         distribution = importlib.metadata.distribution(NAME)
     except importlib.metadata.PackageNotFoundError:  # run from a source folder that nothing was installed from

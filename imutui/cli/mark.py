@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from imutui.cli.exit_codes import tell
 from imutui.cli.options import Name
 
 
@@ -12,7 +13,6 @@ def command(text: Annotated[str, typer.Argument(help="What to write into the rec
 
     Example: imutui mark "table at 90 deg"
     """
-    from imutui.cli.exit_codes import tell
     from imutui.session import client
 
     acquisition = client.attach(name)

@@ -1,18 +1,19 @@
 """`imutui note`."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, fail, tell
 from imutui.cli.options import Name, Operator
 
 
 def command(
-    text: Annotated[Optional[str], typer.Argument(help='The note; "" for none.')] = None,  # noqa: UP045
+    text: Annotated[str | None, typer.Argument(help='The note; "" for none.')] = None,
     operator: Operator = None,
     log: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--log", metavar="LOG", help="A finished log instead; the note goes into a file beside it."),
     ] = None,
     name: Name = None,
@@ -24,8 +25,6 @@ def command(
 
     Example: imutui note "second cold start" --log logs/sample.mcap
     """
-    from imutui.cli.exit_codes import USAGE, fail, tell
-
     if text is None and operator is None:
         raise fail(USAGE, 'nothing to write: say a note, --operator, or both, such as: imutui note "cold start".')
     if log is None:

@@ -1,7 +1,7 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
-Name = Annotated[Optional[str], typer.Option("--name", help="Name of the acquisition, if several run.")]  # noqa: UP045
+Name = Annotated[str | None, typer.Option("--name", help="Name of the acquisition, if several run.")]
 Reference = Annotated[
-    Optional[str],  # noqa: UP045
+    str | None,
     typer.Option(
         "--reference",
         metavar="level|gravity|turned|FILE|NAME",
@@ -22,59 +22,47 @@ Reference = Annotated[
     ),
 ]
 Effects = Annotated[
-    Optional[str],  # noqa: UP045
+    str | None,
     typer.Option(
         "--effects", metavar="FILE|none", help="Effects that join the filter: a file that `imutui trace -o` wrote."
     ),
 ]
-FilterName = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter."),
-]
+FilterName = Annotated[str | None, typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter.")]
 Set = Annotated[
-    Optional[list[str]],  # noqa: UP045
+    list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
 ]
 AccelSign = Annotated[
-    Optional[int],  # noqa: UP045
+    int | None,
     typer.Option(
         "--accel-sign", metavar="-1|+1", help="-1: reads +1 g on Z when level, Z down. +1: reads specific force."
     ),
 ]
-Mount = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option("--mount", help='Table x, y, z in instrument axes, such as "x,-y,-z".'),
-]
-GyroSign = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option("--gyro-sign", help='Signs of the gyro readings, such as "-1,1,1".'),
-]
-SiteText = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option("--site", metavar="LAT,LON,H", help="Site in degrees and metres."),
-]
+Mount = Annotated[str | None, typer.Option("--mount", help='Table x, y, z in instrument axes, such as "x,-y,-z".')]
+GyroSign = Annotated[str | None, typer.Option("--gyro-sign", help='Signs of the gyro readings, such as "-1,1,1".')]
+SiteText = Annotated[str | None, typer.Option("--site", metavar="LAT,LON,H", help="Site in degrees and metres.")]
 Gravity = Annotated[
-    Optional[float],  # noqa: UP045
+    float | None,
     typer.Option("--gravity", metavar="M_S2", help="Local gravity; WGS-84 normal gravity at the site unless given."),
 ]
 Rate = Annotated[
-    Optional[float],  # noqa: UP045
+    float | None,
     typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to 133 Hz. An IMU381 gives 100 Hz at most."),
 ]
-Operator = Annotated[Optional[str], typer.Option("--operator", help="Who; goes into the file.")]  # noqa: UP045
-Place = Annotated[Optional[str], typer.Option("--place", help="Where, in words; goes into the file.")]  # noqa: UP045
-Table = Annotated[Optional[str], typer.Option("--table", help="Which turn table; goes into the file.")]  # noqa: UP045
+Operator = Annotated[str | None, typer.Option("--operator", help="Who; goes into the file.")]
+Place = Annotated[str | None, typer.Option("--place", help="Where, in words; goes into the file.")]
+Table = Annotated[str | None, typer.Option("--table", help="Which turn table; goes into the file.")]
 RotateMinutes = Annotated[
-    Optional[float],  # noqa: UP045
+    float | None,
     typer.Option("--rotate-minutes", metavar="MIN", help="Begin another file after so many minutes; 0 for never."),
 ]
 RotateMb = Annotated[
-    Optional[float],  # noqa: UP045
+    float | None,
     typer.Option("--rotate-mb", metavar="MB", help="Begin another file after so many megabytes; 0 for never."),
 ]
-Start = Annotated[Optional[float], typer.Option("--start", metavar="S", help="First second to take.")]  # noqa: UP045
-End = Annotated[Optional[float], typer.Option("--end", metavar="S", help="Last second to take.")]  # noqa: UP045
-Output = Annotated[Optional[Path], typer.Option("-o", "--output", help="File to write.")]  # noqa: UP045
+Start = Annotated[float | None, typer.Option("--start", metavar="S", help="First second to take.")]
+End = Annotated[float | None, typer.Option("--end", metavar="S", help="Last second to take.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.")]
 
 
 def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":

@@ -55,7 +55,6 @@ class PlayedReadings:
     Slower recordings are held between samples, so that every reading was really made; faster ones are averaged
     over the unit's period. The recording ends; the unit is then silent.
 
-    `t`: s, shape (N,), increasing.
     `values`: deg/s and g, instrument axes, shape (N, 6).
     `degc`: shape (N,).
     `rate_hz`: rate of the unit's loop.
@@ -90,7 +89,6 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
     `start`: where in it to begin, s after its first sample.
     `axes`: of the unit that plays it. A log of a known instrument is played in the unit's own sign; for the motion that
       an NPZ or CSV file knows the sign that fits its readings is taken.
-    `site`: where it stood.
     Raises UnreadableLogError, ImportDataError if there is nothing to play.
     """
     if path.suffix.lower() == ".mcap":

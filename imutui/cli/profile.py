@@ -3,10 +3,11 @@
 import shutil
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.exit_codes import UNREADABLE, USAGE, answer, check_output, fail, say
 from imutui.cli.options import Force, Json, Output
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 def command(
     file: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Argument(
             metavar="[FILE|NAME]", help="Table profile, TOML or CSV, or a ready-made one's name; else a list."
         ),
@@ -31,18 +32,13 @@ def command(
 
     Example: imutui profile "six positions, 30 s each" -o six.toml
     """
-    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, tell
     from imutui.jobs import operator_steps
-    from imutui.logbook.json_text import dumps
 
     if file is None:
         if output is not None:
             raise fail(USAGE, '-o needs a profile to write: imutui profile "six positions, 30 s each" -o six.toml')
         found = operator_steps.offers(_folders())
-        if json:
-            print(dumps([_row(offer) for offer in found]))
-        else:
-            tell(_listed(found))
+        answer([_row(offer) for offer in found], lambda: _listed(found), json=json)
         return
     offer = operator_steps.offer_of(file)
     if offer.error:
@@ -51,14 +47,11 @@ def command(
         _export(offer, output, force)
         return
     profile = operator_steps.load(offer.file, offer.text)
-    if json:
-        print(dumps(operator_steps.document(profile, offer.name)))
-    else:
-        tell(_text(offer, operator_steps.steps(profile)))
+    document = operator_steps.document(profile, offer.name)
+    answer(document, lambda: _text(offer, operator_steps.steps(profile)), json=json)
 
 
 def _export(offer: "Offer", output: Path, force: bool) -> None:
-    from imutui.cli.exit_codes import USAGE, check_output, fail, say
     from imutui.logbook import atomic_file
 
     suffix = Path(offer.file).suffix

@@ -1,10 +1,11 @@
 """`imutui record`."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
+from imutui.cli.exit_codes import check_output
 from imutui.cli.options import (
     AccelSign,
     Effects,
@@ -47,7 +48,7 @@ def command(
         str | None,
         typer.Option("--instrument", metavar="|".join(NAMES), help="Which unit it is; unless given, it is asked."),
     ] = None,
-    baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
+    baud: Annotated[int | None, typer.Option("--baud", help="Line speed.")] = None,
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="End so many seconds after the first packet.")
     ] = None,
@@ -72,7 +73,7 @@ def command(
         ),
     ] = False,
     foxglove: Annotated[
-        Optional[int],  # noqa: UP045
+        int | None,
         typer.Option("--foxglove", metavar="PORT", help="Stream what is recorded to Foxglove at this TCP port."),
     ] = None,
     foxglove_host: Annotated[
@@ -102,7 +103,6 @@ def command(
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
     from imutui import config
-    from imutui.cli.exit_codes import check_output
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import check_stream, plan_from
     from imutui.session.plan import VIRTUAL_PORT

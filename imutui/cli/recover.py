@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from imutui.cli.each_log import progress, width
+from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output
 from imutui.cli.options import Force, Json
 
 
@@ -24,21 +26,14 @@ def command(
     Example: imutui recover logs/broken.mcap -o logs/fixed.mcap
     """
     from imutui import config
-    from imutui.cli.each_log import progress, width
-    from imutui.cli.exit_codes import FINDINGS, FINE, check_output, tell
     from imutui.jobs.recover import recover
-    from imutui.logbook.json_text import dumps
     from imutui.report.logs import recover_text
 
-    if not (output.exists() and log.exists() and output.samefile(log)):
-        check_output(output, force)
+    check_output(output, force, log)
     mode = config.load().file_mode
     try:
         document = recover(log, output, force, progress, mode)
     finally:
         progress(1.0, "")
-    if json:
-        print(dumps(document))
-    else:
-        tell(recover_text(document, width()))
+    answer(document, lambda: recover_text(document, width()), json=json)
     raise typer.Exit(FINE if document["complete"] else FINDINGS)

@@ -1,7 +1,6 @@
 """`imutui replay`."""
 
 import math
-import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imutui.cli.each_log import progress, width
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_words, say, show_progress
 from imutui.cli.options import (
     Effects,
     End,
@@ -53,17 +54,14 @@ def command(
     Example: imutui replay logs/*.mcap --json
     """
     from imutui import config
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, check_output, fail, say
     from imutui.jobs.replay import ReplayOptions
-    from imutui.logbook.json_text import dumps
+    from imutui.report import replay_text
     from imutui.verdict import sources
 
     if output is not None:
         if len(logs) > 1:
             raise fail(USAGE, "-o takes the estimates of one log; name one log.")
-        if output.exists() and logs[0].exists() and output.samefile(logs[0]):
-            raise fail(USAGE, f"-o names the log itself, {logs[0]}; name another file.")
-        check_output(output, force)
+        check_output(output, force, *logs)
     if speed is not None and not speed > 0.0:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
     if not 0.0 <= estimates < math.inf:
@@ -82,23 +80,18 @@ def command(
             _tell(log, outcome)
             fine = sources.of_document(outcome).passes and outcome["finished"] and "damage" not in outcome
             code = max(code, FINE if fine else FINDINGS)
-    if json and (documents or len(logs) > 1):
-        print(dumps(documents if len(logs) > 1 else documents[0]))
-    elif not json:
-        from imutui.cli.result_table import print_result
-
-        for document in documents:
-            print_result(document)
+    if documents or (json and len(logs) > 1):
+        told = map(partial(replay_text.text, width=width()), documents)
+        answer(documents if len(logs) > 1 else documents[0], lambda: "\n".join(told), json=json)
     raise typer.Exit(code)
 
 
 def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     """Result of each log in order, or its exit code and what went wrong: one log's trouble is not the others'."""
     if len(logs) == 1:
-        yield _one(logs[0], options, _progress(logs[0]))
+        yield _one(logs[0], options, lambda share: progress(share, logs[0].name))
         return
     from filters.kalman import runner
-    from imutui.cli.exit_codes import show_progress
     from imutui.jobs.parallel import each
 
     runner.warm_up(show_progress)  # once, or each process would compile the step for itself
@@ -109,19 +102,16 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     show_progress("")
 
 
-def _one(log: Path, options: Any, progress: Any = None) -> Any:
-    from imutui.cli.exit_codes import in_words, show_progress
+def _one(log: Path, options: Any, show: Any = None) -> Any:
     from imutui.jobs.replay import replay
 
     try:
-        return replay(log, options, progress or (lambda share: None), show_progress if progress else None)
+        return replay(log, options, show or (lambda share: None), show_progress if show else None)
     except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
         return in_words(error)
 
 
 def _tell(log: Path, document: "ResultDocument") -> None:
-    from imutui.cli.exit_codes import say
-
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
         say(f"imutui: {log}: {document['damage']}. {upto} `imutui recover` makes a whole file of what can be read.")
@@ -136,15 +126,3 @@ def _tell(log: Path, document: "ResultDocument") -> None:
         say(f"imutui: alarm: {alarm}")
     for sentence in document["confounded"]:
         say(f"imutui: cannot be told apart: {sentence}")
-
-
-def _progress(log: Path) -> Any:
-    from imutui.cli.exit_codes import show_progress
-
-    if not sys.stderr.isatty():
-        return lambda share: None
-
-    def show(share: float) -> None:
-        show_progress(f"{log.name}: {share * 100:3.0f} %" if share < 1.0 else "")
-
-    return show

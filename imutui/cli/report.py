@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, fail, print_json, refuse_existing, say, show_progress
 from imutui.cli.options import Force, Json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from imutui.report.page import Result
 
@@ -30,57 +31,48 @@ def command(
     Example: imutui report before.json after.json -o page
     """
     check_folder(output, force, "-o")
-    from imutui.cli.exit_codes import say, show_progress
     from imutui.jobs import result_files
-    from imutui.logbook.json_text import dumps
 
     documents = []
     for path in results:
         documents += result_files.read(path)
-    completed, notes = result_files.completed(documents)
-    try:
-        written, told = write_page(output, completed, show_progress)
-    finally:
-        show_progress("")
-    notes += told
-    for note in notes:
-        say(f"imutui: {note}")
-    say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
+    written, notes = write_page(output, documents)
     if json:
-        files = [path.name for path in written]
-        print(dumps({"version": 1, "folder": str(output.resolve()), "results": len(completed), "files": files,
-                     "notes": notes}))  # fmt: skip
+        files, folder = [path.name for path in written], str(output.resolve())
+        print_json({"version": 1, "folder": folder, "results": len(documents), "files": files, "notes": notes})
 
 
-def write_page(
-    folder: Path, documents: "Sequence[Result]", progress: "Callable[[str], None]"
-) -> tuple[list[Path], list[str]]:
-    """Write the page of results into a folder, printed too where a browser is at hand.
+def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path], list[str]]:
+    """Write the page of results into a folder, printed too where a browser is at hand, and say what was left out.
 
     Returns what was written, the page first.
     Returns what was left out, sentences.
     """
-    from imutui.jobs import page_data
+    from imutui.jobs import page_data, result_files
     from imutui.report import page
 
-    stories = [page.Story(d, page_data.of_result(d, lambda name: progress(f"reading {name}"))) for d in documents]
-    progress("drawing")
-    written = page.write(folder, stories)
-    notes = [sentence.rstrip(".") for story in stories for sentence in story.log.missing]
-    program = page.browser()
-    if program is None:
-        return written, [*notes, "no PDF: it takes chromium or chrome, and neither is here"]
-    progress("printing")
+    documents, notes = result_files.completed(documents)
     try:
-        page.print_page(written[0], folder / page.PRINT, program)
+        stories = [
+            page.Story(d, page_data.of_result(d, lambda name: show_progress(f"reading {name}"))) for d in documents
+        ]
+        show_progress("drawing")
+        written = page.write(folder, stories)
+        notes += [sentence.rstrip(".") for story in stories for sentence in story.log.missing]
+        show_progress("printing")
+        written.append(page.print_page(written[0], folder / page.PRINT))
     except page.PrintError as error:
-        return written, [*notes, f"no PDF: {error}"]
-    return [*written, folder / page.PRINT], notes
+        notes.append(f"no PDF: {error}")
+    finally:
+        show_progress("")
+    for note in notes:
+        say(f"imutui: {note}")
+    say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
+    return written, notes
 
 
 def check_folder(folder: Path, force: bool, option: str) -> None:
     """Refuse what cannot be made before minutes are spent on it: no library to draw with, a folder that is taken."""
-    from imutui.cli.exit_codes import USAGE, fail, refuse_existing
     from imutui.cli.installed_from import command_for
     from imutui.report import figures
 

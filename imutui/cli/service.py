@@ -1,11 +1,13 @@
 """`imutui service`."""
 
 import re
+from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional, TypedDict
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, fail, refuse_existing, say, tell
 from imutui.cli.options import Force, Json, Output
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ def command(
         bool, typer.Option("--install", help="Write the unit, and the settings of NAME, to where they belong.")
     ] = False,
     name: Annotated[str, typer.Option("--name", help="Of the acquisition, and of the unit's instance.")] = "default",
-    port: Annotated[Optional[str], typer.Option("--port", help="Of its instrument.")] = None,  # noqa: UP045
+    port: Annotated[str | None, typer.Option("--port", help="Of its instrument.")] = None,
     output: Output = None,
     force: Force = False,
     json: Json = False,
@@ -52,7 +54,6 @@ def command(
 
     Example: imutui service --install --name table --port /dev/ttyUSB0
     """
-    from imutui.cli.exit_codes import USAGE, fail, tell
     from imutui.service import udev_rule, user_unit
 
     if not re.fullmatch(_NAME, name):
@@ -77,7 +78,6 @@ def _adapter(port: str | None) -> "UsbAdapter | None":
 
 
 def _write(text: str, output: Path | None, *, force: bool) -> None:
-    from imutui.cli.exit_codes import refuse_existing, tell
     from imutui.logbook import atomic_file
 
     if output is None:
@@ -89,7 +89,6 @@ def _write(text: str, output: Path | None, *, force: bool) -> None:
 
 def _install(name: str, port: str | None, *, force: bool) -> None:
     from imutui import config
-    from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say, tell
     from imutui.instrument.port import lasting_name
     from imutui.service import user_unit
 
@@ -151,20 +150,15 @@ def _steps(name: str, port: str | None) -> str:
 
 
 def _check(adapter: "UsbAdapter | None", name: str, *, json: bool) -> None:
-    from imutui.cli.exit_codes import FINDINGS, FINE, tell
-
     found = {"unit": _checked_unit(), "rule": _checked_rule(adapter, name)}
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        print(dumps({"version": 1, **found}))
-    else:
-        for what, file in found.items():
-            where = f"{what} {file['path']}, {'installed' if file['installed'] else 'not installed'}"
-            by = ", ".join(file["verified_by"]) or "nothing"
-            lines = [f"{where}: {'problems' if file['problems'] else 'fine'}, verified by {by}"]
-            tell("\n  ".join(lines + file["problems"]))
+    answer({"version": 1, **found}, lambda: "\n".join(starmap(_told, found.items())), json=json)
     raise typer.Exit(FINDINGS if any(file["problems"] for file in found.values()) else FINE)
+
+
+def _told(what: str, file: CheckedFile) -> str:
+    where = f"{what} {file['path']}, {'installed' if file['installed'] else 'not installed'}"
+    by = ", ".join(file["verified_by"]) or "nothing"
+    return "\n  ".join([f"{where}: {'problems' if file['problems'] else 'fine'}, verified by {by}", *file["problems"]])
 
 
 def _checked_unit() -> CheckedFile:

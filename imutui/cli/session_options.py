@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.cli.exit_codes import say
+from imutui.cli.exit_codes import USAGE, fail, say
 from imutui.config import Config
 from imutui.session.plan import Plan
 
@@ -93,11 +93,8 @@ def session_from(config: Config, site: tuple[float, float, float] | None) -> "Se
 def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
     """Plan of an acquisition from configuration, flags, and the fields that are no setting.
 
-    `config`: effective settings.
-    `site`: latitude, longitude, height of a flag.
     `checked`: whether to refuse here what the filter could not run with. That loads the filters, which takes a second
       or two; a plan that only fills a form is checked by the acquisition, when it is started.
-    `**fields`: of the plan.
     Raises InputError if something asked cannot be; the message names it.
     """
     plan = Plan(
@@ -122,7 +119,6 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
 
 def check_stream(plan: Plan) -> None:
     """Refuse a stream that lacks its library, and say of one that others than this computer can reach that it is so."""
-    from imutui.cli.exit_codes import USAGE, fail
     from imutui.cli.installed_from import command_for
 
     if not plan.foxglove_port:

@@ -8,7 +8,7 @@ import runpy
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from filters.channels import DPS, G
 from filters.simulation import Unit
 from imutui.cli.exit_codes import UNREADABLE, USAGE
-from imutui.instrument.virtual_instrument import Reading
+from imutui.instrument.virtual_instrument import Reading, Source
 
 Error = Callable[
     [float, float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Any
@@ -36,14 +36,6 @@ class SpoilError(Exception):
     def __init__(self, exit_code: int, message: str) -> None:
         super().__init__(message)
         self.exit_code = exit_code
-
-
-class Readings(Protocol):
-    """What is spoiled."""
-
-    def reading(self, k: int) -> Reading | None:
-        """As `instrument.unit.Source`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +78,22 @@ def load(spec: str) -> ErrorFunction:
     return ErrorFunction(name, file, content[name])
 
 
+def plus(reading: Reading, error: NDArray[np.float64]) -> Reading:
+    """A reading with an error added, deg/s and g, shape (6,)."""
+    x, y, z, fx, fy, fz = error.tolist()
+    (gx, gy, gz), (ax, ay, az) = reading.rates_dps, reading.accels_g
+    return Reading((gx + x, gy + y, gz + z), (ax + fx, ay + fy, az + fz), reading.temperature_degc)
+
+
 class Spoiled:
     """Readings with an error added, which is asked for once a sample, in order, whatever the host asks for.
 
-    `readings`: without it.
     `unit`: whose readings they are: its temperature, motion and seed.
     `function`: makes the error of this power-on.
     Raises SpoilError if the function fails, here or at a later sample.
     """
 
-    def __init__(self, readings: Readings, unit: Unit, function: ErrorFunction) -> None:
+    def __init__(self, readings: Source, unit: Unit, function: ErrorFunction) -> None:
         self._readings, self._unit, self._function = readings, unit, function
         self._sensed = unit.sensed()
         seed = seed_of(unit.scenario.seed, unit.power_on)
@@ -124,9 +122,7 @@ class Spoiled:
         if reading is None:
             return None
         self._advance(k)
-        x, y, z, fx, fy, fz = self._last.tolist()
-        (gx, gy, gz), (ax, ay, az) = reading.rates_dps, reading.accels_g
-        return Reading((gx + x, gy + y, gz + z), (ax + fx, ay + fy, az + fz), reading.temperature_degc)
+        return plus(reading, self._last)
 
     def _advance(self, k: int) -> None:
         """Ask for all errors up to that of reading k."""

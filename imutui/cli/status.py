@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from imutui.cli.exit_codes import INSTRUMENT, tell
+from imutui.cli.exit_codes import INSTRUMENT, answer
 from imutui.cli.options import Json, Name
 
 if TYPE_CHECKING:
@@ -41,13 +41,9 @@ def command(name: Name = None, json: Json = False) -> None:
     if name is not None and name not in names:
         client.attach(name)  # says what runs instead
     answers = _ask_all(names if name is None else [name])
-    if json:
-        from imutui.logbook.json_text import dumps
-
-        print(dumps([_document(answer) for answer in answers]))
-    else:
-        tell("\n".join(_text(answer) for answer in answers) or "no acquisition is running")
-    if any(answer.missing == _SILENT for answer in answers):
+    documents = [_document(one) for one in answers]
+    answer(documents, lambda: "\n".join(map(_text, answers)) or "no acquisition is running", json=json)
+    if any(one.missing == _SILENT for one in answers):
         raise typer.Exit(INSTRUMENT)
 
 
@@ -56,7 +52,7 @@ def _ask_all(names: Sequence[str]) -> list[Answer]:
     if not names:
         return []
     with ThreadPoolExecutor(min(_AT_ONCE, len(names))) as pool:
-        return [answer for answer in pool.map(_ask, names) if answer is not None]
+        return [one for one in pool.map(_ask, names) if one is not None]
 
 
 def _ask(name: str) -> Answer | None:
@@ -133,12 +129,12 @@ def _until(seconds: float) -> str:
 
 
 def _filter(s: "Snapshot") -> str:
-    from imutui.report import effect_words
+    from filters.effects import plain_names
 
     reference = s["reference"]
     source = f" from {reference['file']}" if reference["file"] else ""
     parts = [f"reference {reference['name']}{source}"]
-    parts.append(f"effects: {effect_words.loaded(s['effects'])}" if s["effects"] else "no effects")
+    parts.append(f"effects: {'; '.join(map(plain_names.state, s['effects']))}" if s["effects"] else "no effects")
     if s["zeroing"]:
         parts.append("zeroing the rate sensors")
     return ", ".join(parts)

@@ -2,6 +2,8 @@
 
 import typer
 
+from imutui.cli.each_log import width
+from imutui.cli.exit_codes import answer, say
 from imutui.cli.options import Json, Name
 
 
@@ -13,20 +15,15 @@ def command(name: Name = None, json: Json = False) -> None:
 
     Example: imutui stop
     """
-    from imutui.cli.exit_codes import say
-    from imutui.logbook.json_text import dumps
+    from imutui.report import replay_text
     from imutui.session import client
 
     connection = client.attach(name)
     result = connection.stop("the command imutui stop")
-    if json:
-        print(dumps(result))
-    elif result is None:
+    if result is None and not json:
         say("stopped; nothing was being recorded")
     else:
-        from imutui.cli.result_table import print_result
-
-        print_result(result)
+        answer(result, lambda: replay_text.text(result, width()) if result else "", json=json)
     # whoever finds nothing to stop need not wait for what follows an acquisition
     from imutui.cli.follow_acquisition import verdict
 

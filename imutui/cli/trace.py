@@ -1,36 +1,33 @@
 """`imutui trace`."""
 
-import shutil
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.each_log import progress, width
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_signs, say
 from imutui.cli.options import Force, Json, Output, Reference, reference_of
-from imutui.cli.report import check_folder
+from imutui.cli.report import check_folder, write_page
 
 if TYPE_CHECKING:
     from imutui.jobs.trace import Traced
-
-_WIDEST = 100
 
 
 def command(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one unit; each is one power-on.")],
     holdout: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--holdout", metavar="LOG", help="Run to which nothing is fitted; else the last of several logs."),
     ] = None,
     reference: Reference = None,
     output: Output = None,
     report: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--report", metavar="DIR", help="Folder for a page with figures, and the separating experiment."),
     ] = None,
     about: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option("--about", metavar="EFFECT", help="Effect whose smallest size is wanted that these logs show."),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 0,
@@ -43,9 +40,7 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, in_signs, say, show_progress, tell
     from imutui.jobs.trace import TraceOptions, trace
-    from imutui.logbook.json_text import dumps
     from imutui.report import trace_tables
 
     if seed < 0:
@@ -55,47 +50,34 @@ def command(
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
     )
-    show = _progress()
     try:
-        traced = trace(logs, options, show)
+        traced = trace(logs, options, progress)
     finally:
-        show(1.0, "")
+        progress(1.0, "")
     for sentence in traced.damage:
         say(f"imutui: {sentence}")
-    if json:
-        print(dumps(traced.document))
-    else:
-        width = min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)
-        tell(trace_tables.text(traced.document, traced.source, width, signs=in_signs))
+    answer(
+        traced.document,
+        lambda: trace_tables.text(traced.document, traced.source, width(), signs=in_signs),
+        json=json,
+    )
     if output is not None:
         _write_effects(output, traced, force)
     if report is not None:
-        from imutui.cli.report import write_page
-        from imutui.jobs import result_files
-
-        written, left_out = write_page(report, result_files.completed([traced.document])[0], show_progress)
-        show_progress("")
-        for note in left_out:
-            say(f"imutui: {note}")
-        say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
+        write_page(report, [traced.document])
     raise typer.Exit(FINDINGS if traced.damage else FINE)
 
 
 def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], force: bool) -> None:
     """Refuse what cannot be written before minutes are spent on it."""
-    from imutui.cli.exit_codes import USAGE, check_output, fail
-
     if output is not None:
-        if any(output.exists() and log.exists() and output.samefile(log) for log in logs):
-            raise fail(USAGE, f"-o names one of the logs, {output}; name another file, such as effects.toml.")
-        check_output(output, force)
+        check_output(output, force, *logs)
     if report is not None:
         check_folder(report, force, "--report")
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
     from filters.effects import plain_names
-    from imutui.cli.exit_codes import say
     from imutui.logbook import atomic_file
 
     atomic_file.write(output, traced.effects, overwrite=force)
@@ -116,15 +98,3 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
                 f"imutui: {beside} exists and is left as it is: it is another trace's motion, and this one's is not"
                 " saved; --force replaces it, or name -o in another folder"
             )
-
-
-def _progress() -> Callable[[float, str], Any]:
-    from imutui.cli.exit_codes import show_progress
-
-    if not sys.stderr.isatty():
-        return lambda share, what: None
-
-    def show(share: float, what: str) -> None:
-        show_progress(f"{share * 100:3.0f} %  {what}" if share < 1.0 else "")
-
-    return show

@@ -6,60 +6,56 @@ import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
+from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say, tell
 from imutui.cli.options import Force
 from imutui.instrument import names
 
 
 def command(
     instrument: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(
             "--instrument",
             metavar="|".join(names.NAMES),
             help=f"Which unit to be ({names.DEFAULT}, or that of the log that is played).",
         ),
     ] = None,
-    link: Annotated[Optional[Path], typer.Option("--link", help="Also make this symbolic link to the port.")] = None,  # noqa: UP045
+    link: Annotated[Path | None, typer.Option("--link", help="Also make this symbolic link to the port.")] = None,
     from_: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("--from", metavar="LOG|NPZ|RAW", help="Play this recording instead of made readings."),
+        Path | None, typer.Option("--from", metavar="LOG|NPZ|RAW", help="Play this recording instead of made readings.")
     ] = None,
     scenario: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--scenario", metavar="FILE.toml", help="Make readings of this scenario: motion, effects, faults."
         ),
     ] = None,
     spoil: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(
             "--spoil", metavar="FILE.py:NAME", help="Add errors that a Python function makes; for tests only."
         ),
     ] = None,
     from_start: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option("--from-start", metavar="S", help="Where in the recording to begin, seconds (0)."),
+        float | None, typer.Option("--from-start", metavar="S", help="Where in the recording to begin, seconds (0).")
     ] = None,
     power_on: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option("--power-on", metavar="K", help="Which of the scenario's power-ons, from 0 (0)."),
+        int | None, typer.Option("--power-on", metavar="K", help="Which of the scenario's power-ons, from 0 (0).")
     ] = None,
     seed: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option("--seed", help="Of biases and noise of made readings (the scenario's, or 0)."),
+        int | None, typer.Option("--seed", help="Of biases and noise of made readings (the scenario's, or 0).")
     ] = None,
     speed: Annotated[float, typer.Option("--speed", metavar="X", help="Times real time.")] = 1.0,
-    tap: Annotated[Optional[Path], typer.Option("--tap", help="Write every byte sent to this file.")] = None,  # noqa: UP045
+    tap: Annotated[Path | None, typer.Option("--tap", help="Write every byte sent to this file.")] = None,
     sent: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("--sent", metavar="FILE.csv", help="Write when each packet was sampled to this file."),
+        Path | None, typer.Option("--sent", metavar="FILE.csv", help="Write when each packet was sampled to this file.")
     ] = None,
     serial_number: Annotated[
-        Optional[int],  # noqa: UP045
+        int | None,
         typer.Option(
             "--serial-number", help="Serial number that it reports (9911750; of a file *.raw the recorded unit's)."
         ),
@@ -82,11 +78,10 @@ def command(
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
-    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
-    from imutui.cli.spoil import SpoilError, load
-    from imutui.cli.virtual_units import UNITS, Asked, instrument_of, recorded_unit
+    from imutui.cli.spoil import load
+    from imutui.cli.virtual_readings import Asked
+    from imutui.cli.virtual_units import UNITS, instrument_of, recorded_unit
     from imutui.instrument.virtual import SentPackets, serve
-    from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
@@ -109,17 +104,12 @@ def command(
         raise fail(USAGE, f"{from_} is a stream of an IMU381: leave --instrument away.")
     if plays_bytes and (spoil is not None or power_on is not None or from_start is not None):
         raise fail(USAGE, f"{from_} is played byte for byte: leave --spoil, --power-on and --from-start away.")
-    try:
-        if plays_bytes and from_ is not None:
-            made = recorded_unit(from_, scenario, seed, serial_number)
-        else:
-            added = None if spoil is None else load(spoil)
-            asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
-            made = UNITS[instrument or instrument_of(from_)](asked, serial_number)
-    except ScenarioError as error:
-        raise fail(UNREADABLE, str(error)) from error
-    except SpoilError as error:
-        raise fail(error.exit_code, str(error)) from error
+    if plays_bytes and from_ is not None:
+        made = recorded_unit(from_, scenario, seed, serial_number)
+    else:
+        added = None if spoil is None else load(spoil)
+        asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
+        made = UNITS[instrument or instrument_of(from_)](asked, serial_number)
     if made.source:
         say(f"imutui: {made.source}")
     stop = threading.Event()
@@ -137,20 +127,9 @@ def command(
         truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")), made.unit)
         try:
             serve(
-                made.unit,
-                link=link,
-                tap=sink,
-                on_ready=ready,
-                log=say,
-                speed=speed,
-                while_stdin=while_stdin,
-                on_line=made.turn,
-                stop=stop,
-                line=made.line,
-                on_packet=truth,
-            )
+                made.unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin,
+                on_line=made.turn, stop=stop, line=made.line, on_packet=truth,
+            )  # fmt: skip
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error
-        except SpoilError as error:
-            raise fail(error.exit_code, str(error)) from error
     sys.stdout.flush()

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from filters.channels import DPS
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from filters.simulation.truth import World
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
-from imutui.cli.spoil import ErrorFunction, Spoiled
+from imutui.cli.spoil import ErrorFunction, Spoiled, plus
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.crossbow import Mode
 from imutui.instrument.imu400.unit import UnitOptions
@@ -134,10 +135,7 @@ class TurnedReadings:
                 self._motion = None
         if reading is None or not self._added.any():
             return reading
-        x, y, z = np.rad2deg(self._added[:3]).tolist()
-        fx, fy, fz = (self._added[3:] / STANDARD_GRAVITY).tolist()
-        (gx, gy, gz), (ax, ay, az) = reading.rates_dps, reading.accels_g
-        return Reading((gx + x, gy + y, gz + z), (ax + fx, ay + fy, az + fz), reading.temperature_degc)
+        return plus(reading, self._added / np.repeat([DPS, STANDARD_GRAVITY], 3))
 
 
 def faults_of(scenario: Scenario) -> list[LineFault]:
@@ -145,33 +143,31 @@ def faults_of(scenario: Scenario) -> list[LineFault]:
     return [LineFault(**asdict(fault)) for fault in scenario.faults]
 
 
-def on_the_line(
-    scenario: Path | None,
-    power_on: int,
-    seed: int | None,
-    recording: Path | None,
-    start: float,
-    spoil: ErrorFunction | None,
-    rate_hz: float = LOOP_HZ,
-    plain: Scenario | None = None,
-) -> UnitOnTheLine:
-    """The unit that the options of `imutui virtual` ask for.
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the options of `imutui virtual` ask for."""
 
-    `scenario`: file of a scenario.
-    `power_on`: which of its power-ons, from 0.
-    `seed`: wins over the scenario's.
-    `recording`: what to play instead of made noise.
-    `start`: where in the recording to begin, s.
-    `spoil`: what to add besides.
+    scenario: Path | None = None  # its file
+    power_on: int = 0  # which of the scenario's, from 0
+    seed: int | None = None  # wins over the scenario's
+    recording: Path | None = None  # what to play instead of made noise
+    start: float = 0.0  # where in the recording to begin, s
+    spoil: ErrorFunction | None = None  # what to add besides
+
+
+def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None = None) -> UnitOnTheLine:
+    """The unit that is asked for.
+
     `rate_hz`: rate of the unit's loop.
     `plain`: the unit without a scenario: how it reads, sits, and what it promises; None: an IMU400CD.
     """
-    made = scenario_of(scenario, seed, plain)
-    played = None if recording is None else load(recording, start, made.axes, made.site)
+    scenario, spoil = asked.scenario, asked.spoil
+    made = scenario_of(scenario, asked.seed, plain)
+    played = None if asked.recording is None else load(asked.recording, asked.start, made.axes, made.site)
     if played is not None and np.isnan(played.values).any():
         raise InputError(
-            f"{recording} lacks a channel, and the virtual instrument sends six: play another recording, or name a"
-            " --scenario instead."
+            f"{asked.recording} lacks a channel, and the virtual instrument sends six: play another recording, or name"
+            " a --scenario instead."
         )
     if played is not None and scenario is None and spoil is None:
         version = SIMULATED if played.simulated else PLAYED
@@ -179,7 +175,7 @@ def on_the_line(
     if played is not None and scenario is None and played.degc is None:
         made = replace(made, temperature=_ROOM)
     background = None if played is None else played.background(made.site, rate_hz)
-    readings = SimulatedReadings(made, power_on, background, rate_hz)
+    readings = SimulatedReadings(made, asked.power_on, background, rate_hz)
     source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
     # a recording has sensed its own motion, a scenario with a profile turns by that, and a function is told of it
     own_motion = played is not None or spoil is not None or made.profile is not None
@@ -189,16 +185,11 @@ def on_the_line(
     return made_unit if turned is None else replace(made_unit, readings=turned, turn=turned.turn)
 
 
-def simulated(scenario: Path | None, power_on: int, seed: int | None) -> SimulatedReadings:
-    """Readings of a scenario's file, or of a plain unit without one; a seed that is given wins over the file's."""
-    return SimulatedReadings(scenario_of(scenario, seed), power_on)
-
-
 def scenario_of(path: Path | None, seed: int | None, plain: Scenario | None = None) -> Scenario:
     """Scenario of a file, or of a plain unit without one; a seed that is given wins over the file's."""
     from imutui.scenario import load_scenario
 
-    usual = Scenario() if plain is None else plain
+    usual = plain or Scenario()
     what = usual if path is None else load_scenario(path, usual)
     return what if seed is None else replace(what, seed=seed)
 

@@ -9,8 +9,7 @@ from filters.errors import InputError
 from filters.imu import IMU440CA_200, AxisMap
 from filters.simulation import Scenario
 from imutui import outside_file
-from imutui.cli.spoil import ErrorFunction
-from imutui.cli.virtual_readings import UnitOnTheLine, faults_of, on_the_line, scenario_of
+from imutui.cli.virtual_readings import Asked, faults_of, on_the_line, scenario_of
 from imutui.instrument import names
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400 import unit as imu400cd
@@ -50,18 +49,6 @@ _LONGEST_STREAM = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What the options of `imutui virtual` ask for; see `virtual_readings.on_the_line`."""
-
-    scenario: Path | None
-    power_on: int
-    seed: int | None
-    recording: Path | None
-    start: float
-    spoil: ErrorFunction | None
-
-
-@dataclass(frozen=True, slots=True)
 class VirtualSetting:
     """A unit, its line, where its readings come from in words ("" where its identity says enough), its table."""
 
@@ -73,14 +60,14 @@ class VirtualSetting:
 
 def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU400CD-200."""
-    made = _made(asked)
+    made = on_the_line(asked)
     options = made.options(SERIAL_NUMBER if serial_number is None else serial_number)
     return VirtualSetting(imu400cd.VirtualUnit(made.readings, options, made.seed), made.line, made.source, made.turn)
 
 
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU381ZA-200."""
-    made = _made(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
+    made = on_the_line(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
     it = made.personality
     text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
     options = UnitOptions(
@@ -117,7 +104,6 @@ def instrument_of(recording: Path | None) -> str:
 def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:
     """A unit that sends a recorded stream as it is, once it is told the stream's own rate; quiet at power-up.
 
-    `path`: the stream's bytes.
     `scenario`: what happens on the wire; it can't change readings.
     `seed`: wins over the scenario's.
     `serial_number`: none: that of the recorded unit.
@@ -134,10 +120,9 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
         )
     try:
         stream = RecordedStream(outside_file.read(path, _LONGEST_STREAM))
-    except OSError as error:
-        raise ImportDataError(f"{path} can't be read: {error.strerror}. Check the path.") from error
-    except InputError as error:
-        raise ImportDataError(f"{path} can't be played: {error}.") from error
+    except (OSError, InputError) as error:
+        why = f"{error.strerror}. Check the path" if isinstance(error, OSError) else error
+        raise ImportDataError(f"{path} can't be played: {why}.") from error
     fields = {**dict(IMU381ZA), **dict(stream.only), Field.RATE_DIVIDER: 0}
     options = UnitOptions(
         serial_number=_RECORDED_SERIAL_NUMBER if serial_number is None else serial_number,
@@ -159,7 +144,3 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
         " only for bytes that a real unit sent"
     )
     return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, said)
-
-
-def _made(asked: Asked, *unit: Any) -> UnitOnTheLine:
-    return on_the_line(asked.scenario, asked.power_on, asked.seed, asked.recording, asked.start, asked.spoil, *unit)

@@ -1,11 +1,13 @@
 """Axes that can be read: ticks with numbers on every axis, however short its range, and a few ways to draw on them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from filters.channels import CHANNELS, DPS, MG
+from filters.specification import ImuSpec
 from filters.types import Array
 from imutui.plain_text import in_line
 
@@ -18,6 +20,8 @@ STYLES = (
     (AFTER, "-"), (BEFORE, "--"), (INK, ":"), (FLOOR, "-."), (BEFORE, "-"), (AFTER, "--"), (FLOOR, "-"), (INK, "-."),
 )  # fmt: skip
 """Colour and stroke of several curves in one pair of axes, told apart without colours too."""
+UNITS = {"g": "deg/s", "a": "mg"}  # of channels, by their first letter
+SIDE_BY_SIDE = tuple(CHANNELS[k // 2 + 3 * (k % 2)] for k in range(6))  # gyros on the left, accelerometers on the right
 _MOST_TICKS = 7
 _ROOM = 0.05
 _NEAR = 1.0 + 1e-9
@@ -28,8 +32,6 @@ def log_ticks(low: float, high: float) -> list[float]:
     """Where a logarithmic axis has numbers: decades, or 1-2-5 where that leaves few; two of them at least.
 
     They lie in the range, but for the one below or above that it takes to have two.
-
-    `low`, `high`: positive range of the data.
     """
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     decades = [10.0**k for k in range(first, last + 1) if low <= 10.0**k * _NEAR and 10.0**k <= high * _NEAR]
@@ -53,7 +55,6 @@ def logarithmic(ax: "Axes", which: str, *values: Array) -> None:
     """Make an axis logarithmic over the positive ones of some values, with numbers that can be read.
 
     `which`: "x" or "y".
-    `*values`: all that is drawn along it.
     """
     every = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
     positive = every[np.isfinite(every) & (every > 0.0)]
@@ -84,13 +85,44 @@ def name(ax: "Axes", x: str, y: str, *, legend: bool = False) -> None:
         )
 
 
-def before_and_after(ax: "Axes", x: Sequence[float], before: Array, after: Array) -> None:
-    """Two curves; if they are the same, one of them, which says so."""
+def before_and_after(ax: "Axes", x: Sequence[float], before: Array, after: Array | None) -> None:
+    """Two curves; if they are the same, one of them, which says so; where there was no correction, the first."""
+    if after is None:
+        ax.plot(x, before, color=AFTER, lw=1.0, label="this log")
+        return
     if np.allclose(before, after, rtol=1e-6, atol=0.0, equal_nan=True):
         ax.plot(x, before, color=AFTER, lw=1.1, label="before = after")
         return
     ax.plot(x, before, color=BEFORE, lw=1.3, label="before")
     ax.plot(x, after, color=AFTER, lw=0.9, label="after")
+
+
+def white_noise_caption(specs: Iterable[ImuSpec]) -> str:
+    """What the grey lines of `allan` are."""
+    each = dict.fromkeys(
+        f"{spec.gyro_arw / DPS * 60.0:g} deg/√h of a gyro and {spec.accel_vrw * 60.0:g} m/s/√h of an accelerometer"
+        f" ({spec.source})"
+        for spec in specs
+    )
+    return f"The grey line is white noise of the specification, {'; '.join(each)}."
+
+
+def allan(ax: "Axes", tau: Array, unit: str, specs: Iterable[ImuSpec], *curves: Array) -> None:
+    """Name the axes of Allan deviations, N/√τ being the white noise of each unit's specification.
+
+    `tau`: averaging times of all curves, s.
+    `unit`: "deg/s" or "mg".
+    `*curves`: all that is drawn.
+    """
+    if tau.size:
+        ends = np.array([tau.min(), tau.max()])
+        levels = {spec.gyro_arw / DPS if unit == "deg/s" else spec.accel_vrw / MG for spec in specs}
+        lines = [level / np.sqrt(ends) for level in sorted(levels)]
+        for white in lines:
+            ax.plot(ends, white, color=FLOOR, lw=1.0, label="specification")
+        logarithmic(ax, "x", tau)
+        logarithmic(ax, "y", *lines, *curves)
+    name(ax, "averaging time, s", unit, legend=True)
 
 
 def whiskers(ax: "Axes", at: float, value: float, interval: Sequence[float | None], color: str, marker: str) -> None:

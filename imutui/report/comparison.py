@@ -6,10 +6,9 @@ and none where they are of the same readings.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from filters.channels import CHANNELS
 from filters.tracing.trace_document import TraceDocument
@@ -18,70 +17,38 @@ from imutui.report import comparison_figures, identity
 from imutui.report.blocks import Article, Block, Column, Paragraph, Section, Table
 from imutui.report.comparison_figures import Compared
 from imutui.report.identity import NOT_STATED, LogFacts
-from imutui.report.numbers import ORIGIN, plus_minus, three_digits
+from imutui.report.numbers import NOTHING, ORIGIN, plus_minus, three_digits
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-_DASH = "–"
-
-
-class _Bias(NamedTuple):
-    """Three biases: fields of the document, unit."""
-
-    channels: tuple[str, ...]
-    key: Literal["gyro_bias_dps", "accel_bias_mg"]
-    unit: str
-
-
-_BIASES = (_Bias(CHANNELS[:3], "gyro_bias_dps", "deg/s"), _Bias(CHANNELS[3:], "accel_bias_mg", "mg"))
 Result: TypeAlias = "TraceDocument | ResultDocument"
+Estimate: TypeAlias = tuple[float | None, float | None]
+"""A value and its standard deviation; None where either is not known."""
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """A value minus that of the first result; None where either is not known."""
-
-    # value, sd: difference and its standard deviation
-    value: float | None
-    sd: float | None
-
-    @property
-    def in_sd(self) -> float | None:
-        """How many of its standard deviations it is."""
-        return None if self.value is None or not self.sd else self.value / self.sd
-
-
-def difference(a: float | None, a_sd: float | None, b: float | None, b_sd: float | None) -> Difference:
-    """B minus a, and the standard deviation of that for independent estimates."""
-    if a is None or b is None:
-        return Difference(None, None)
-    return Difference(b - a, None if a_sd is None or b_sd is None else math.hypot(a_sd, b_sd))
+def difference(a: Estimate, b: Estimate, *, related: bool) -> Estimate:
+    """B minus a, and the standard deviation of that for independent estimates: none of `related` ones."""
+    if a[0] is None or b[0] is None:
+        return None, None
+    return b[0] - a[0], None if related or a[1] is None or b[1] is None else math.hypot(a[1], b[1])
 
 
 def article(results: Sequence[Result], logs: Sequence[LogData]) -> Article | None:
-    """What is said of results beside each other; None where no two are of one kind.
-
-    `results`: all of a page.
-    `logs`: what their logs add, in the same order.
-    """
-    replays = [(n, r, log) for n, (r, log) in enumerate(zip(results, logs, strict=True), 1)
-               if "findings" not in r and "final" in r]  # fmt: skip
-    traces = [(n, r, log) for n, (r, log) in enumerate(zip(results, logs, strict=True), 1) if "findings" in r]
+    """What is said of results beside each other; None where no two are of one kind."""
     sections: list[Section] = []
     facts: list[LogFacts] = []
-    if len(replays) > 1:
-        of_replays = [identity.of_result(d) for _, d, _ in replays]
-        names = [Compared(letter(n), *_told([of]), log) for (n, _, log), of in zip(replays, of_replays, strict=True)]
-        sections += _replays([d for _, d, _ in replays], names)
-        facts += of_replays
-    if len(traces) > 1:
-        documents = [cast("TraceDocument", d) for _, d, _ in traces]
-        of_traces = [[identity.of_run(run) for run in d["runs"]] for d in documents]
-        names = [Compared(letter(n), *_told(own), log) for (n, _, log), own in zip(traces, of_traces, strict=True)]
-        sections += _traces(documents, names)
-        facts += [of for own in of_traces for of in own]
+    every = [
+        (result, _of(result), log, letter(n)) for n, (result, log) in enumerate(zip(results, logs, strict=True), 1)
+    ]
+    for is_trace in (False, True):
+        own = [one for one in every if ("findings" in one[0]) is is_trace and (is_trace or "final" in one[0])]
+        if len(own) > 1:
+            names = [Compared(name, *_told(of), log) for _, of, log, name in own]
+            documents: Any = [result for result, *_ in own]
+            sections += (_traces if is_trace else _replays)(documents, names)
+            facts += [of for _, every_log, *_ in own for of in every_log]
     if not sections:
         return None
     kind = identity.kind_of(facts)
@@ -89,6 +56,11 @@ def article(results: Sequence[Result], logs: Sequence[LogData]) -> Article | Non
     if len({of.kind for of in facts}) > 1:
         origin = "Results of different origin are compared here, not all of them of a real unit: each is marked."
     return Article("Comparison", kind, origin, tuple(sections))
+
+
+def _of(result: Any) -> list[LogFacts]:
+    """Facts of the logs of a trace, or of that of a replay."""
+    return [identity.of_run(run) for run in result["runs"]] if "findings" in result else [identity.of_result(result)]
 
 
 def letter(number: int) -> str:
@@ -171,31 +143,32 @@ def _kinship(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
 
 
 def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared], related: Sequence[bool]) -> Table:
-    columns = (Column("Channel", "code"), Column("Result", "code"), Column("Bias ± sd", "number"),
-               Column(f"Minus {names[0].letter} ± sd", "number"), Column("In sd", "number"))  # fmt: skip
-    rows = []
-    for kind in _BIASES:
-        for i, channel in enumerate(kind.channels):
-            first = documents[0]["final"][kind.key][i], documents[0]["sd"][kind.key][i]
-            for k, (d, name) in enumerate(zip(documents, names, strict=True)):
-                value, sd = d["final"][kind.key][i], d["sd"][kind.key][i]
-                made = difference(first[0], None if related[k] else first[1], value, sd)
-                rows.append(
-                    (
-                        channel,
-                        f"{name.letter} {name.mark}".strip(),
-                        "not observable" if value is None else plus_minus(value, sd, kind.unit),
-                        *(_cells(made, kind.unit) if k else (_DASH, _DASH)),
-                    )
-                )
+    rows: list[tuple[str, ...]] = []
+    for same in zip(*map(sources.biases, documents), strict=True):
+        estimates = [(bias.value, bias.sd) for bias in same]
+        rows += _beside(same[0].channel, estimates, same[0].unit, names, related, "not observable")
     caption = "In each unit's own axes and sign. A difference of more than three of its sd is hardly chance."
-    return Table(columns, tuple(rows), caption)
+    return Table(_columns(Column("Channel", "code"), "Bias", names), tuple(rows), caption)
 
 
-def _cells(made: Difference, unit: str) -> tuple[str, str]:
-    if made.value is None:
-        return _DASH, _DASH
-    return plus_minus(made.value, made.sd, unit), _DASH if made.in_sd is None else f"{round(made.in_sd, 1) + 0.0:+.1f}"
+def _columns(first: Column, value: str, names: Sequence[Compared]) -> tuple[Column, ...]:
+    return (first, Column("Result", "code"), Column(f"{value} ± sd", "number"),
+            Column(f"Minus {names[0].letter} ± sd", "number"), Column("In sd", "number"))  # fmt: skip
+
+
+def _beside(
+    what: str, estimates: Sequence[Estimate], unit: str, names: Sequence[Compared], related: Sequence[bool], lacks: str
+) -> Iterator[tuple[str, ...]]:
+    """A row a result: its value, and its difference to that of the first."""
+    for k, ((value, sd), name) in enumerate(zip(estimates, names, strict=True)):
+        minus, minus_sd = difference(estimates[0], (value, sd), related=related[k]) if k else (None, None)
+        yield (
+            what,
+            name.mark,
+            lacks if value is None else plus_minus(value, sd, unit),
+            NOTHING if minus is None else plus_minus(minus, minus_sd, unit),
+            NOTHING if minus is None or not minus_sd else f"{round(minus / minus_sd, 1) + 0.0:+.1f}",
+        )
 
 
 def _noise_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:
@@ -204,13 +177,10 @@ def _noise_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared
                Column("NIS / degrees of freedom", "number"))  # fmt: skip
     rows = []
     for d, name in zip(documents, names, strict=True):
-        nis = d["nis"]
-        ratio = _DASH if nis["mean"] is None or not nis["dof"] else three_digits(nis["mean"] / nis["dof"])
-        noise = d["noise"]
+        nis, noise = d["nis"], d["noise"]
+        ratio = nis["mean"] / nis["dof"] if nis["mean"] is not None and nis["dof"] else None
         triples = (noise["gyro_arw_deg_sqrt_h"], noise["accel_vrw_mps_sqrt_h"])
-        rows.append(
-            (f"{name.letter} {name.mark}".strip(), *(" ".join(map(_or_dash, triple)) for triple in triples), ratio)
-        )
+        rows.append((name.mark, *(" ".join(map(three_digits, triple)) for triple in triples), three_digits(ratio)))
     return Table(columns, tuple(rows), f"White noise measured on each log. {_specified(documents, names)}")
 
 
@@ -230,12 +200,8 @@ def _specified(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
     return f"The specifications have {each}."
 
 
-def _or_dash(value: float | None) -> str:
-    return _DASH if value is None else three_digits(value)
-
-
 def _traces(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> Iterator[Section]:
-    more = [(d.get("sentence") or _DASH,) for d in documents]
+    more = [(d.get("sentence") or NOTHING,) for d in documents]
     told = [
         f"{b.letter} is the same result as {a.letter}, given twice."
         if d == e
@@ -259,16 +225,17 @@ def _error_table(documents: Sequence[TraceDocument], names: Sequence[Compared]) 
     for metric, channel, label in _error_rows(documents):
         for d, name in zip(documents, names, strict=True):
             error = next((e for e in d["error"] if e["metric"] == metric and e["channel"] == channel), None)
-            status = _DASH if channel is None else str(d["status"].get(channel, _DASH)).replace("_", " ")
-            mark = f"{name.letter} {name.mark}".strip()
-            if error is None:
-                rows.append((label, mark, status, _DASH, _DASH, _DASH))
-                continue
-            before, after = (
-                _with_interval(value, interval, error["unit"])
-                for value, interval in ((error["before"], error["before_ci95"]), (error["after"], error["ci95"]))
+            status = NOTHING if channel is None else str(d["status"].get(channel, NOTHING)).replace("_", " ")
+            figures = (
+                (NOTHING, NOTHING, NOTHING)
+                if error is None
+                else (
+                    _with_interval(error["before"], error["before_ci95"], error["unit"]),
+                    _with_interval(error["after"], error["ci95"], error["unit"]),
+                    three_digits(error["after_x_floor"]),
+                )
             )
-            rows.append((label, mark, status, before, after, _or_dash(error["after_x_floor"])))
+            rows.append((label, name.mark, status, *figures))
     caption = "Error of 10 s means after the bias was taken over 60 s, with 95 % intervals."
     return Table(columns, tuple(rows), caption)
 
@@ -285,30 +252,22 @@ def _error_rows(documents: Sequence[TraceDocument]) -> list[tuple[str, str | Non
 
 def _with_interval(value: float | None, interval: Sequence[float], unit: str) -> str:
     if value is None:
-        return _DASH
+        return NOTHING
     return f"{three_digits(value)} ({' to '.join(map(three_digits, interval))}) {unit}"
 
 
 def _parameter_table(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> Table:
     """Parameters of what was found, of each effect that any of the traces has on a channel."""
-    found: list[dict[tuple[str, str, str], tuple[float | None, float | None]]] = [
+    found: list[dict[tuple[str, str, str], Estimate]] = [
         {(f"{' '.join(f['channels'])}: {f['label']}", p["name"], p["unit"]): (p["value"], p["sd"])
          for f in d["findings"] for p in f["params"]}
         for d in documents
     ]  # fmt: skip
     logs = [{run["log_sha256"] for run in d["runs"]} for d in documents]
-    columns = (Column("Effect"), Column("Result", "code"), Column("Value ± sd", "number"),
-               Column(f"Minus {names[0].letter} ± sd", "number"), Column("In sd", "number"))  # fmt: skip
-    rows = []
+    related = [not logs[0].isdisjoint(own) for own in logs]
+    rows: list[tuple[str, ...]] = []
     for key in dict.fromkeys(key for own in found for key in own):
         effect, parameter, unit = key
-        unknown: tuple[float | None, float | None] = (None, None)
-        first = found[0].get(key, unknown)
-        for k, (own, name) in enumerate(zip(found, names, strict=True)):
-            value, sd = own.get(key, unknown)
-            said = "not found" if value is None else plus_minus(value, sd, unit)
-            same = not logs[0].isdisjoint(logs[k])
-            made = difference(first[0], None if same else first[1], value, sd)
-            cells = _cells(made, unit) if k else (_DASH, _DASH)
-            rows.append((f"{effect}, {parameter}", f"{name.letter} {name.mark}".strip(), said, *cells))
-    return Table(columns, tuple(rows))
+        estimates = [own.get(key, (None, None)) for own in found]
+        rows += _beside(f"{effect}, {parameter}", estimates, unit, names, related, "not found")
+    return Table(_columns(Column("Effect"), "Value", names), tuple(rows))

@@ -1,26 +1,27 @@
 """Figures of results beside each other: biases with bands, differences, courses and Allan deviations overlaid."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from filters.channels import CHANNELS
+from filters.specification import ImuSpec
 from filters.tracing.trace_document import TraceDocument
 from imutui.jobs.page_data import LogData
-from imutui.report import allan_axes, axes
-from imutui.report.axes import AFTER, BEFORE, INK, STYLES
+from imutui.report import axes
+from imutui.report.axes import AFTER, BEFORE, INK, SIDE_BY_SIDE, STYLES, UNITS
 from imutui.report.blocks import Figure, Panel
-from imutui.report.residual_figures import SIDE_BY_SIDE, UNITS
+from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from imutui.jobs.documents import ResultDocument
 
-_KEYS: dict[str, Literal["gyro_bias_dps", "accel_bias_mg"]] = {"g": "gyro_bias_dps", "a": "accel_bias_mg"}
 _MOST = len(STYLES)
 
 
@@ -38,8 +39,8 @@ class Compared:
 
     @property
     def mark(self) -> str:
-        """Said beside each number of readings that are no unit's."""
-        return "" if self.origin == "measured" else f"({self.origin})"
+        """Its letter, with the origin of readings that are no unit's."""
+        return self.letter if self.origin == "measured" else f"{self.letter} ({self.origin})"
 
 
 def of_replays(
@@ -48,11 +49,10 @@ def of_replays(
     """Biases, their differences to the first, and where logs are at hand their courses and Allan deviations.
 
     `documents`: two at least, in each of which a filter ran.
-    `names`: one each.
     `related`: whether each is of the readings of the first: their difference has no standard deviation then.
     """
     who = _origins(names)
-    seen = [[c for c in CHANNELS if None not in _bias(d, c)] for d in documents]
+    seen = [[b.channel for b in sources.biases(d) if None not in (b.value, b.sd)] for d in documents]
     differing = [c for c in seen[0] if any(c in own for own in seen[1:])]
     made = [
         _six(
@@ -83,13 +83,14 @@ def of_replays(
             )
         )
     drawn = [c for c in names if c.log.curves][:_MOST]
+    specs = [sources.specification_of(d) for d in documents]
     if len(drawn) > 1:
         made.append(
             _six(
                 "compared-allan",
                 f"Allan deviation of the residuals, overlaid ({who})",
-                _OVERLAID + " " + allan_axes.CAPTION,
-                partial(_allans, names=drawn),
+                f"{_OVERLAID} {axes.white_noise_caption(specs)}",
+                partial(_allans, names=drawn, specs=specs),
             )
         )
     return made
@@ -129,10 +130,14 @@ def _six(
 
 def _values(ax: "Axes", channel: str, documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> None:
     for k, d in enumerate(documents):
-        value, sd = _bias(d, channel)
-        if value is not None and sd is not None:
-            axes.whiskers(ax, float(k), value, [value - 3.0 * sd, value + 3.0 * sd], AFTER, "o")
-    _results(ax, channel, names)
+        _bar(ax, k, *_bias(d, channel))
+    _results(ax, UNITS[channel[0]], names)
+
+
+def _bar(ax: "Axes", at: int, value: float | None, sd: float | None) -> None:
+    if value is not None:
+        half = None if sd is None else 3.0 * sd
+        axes.whiskers(ax, at, value, (None, None) if half is None else (value - half, value + half), AFTER, "o")
 
 
 def _differences(
@@ -145,21 +150,19 @@ def _differences(
     first, first_sd = _bias(documents[0], channel)
     for k, d in enumerate(documents[1:], 1):
         value, sd = _bias(d, channel)
-        if None not in (first, first_sd, value, sd):
-            made, half = float(np.subtract(value, first)), 3.0 * float(np.hypot(first_sd, sd))  # type: ignore[arg-type]
-            bar = [None, None] if related[k] else [made - half, made + half]
-            axes.whiskers(ax, float(k), made, bar, AFTER, "o")
+        if first is not None and first_sd is not None and value is not None and sd is not None:
+            _bar(ax, k, value - first, None if related[k] else math.hypot(first_sd, sd))
     ax.axhline(0.0, color=INK, lw=0.6)
-    _results(ax, channel, names)
+    _results(ax, UNITS[channel[0]], names)
 
 
 def _bias(d: "ResultDocument", channel: str) -> tuple[float | None, float | None]:
-    key, i = _KEYS[channel[0]], CHANNELS.index(channel) % 3
-    return d["final"][key][i], d["sd"][key][i]
+    bias = sources.biases(d)[CHANNELS.index(channel)]
+    return bias.value, bias.sd
 
 
-def _results(ax: "Axes", channel: str, names: Sequence[Compared]) -> None:
-    axes.name(ax, "result", UNITS[channel[0]])
+def _results(ax: "Axes", unit: str, names: Sequence[Compared]) -> None:
+    axes.name(ax, "result", unit)
     ax.set_xticks(range(len(names)), [c.letter for c in names])
     ax.set_xlim(-0.5, len(names) - 0.5)
 
@@ -176,7 +179,7 @@ def _courses(ax: "Axes", channel: str, names: Sequence[Compared]) -> None:
     axes.name(ax, "s since the first sample", UNITS[channel[0]], legend=True)
 
 
-def _allans(ax: "Axes", channel: str, names: Sequence[Compared]) -> None:
+def _allans(ax: "Axes", channel: str, names: Sequence[Compared], specs: Sequence[ImuSpec]) -> None:
     drawn, times = [], []
     for (color, stroke), name in zip(STYLES, names, strict=False):
         if channel not in name.log.curves:
@@ -186,7 +189,7 @@ def _allans(ax: "Axes", channel: str, names: Sequence[Compared]) -> None:
         ax.plot(x, y, color=color, ls=stroke, lw=1.1, label=name.letter)
         drawn.append(y)
         times.append(x)
-    allan_axes.finish(ax, np.concatenate([*times, np.empty(0)]), UNITS[channel[0]], *drawn)
+    axes.allan(ax, np.concatenate([*times, np.empty(0)]), UNITS[channel[0]], specs, *drawn)
 
 
 def _errors(ax: "Axes", channel: str, documents: Sequence[TraceDocument], names: Sequence[Compared]) -> None:
@@ -202,6 +205,4 @@ def _errors(ax: "Axes", channel: str, documents: Sequence[TraceDocument], names:
                 seen.append(value)
     ax.axhline(1.0, color=INK, lw=0.6)
     axes.logarithmic(ax, "y", np.array(seen))
-    axes.name(ax, "result", "error / floor")
-    ax.set_xticks(range(len(names)), [c.letter for c in names])
-    ax.set_xlim(-0.5, len(names) - 0.5)
+    _results(ax, "error / floor", names)

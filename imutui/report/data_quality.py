@@ -9,6 +9,7 @@ from imutui.jobs.page_data import LogData, Quality
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Subheading, Table
 from imutui.report.identity import NOT_STATED
 from imutui.report.numbers import duration
+from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -17,7 +18,6 @@ TITLE = "Data quality"
 TRACE_LEAST_S, TRACE_GOOD_S = 60.0, 1800.0
 _NOISE_SHARE = 0.1
 _SHORT_NOISE_S = 10.0
-_KINDS = (("gyro_bias", "gyro_bias_dps"), ("accel_bias", "accel_bias_mg"))
 
 
 def of_replay(d: "ResultDocument", log: LogData) -> Section:
@@ -58,8 +58,7 @@ def _logs(every: Sequence[Quality]) -> Table:
             str(q.samples),
             str(q.without_reading),
             "none" if not q.gaps else f"{q.gaps}, longest {q.longest_gap_s:.3g} s, {q.missing_s:.3g} s in all",
-            _count(q.lost_packets),
-            _count(q.bad_checksums),
+            *(NOT_STATED if count is None else str(count) for count in (q.lost_packets, q.bad_checksums)),
             _span(q.temperature_degc),
         )
         for q in every
@@ -79,10 +78,6 @@ def _counted(d: "ResultDocument") -> Table:
         ("Samples without a reading", NOT_STATED),
     )
     return Table((Column("What"), Column("How much")), rows, "As the result says; the log is not at hand.")
-
-
-def _count(value: int | None) -> str:
-    return NOT_STATED if value is None else str(value)
 
 
 def _span(values: tuple[float, float] | None) -> str:
@@ -105,12 +100,7 @@ def _replay_needs(d: "ResultDocument") -> Iterator[tuple[str, str, str, str]]:
     if "final" not in d:
         return
     seconds = d["duration_s"]
-    pairs = [
-        (since, value)
-        for key, bias in _KINDS
-        for since, value in zip(d["converged_s"][key], d["final"][bias], strict=True)  # type: ignore[literal-required]
-    ]
-    since = [s for s, value in pairs if value is not None]
+    since = [bias.converged_s for bias in sources.biases(d) if bias.value is not None]
     settled = [s for s in since if s is not None]
     if since and len(settled) == len(since):
         yield "Convergence of all biases", f"{max(settled):.0f} s", duration(seconds), "yes"

@@ -31,7 +31,6 @@ def available() -> bool:
 def picture(panel: Panel, label: str, prefix: str) -> str:
     """A panel as SVG inside a page: its text is text, its colours are the page's, its names are its own.
 
-    `panel`: what to draw.
     `label`: told to who cannot see it.
     `prefix`: what names inside the picture begin with; no other picture of the page has it.
     """
@@ -52,7 +51,6 @@ def picture(panel: Panel, label: str, prefix: str) -> str:
 def file(figure: Figure, kind: str) -> bytes:
     """All panels of a figure as the content of a file.
 
-    `figure`: what to draw.
     `kind`: "svg" or "png".
     """
     return _saved(figure.panels, kind, background="white")

@@ -22,12 +22,7 @@ _QUICK_HZ = 50.0
 
 
 def biases(course: Course, rate_hz: float | None, name: str) -> Figure:
-    """Biases of accelerometers and gyros over time, and their standard deviations.
-
-    `course`: of the filter.
-    `rate_hz`: of the samples.
-    `name`: of the figure's files.
-    """
+    """Biases of accelerometers and gyros over time, and their standard deviations."""
     which = "Figure 4 (133 Hz)" if rate_hz is not None and rate_hz > _QUICK_HZ else "Figure 3 (20 Hz)"
     at = "" if rate_hz is None else f" at {rate_hz:.4g} Hz"
     seen = np.asarray(np.isfinite(_table(course, "bias")).any(axis=0))
@@ -95,11 +90,7 @@ def _deviations(ax: "Axes", course: Course, part: slice, unit: str) -> None:
 
 
 def nis(courses: Sequence[Course], name: str) -> Figure | None:
-    """NIS over its degrees of freedom over time; None where there was no update.
-
-    `courses`: of the filter over one log.
-    `name`: of the figure's files.
-    """
+    """NIS over its degrees of freedom over time; None where there was no update."""
     known = [course for course in courses if any(v is not None for v in course.points["nis"])]
     if not known:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.summary_document import MONTH_DAYS, ChannelField, GroupField, PointField, UnitChannelField
 from imutui.report import axes
-from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
+from imutui.report.axes import AFTER, BEFORE, FLOOR, INK, SIDE_BY_SIDE
 from imutui.report.blocks import Figure, Panel
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def units(group: GroupField) -> Figure | None:
     """Each unit's own value with its interval about the model's; None of one unit, or where no channel tells it."""
     panels = tuple(
         Panel(one["channel"], partial(_units, one=one, numbers=numbers(group)))
-        for one in _ordered(group["channels"])
+        for one in sorted(group["channels"], key=lambda one: SIDE_BY_SIDE.index(one["channel"]))
         if one["model"] and any(unit["value"] for unit in one["units"])
     )
     if not panels:
@@ -66,11 +66,6 @@ def _of_unit(channels: Iterable[ChannelField], serial: str) -> list[UnitChannelF
     return [unit for one in channels for unit in one["units"] if unit["serial_number"] == serial]
 
 
-def _ordered(channels: Sequence[ChannelField]) -> list[ChannelField]:
-    """Gyros on the left, accelerometers on the right."""
-    return [channels[k // 2 + 3 * (k % 2)] for k in range(len(channels))]
-
-
 def _units(ax: "Axes", one: ChannelField, numbers: dict[str, int]) -> None:
     model, between = one["model"], one["between_units"]
     if model and between:
@@ -91,7 +86,7 @@ def _units(ax: "Axes", one: ChannelField, numbers: dict[str, int]) -> None:
 def _chart(group: GroupField, serial: str) -> Figure:
     panels = tuple(
         Panel(one["channel"], partial(_points, unit=unit, name=one["unit"]))
-        for one in _ordered(group["channels"])
+        for one in sorted(group["channels"], key=lambda one: SIDE_BY_SIDE.index(one["channel"]))
         for unit in _of_unit([one], serial)
     )
     return Figure(

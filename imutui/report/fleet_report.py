@@ -1,68 +1,83 @@
 """A fleet's summary as articles, one a group: what fails, what drifts, what stands out, parts, charts, effects."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from filters import specification
-from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
+from imutui.jobs.campaign.summary_document import ChannelField, GroupField, SummaryDocument
 from imutui.jobs.quantities import plural
 from imutui.logbook import json_text
-from imutui.report import figures, fleet_figures, fleet_report, fleet_sentences, html, identity
+from imutui.report import figures, fleet_figures, fleet_sentences, html, identity, plain, wrapping
 from imutui.report.blocks import Article, Block, Column, Facts, Items, Page, Paragraph, Section, Subheading, Table
-from imutui.report.fleet_sentences import DASH
+from imutui.report.numbers import NOTHING, ORIGIN
 
-_MOST_LISTED = 200
-_ALL = "All are in `summary.json`, beside this page."
+INDEX, SUMMARY = "index.html", "summary.json"
 
 
-def page(document: SummaryDocument) -> Page:
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much of a fleet is told."""
+
+    most: int  # sentences of one kind, units and logs that are listed
+    others: str  # where the rest is
+    is_page: bool = True  # whether it has tables of units, charts and the method too
+
+
+PAGE = Extent(200, f"All are in `{SUMMARY}`, beside this page.")
+TERMINAL = Extent(12, "`--json` and `--report` list all.", is_page=False)
+
+
+def text(document: SummaryDocument, width: int) -> str:
+    """A summary as lines of at most so many characters."""
+    told = []
+    for article in page(document, TERMINAL).articles:
+        badge = wrapping.fill(f"{ORIGIN[article.kind].upper()}: {article.origin}", width)
+        told.append(f"{article.title}\n{badge}\n\n{plain.text(article.sections, width)}")
+    return "\n\n\n".join(told)
+
+
+def page(document: SummaryDocument, extent: Extent = PAGE) -> Page:
     """The page of a summary.
 
     `document`: with or without groups: without, all logs are bad, and that is what it says.
     """
-    left_out = Section("Logs without a result", tuple(_errors(document)))
-    articles = [_article(group, document) for group in document["groups"]]
+    title = f"Fleet: {document['results']}"
+    left_out = Section("Logs without a result", tuple(_errors(document, extent)))
+    articles = [_article(group, document, extent) for group in document["groups"]]
     if not articles:
         nothing = Section("Verdict", (Paragraph("No log has a result: there is nothing to summarise."),))
-        articles = [Article(_title(document), "unknown", "No readings are behind this page.", (nothing, left_out))]
+        articles = [Article(title, "unknown", "No readings are behind this page.", (nothing, left_out))]
     elif document["errors"] or document["trace_errors"]:
-        last = articles[-1]
-        articles[-1] = Article(last.title, last.kind, last.origin, (*last.sections, left_out))
-    return Page(_title(document), tuple(articles))
+        articles[-1] = replace(articles[-1], sections=(*articles[-1].sections, left_out))
+    return Page(title, tuple(articles))
 
 
-def _title(document: SummaryDocument) -> str:
-    return f"Fleet: {document['results']}"
-
-
-def _article(group: GroupField, document: SummaryDocument) -> Article:
+def _article(group: GroupField, document: SummaryDocument, extent: Extent) -> Article:
     source = specification.of_model(group["instrument"]).source
-    known = (
-        Section("Fleet", tuple(_fleet(group, document))),
-        Section(f"Which units fail {source}", (_items(fleet_sentences.limits(group)),)),
-    )
-    sections: tuple[Section, ...] = (
-        *known,
-        Section("Which units drift", (_items(fleet_sentences.drifts(group)),)),
-        Section("Which days stand out", tuple(_days(group))),
-        Section("Model, unit and day", tuple(_parts(group))),
-        Section("Control charts", tuple(_charts(group))),
-        Section("Which effects recur", tuple(_effects(group))),
-        Section("Method", tuple(_method(document))),
-    )
-    if not group["units"]:  # nothing can be told of units that nothing tells apart
-        sections = (*known, sections[-1])
-    title = f"Fleet of {fleet_sentences.name(group)}"
-    return Article(title, group["kind"], identity.ORIGINS[group["kind"]], sections)
+    sections = [
+        Section("Fleet", tuple(_fleet(group, document, extent))),
+        Section(f"Which units fail {source}", (_items(fleet_sentences.limits(group), extent),)),
+    ]
+    if group["units"]:  # else nothing can be told of units that nothing tells apart
+        sections += [
+            Section("Which units drift", (_items(fleet_sentences.drifts(group), extent),)),
+            Section("Which days stand out", tuple(_days(group, extent))),
+            Section("Model, unit and day", tuple(_parts(group, extent))),
+            *([Section("Control charts", tuple(_charts(group)))] if extent.is_page else []),
+            Section("Which effects recur", tuple(_effects(group, extent))),
+        ]
+    sections += [Section("Method", tuple(_method(document)))] if extent.is_page else []
+    title = f"Fleet of {group['instrument'] or 'instrument not stated'}"
+    return Article(title, group["kind"], identity.ORIGINS[group["kind"]], tuple(sections))
 
 
-def _items(sentences: list[str]) -> Items:
-    shown = sentences[:_MOST_LISTED]
-    more = len(sentences) - len(shown)
-    return Items((*shown, *((f"And {more:,} more. {_ALL}",) if more else ())))
+def _items(sentences: list[str], extent: Extent) -> Items:
+    more = len(sentences) - extent.most
+    return Items((*sentences[: extent.most], *((f"And {more:,} more. {extent.others}",) if more > 0 else ())))
 
 
-def _fleet(group: GroupField, document: SummaryDocument) -> Iterator[Block]:
+def _fleet(group: GroupField, document: SummaryDocument, extent: Extent) -> Iterator[Block]:
     yield Paragraph(f"{fleet_sentences.extent(group)}. {fleet_sentences.left_out(document)}")
     told = [*group["notes"], *fleet_sentences.undetermined(group), *fleet_sentences.repeats(group)]
     if told := [*told, *fleet_sentences.omissions(group)]:
@@ -75,29 +90,29 @@ def _fleet(group: GroupField, document: SummaryDocument) -> Iterator[Block]:
             str(unit["logs"]),
             _from_to(unit["first_utc"], unit["last_utc"]),
         )
-        for n, unit in enumerate(group["units"][:_MOST_LISTED], 1)
+        for n, unit in enumerate(group["units"][: extent.most], 1)
     )
-    if rows:
+    if rows and extent.is_page:
         columns = (Column("No.", "number"), Column("Unit", "code"), Column("Power-ons", "number"),
                    Column("Logs", "number"), Column("Recorded, UTC"))  # fmt: skip
-        more = f" The first {_MOST_LISTED} of {len(group['units'])}. {_ALL}" if len(group["units"]) > len(rows) else ""
-        yield Table(columns, rows, "Units by serial number." + more)
+        more = f" The first {len(rows)} of {len(group['units'])}. {extent.others}"
+        yield Table(columns, rows, "Units by serial number." + (more if len(group["units"]) > len(rows) else ""))
 
 
 def _from_to(first: str | None, last: str | None) -> str:
     return fleet_sentences.from_to(first, last) if first and last else identity.NOT_STATED
 
 
-def _days(group: GroupField) -> Iterator[Block]:
+def _days(group: GroupField, extent: Extent) -> Iterator[Block]:
     yield Paragraph(fleet_sentences.charts(group))
     told = fleet_sentences.days_out(group)
     if told:
-        yield _items(told)
+        yield _items(told, extent)
     elif any(one["chart_dof"] for one in group["channels"]):
         yield Paragraph("None does.")
 
 
-def _parts(group: GroupField) -> Iterator[Block]:
+def _parts(group: GroupField, extent: Extent) -> Iterator[Block]:
     together = any(one["together"] for one in group["channels"])
     between = (
         (Column("Between units and days together", "number"),)
@@ -114,7 +129,7 @@ def _parts(group: GroupField) -> Iterator[Block]:
     yield Table(columns, rows, caption)
     if told := fleet_sentences.in_control(group):
         yield Items(tuple(told))
-    if figure := fleet_figures.units(group):
+    if extent.is_page and (figure := fleet_figures.units(group)):
         yield figure
         yield _own(group)
 
@@ -127,11 +142,11 @@ def _spreads(one: ChannelField, together: bool) -> tuple[str, ...]:
 def _own(group: GroupField) -> Table:
     """Value of each unit in each channel."""
     numbers = fleet_figures.numbers(group)
-    shown = list(numbers)[:_MOST_LISTED]
+    shown = list(numbers)[: PAGE.most]
     values = {(unit["serial_number"], one["channel"]): fleet_sentences.value(unit["value"])
               for one in group["channels"] for unit in one["units"]}  # fmt: skip
     channels = [(one["channel"], one["unit"]) for one in group["channels"]]
-    rows = tuple((serial, *(values.get((serial, channel), DASH) for channel, _ in channels)) for serial in shown)
+    rows = tuple((serial, *(values.get((serial, channel), NOTHING) for channel, _ in channels)) for serial in shown)
     columns = (Column("Unit", "code"), *(Column(f"{channel}, {unit}", "number") for channel, unit in channels))
     return Table(columns, rows, "What each unit's power-ons scatter about, ± sd; this holds on a day not yet seen.")
 
@@ -144,12 +159,12 @@ def _charts(group: GroupField) -> Iterator[Block]:
         return
     if several > len(figures):
         yield Paragraph(
-            f"Drawn are {len(figures)} of {several} units, those first of which there is most to tell. {_ALL}"
+            f"Drawn are {len(figures)} of {several} units, those first of which there is most to tell. {PAGE.others}"
         )
     yield from figures
 
 
-def _effects(group: GroupField) -> Iterator[Block]:
+def _effects(group: GroupField, extent: Extent) -> Iterator[Block]:
     if not group["traced_logs"]:
         yield Paragraph("No log was traced: `imutui campaign --trace` does it.")
         return
@@ -161,39 +176,27 @@ def _effects(group: GroupField) -> Iterator[Block]:
     rows = tuple(
         (" ".join(e["channels"]), f"{e['label']} ({e['effect']})", fleet_sentences.effect_where(e),
          fleet_sentences.LEVELS[e["level"]])
-        for e in group["effects"]
+        for e in group["effects"][: extent.most]
     )  # fmt: skip
     yield Table(columns, rows, "Effects that traces found, the most frequent first.")
-    yield from _parameters(group["effects"])
-
-
-def _parameters(effects: list[EffectField]) -> Iterator[Block]:
-    columns = (Column("Channel", "code"), Column("Parameter"), Column("Unit"), Column("Mean of the model", "number"),
-               Column("Between units", "number"), Column("Between days", "number"))  # fmt: skip
-    rows = tuple(
-        (
-            " ".join(e["channels"]),
-            f"{e['effect']} {p['name']}",
-            p["unit"],
-            fleet_sentences.value(p["model"]),
-            fleet_sentences.component(p["between_units"]),
-            fleet_sentences.component(p["between_power_ons"]),
-        )
-        for e in effects
-        for p in e["params"]
-    )
-    if rows:
+    of_sizes = (Column("Channel", "code"), Column("Parameter"), Column("Unit", "code"),
+               Column("Mean of the model", "number"), Column("Between units", "number"),
+               Column("Between days", "number"))  # fmt: skip
+    sizes = tuple(
+        (" ".join(e["channels"]), f"{e['effect']} {p['name']}", p["unit"], fleet_sentences.value(p["model"]),
+         fleet_sentences.component(p["between_units"]), fleet_sentences.component(p["between_power_ons"]))
+        for e in group["effects"][: extent.most] for p in e["params"]
+    )  # fmt: skip
+    if sizes:
         yield Subheading("What they amount to")
-        yield Table(columns, rows, "Of logs in which the effect was found: small ones come out too large.")
+        yield Table(of_sizes, sizes, "Of logs in which the effect was found: small ones come out too large.")
 
 
-def _errors(document: SummaryDocument) -> Iterator[Block]:
+def _errors(document: SummaryDocument, extent: Extent) -> Iterator[Block]:
     yield Paragraph(fleet_sentences.left_out(document))
     for told, what in ((document["errors"], "No result"), (document["trace_errors"], "No trace")):
         if told:
-            columns = (Column("Log", "file"), Column("Why"))
-            rows = tuple((one["log"], one["error"]) for one in told[:_MOST_LISTED])
-            yield Table(columns, rows, f"{what}: {plural(len(told), 'log')}.")
+            yield _items([f"{what}: {one['log']}: {one['error']}" for one in told], extent)
 
 
 def _method(document: SummaryDocument) -> Iterator[Block]:
@@ -209,18 +212,15 @@ def _method(document: SummaryDocument) -> Iterator[Block]:
 # --------------------------------------------------------------------------------------------------------- fleet page
 # A folder to hand over: the page of a fleet, its figures as files, the summary.
 
-INDEX, SUMMARY = "index.html", "summary.json"
-
 
 def write(folder: Path, document: SummaryDocument) -> list[Path]:
     """Write page, figures and summary into a folder.
 
     `folder`: made if absent; files of these names are replaced.
-    `document`: of `imutui.jobs.campaign.summary`.
     Returns what was written, the page first.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    made = fleet_report.page(document)
+    made = page(document)
     contents = {INDEX: html.document(made).encode("utf-8", "replace")}
     contents[SUMMARY] = (json_text.dumps(document) + "\n").encode()
     for number, article in enumerate(made.articles, 1):

@@ -18,9 +18,8 @@ from imutui.jobs.campaign.summary_document import (
     UnitChannelField,
 )
 from imutui.jobs.quantities import plural
-from imutui.report.numbers import plus_minus, three_digits
+from imutui.report.numbers import NOTHING, plus_minus, three_digits
 
-DASH = "–"
 LEVELS = {
     "model": "the model's: in half of the units or more",
     "some_units": "of some units",
@@ -28,11 +27,6 @@ LEVELS = {
     "day": "of single days",
     "not_told": "not told: nothing to compare with",
 }
-
-
-def name(group: GroupField) -> str:
-    """What a group is of."""
-    return group["instrument"] or "instrument not stated"
 
 
 def extent(group: GroupField) -> str:
@@ -236,17 +230,17 @@ def _counts(counts: Sequence[tuple[str, int]]) -> str:
     return ", ".join(f"{channel} of {plural(n, 'log')}" for channel, n in counts)
 
 
-def value(found: EstimateField | None, unit: str = "") -> str:
+def value(found: EstimateField | None) -> str:
     """A value with its sd; a dash where it is not determined."""
-    return DASH if found is None else plus_minus(found["value"], found["sd"], unit)
+    return NOTHING if found is None else plus_minus(found["value"], found["sd"], "")
 
 
-def component(found: ComponentField | None, between: str = "\n") -> str:
-    """A standard deviation with its interval."""
+def component(found: ComponentField | None) -> str:
+    """A standard deviation with its interval, below each other where a cell has room."""
     if found is None:
-        return DASH
+        return NOTHING
     sd, low, high = map(_two_digits, (found["sd"], found["low"], found["high"]))
-    return f"{sd}{between}({low} to {high})"
+    return f"{sd}\n({low} to {high})"
 
 
 def _two_digits(sd: float) -> str:

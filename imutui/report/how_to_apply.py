@@ -28,16 +28,12 @@ _MOST_LINES = 40
 
 
 def of_replay(d: "ResultDocument", log: LogData) -> Section:
-    """How to apply a replay's biases, and effects if it took any.
-
-    `d`: in which a filter ran.
-    `log`: what the log adds.
-    """
-    biases = [*d["final"]["gyro_bias_dps"], *d["final"]["accel_bias_mg"]]
-    return Section(TITLE, tuple(_replay(d, log, biases)))
+    """How to apply a replay's biases, and effects if it took any."""
+    return Section(TITLE, tuple(_replay(d, log)))
 
 
-def _replay(d: "ResultDocument", log: LogData, biases: Sequence[float | None]) -> Iterator[Block]:
+def _replay(d: "ResultDocument", log: LogData) -> Iterator[Block]:
+    biases = [bias.value for bias in sources.biases(d)]
     found = sources.of_document(d)
     if not found.passes:
         yield Paragraph(f"Not before this is mended, because the verdict is {found.word}: {sources.reasons(d)}")
@@ -54,11 +50,7 @@ def _replay(d: "ResultDocument", log: LogData, biases: Sequence[float | None]) -
 
 
 def of_trace(d: TraceDocument, log: LogData) -> Section:
-    """How to apply what a trace found.
-
-    `d`: the result.
-    `log`: what the logs add.
-    """
+    """How to apply what a trace found."""
     return Section(TITLE, tuple(_trace(d, log)))
 
 
@@ -257,8 +249,6 @@ def imu_yaml(
     """Noise of a unit as Kalibr takes it: the noisiest axis of each kind.
 
     `levels`: by channel; empty where nothing was measured.
-    `rate_hz`, `seconds`: of the log.
-    `heading`: what it is of.
     `terms`: effects that the readings have in them: a walk cannot be told from what moves a channel in another way.
     """
     lines, lacks, terms = [f"# {heading}"], [], tuple(terms)

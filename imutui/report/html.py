@@ -3,12 +3,11 @@
 Text is text: nothing in it is a tag. For wide and narrow screens, light and dark ones, and for A4.
 """
 
-from collections.abc import Callable
 from html import escape as escaped
 
 from imutui.plain_text import visible
 from imutui.report import figures
-from imutui.report.blocks import Article, Code, Facts, Figure, Items, Page, Paragraph, Section, Subheading, Table
+from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Section, Subheading, Table
 from imutui.report.numbers import ORIGIN
 
 # for wide and narrow screens, light and dark ones, and paper; colours of figures are named here once for each
@@ -79,10 +78,7 @@ _SHORT = 30
 
 
 def document(page: Page) -> str:
-    """Text of the file.
-
-    `page`: what it says.
-    """
+    """Text of the file."""
     body = "\n".join(_article(article, n) for n, article in enumerate(page.articles, 1))
     if len(page.articles) > 1:
         body = f"<h1>{text(page.title)}</h1>\n{_contents(page)}\n{body}"
@@ -130,26 +126,28 @@ def _article(article: Article, number: int) -> str:
 
 
 def _section(section: Section, number: int) -> str:
-    blocks = "\n".join(_figure(b, number) if isinstance(b, Figure) else _WRITERS[type(b)](b) for b in section.blocks)
+    blocks = "\n".join(_block(block, number) for block in section.blocks)
     return f"<section>\n<h2>{text(section.title)}</h2>\n{blocks}\n</section>"
 
 
-def _paragraph(block: Paragraph) -> str:
-    return f"<p>{text(block.text)}</p>"
-
-
-def _subheading(block: Subheading) -> str:
-    return f"<h3>{text(block.text)}</h3>"
-
-
-def _items(block: Items) -> str:
-    tag = "ol" if block.numbered else "ul"
-    return f"<{tag}>" + "".join(f"<li>{text(item)}</li>" for item in block.texts) + f"</{tag}>"
-
-
-def _facts(block: Facts) -> str:
-    rows = "".join(f"<dt>{text(label)}</dt><dd>{text(value)}</dd>" for label, value in block.rows)
-    return f"<dl>{rows}</dl>"
+def _block(block: Block, number: int) -> str:
+    match block:
+        case Paragraph(said):
+            return f"<p>{text(said)}</p>"
+        case Subheading(said):
+            return f"<h3>{text(said)}</h3>"
+        case Items(texts, numbered):
+            tag = "ol" if numbered else "ul"
+            return f"<{tag}>" + "".join(f"<li>{text(item)}</li>" for item in texts) + f"</{tag}>"
+        case Facts(rows):
+            return f"<dl>{''.join(f'<dt>{text(label)}</dt><dd>{text(value)}</dd>' for label, value in rows)}</dl>"
+        case Table():
+            return _table(block)
+        case Code(said, folded):
+            whole = f"<pre>{escape(said)}</pre>"
+            return f"<details><summary>{text(folded)}</summary>{whole}</details>" if folded else whole
+        case Figure():
+            return _figure(block, number)
 
 
 def _table(block: Table) -> str:
@@ -166,11 +164,6 @@ def _cells(block: Table, row: tuple[str, ...]) -> str:
     )
 
 
-def _code(block: Code) -> str:
-    whole = f"<pre>{escape(block.text)}</pre>"
-    return f"<details><summary>{text(block.folded)}</summary>{whole}</details>" if block.folded else whole
-
-
 def _figure(block: Figure, number: int) -> str:
     several = len(block.panels) > 1
     drawn = "".join(
@@ -180,13 +173,3 @@ def _figure(block: Figure, number: int) -> str:
     caption = f"<figcaption><strong>{text(block.title)}.</strong> {text(block.caption)}</figcaption>"
     kind = "several" if several else "single"
     return f'<figure id="r{number}-{block.name}" class="{kind}">{caption}<div class="panels">{drawn}</div></figure>'
-
-
-_WRITERS: dict[type, Callable[..., str]] = {
-    Paragraph: _paragraph,
-    Subheading: _subheading,
-    Items: _items,
-    Facts: _facts,
-    Table: _table,
-    Code: _code,
-}

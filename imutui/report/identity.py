@@ -49,34 +49,19 @@ class LogFacts:
 
 def of_run(run: RunEntry) -> LogFacts:
     """Facts of a log that was traced."""
+    role = "held out" if run.get("heldout") else "fitted"
     return LogFacts(
-        run.get("log", ""),
-        "held out" if run.get("heldout") else "fitted",
-        run["kind"],
-        run.get("source", ""),
-        run["seconds"],
-        run["rate_hz"],
-        run.get("start_utc"),
-        run.get("temperature_degc"),
-        run.get("log_sha256"),
-        run.get("identity"),
-    )
+        run.get("log", ""), role, run["kind"], run.get("source", ""), run["seconds"], run["rate_hz"],
+        run.get("start_utc"), run.get("temperature_degc"), run.get("log_sha256"), run.get("identity"),
+    )  # fmt: skip
 
 
 def of_result(d: "ResultDocument") -> LogFacts:
     """Facts of a log that was filtered."""
     return LogFacts(
-        d["log"],
-        "filtered",
-        d["kind"],
-        "",
-        d.get("duration_s"),
-        d.get("rate_hz"),
-        d.get("start_utc"),
-        d.get("temperature_degc"),
-        d["log_sha256"],
-        d.get("identity"),
-    )
+        d["log"], "filtered", d["kind"], "", d.get("duration_s"), d.get("rate_hz"), d.get("start_utc"),
+        d.get("temperature_degc"), d["log_sha256"], d.get("identity"),
+    )  # fmt: skip
 
 
 def kind_of(logs: Sequence[LogFacts]) -> str:
@@ -88,11 +73,7 @@ def kind_of(logs: Sequence[LogFacts]) -> str:
 
 
 def section(logs: Sequence[LogFacts], library: str) -> Section:
-    """The block that stands first.
-
-    `logs`: at least one.
-    `library`: what made the result, with its version.
-    """
+    """The block that stands first."""
     rows = [(label, _stated(_all(logs, key))) for label, key in _LABELS]
     rows += [
         ("Recorded", _dates(logs)),

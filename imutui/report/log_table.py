@@ -5,19 +5,16 @@ import textwrap
 from imutui.jobs.info import Brief
 from imutui.jobs.quantities import plural
 from imutui.plain_text import in_line
-from imutui.report.numbers import ORIGIN
+from imutui.report.numbers import NOTHING, ORIGIN
 
 _HEADS = ("name", "start, UTC", "length", "unit", "Hz", "lost", "kind", "state")
 _RIGHT = {"length", "Hz", "lost"}
 _LEAST_NAME, _LEAST_NOTE = 12, 16
-_NOTHING = "–"
 
 
 def text(folder: str, logs: list[Brief], width: int | None) -> str:
     """The folder, and a row for each log.
 
-    `folder`: its path.
-    `logs`: as `imutui.jobs.info.brief` tells them.
     `width`: columns; None for as many as it takes. Where a note has no room it stands below its row.
     """
     if not logs:
@@ -45,12 +42,12 @@ def _cells(log: Brief, *, year: bool) -> list[str]:
     start = log.start_utc or ""
     return [
         log.name,
-        (start[0 if year else 5 : 16].replace("T", " ")) or _NOTHING,
+        (start[0 if year else 5 : 16].replace("T", " ")) or NOTHING,
         _clock(log.seconds),
-        unit(log.instrument, log.serial_number) or _NOTHING,
-        _NOTHING if log.rate_hz is None else f"{log.rate_hz:.4g}",
-        _NOTHING if log.lost_packets is None else f"{log.lost_packets}",
-        _NOTHING if log.kind == "unknown" else ORIGIN[log.kind],
+        unit(log.instrument, log.serial_number) or NOTHING,
+        NOTHING if log.rate_hz is None else f"{log.rate_hz:.4g}",
+        NOTHING if log.lost_packets is None else f"{log.lost_packets}",
+        NOTHING if log.kind == "unknown" else ORIGIN[log.kind],
         log.state,
     ]
 
@@ -81,6 +78,6 @@ def _cut(note: str, width: int) -> str:
 
 def _clock(seconds: float | None) -> str:
     if seconds is None:
-        return _NOTHING
+        return NOTHING
     whole = max(0, round(seconds))
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -6,19 +6,15 @@ from pathlib import Path
 from imutui.jobs.documents import CheckDocument, EventField, InfoDocument, QualityFields, RecoverDocument
 from imutui.jobs.quantities import plural
 from imutui.report import effect_words, numbers, wrapping
+from imutui.report.numbers import NOTHING
 
 _LABEL = 13
 _MARKS = 50
-_NOTHING = "–"
 _wrap = wrapping.wrap
 
 
 def info_text(d: InfoDocument, width: int) -> str:
-    """What is in a log.
-
-    `d`: of `jobs.info.info`.
-    `width`: columns.
-    """
+    """What is in a log."""
     lines = [d["log"]]
     for label, value in _facts(d):
         if value:
@@ -29,11 +25,7 @@ def info_text(d: InfoDocument, width: int) -> str:
 
 
 def check_text(d: CheckDocument, width: int) -> str:
-    """Whether a log is whole: the verdict, each finding, notes.
-
-    `d`: of `jobs.check.check`.
-    `width`: columns.
-    """
+    """Whether a log is whole: the verdict, each finding, notes."""
     count = len(d["findings"])
     verdict = "fine" if d["fine"] else f"{count} finding" if count == 1 else f"{count} findings"
     lines = [f"{verdict}: {d['log']}"]
@@ -50,11 +42,7 @@ def check_text(d: CheckDocument, width: int) -> str:
 
 
 def recover_text(d: RecoverDocument, width: int) -> str:
-    """What a rebuilt log holds, and what was lost.
-
-    `d`: of `jobs.recover.recover`.
-    `width`: columns.
-    """
+    """What a rebuilt log holds, and what was lost."""
     verdict = "recovered" if d["complete"] else "recovered in part"
     lines = [f"{verdict}: {d['output']}"]
     size = f"{plural(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}, {plural(d['messages'], 'message')}"
@@ -102,7 +90,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     if d["recovered"]:
         yield (
             "recovered",
-            f"from {d['recovered'].get('source', _NOTHING)}; lost: {d['recovered'].get('lost', _NOTHING)}",
+            f"from {d['recovered'].get('source', NOTHING)}; lost: {d['recovered'].get('lost', NOTHING)}",
         )
 
 
@@ -185,9 +173,9 @@ def _happened(title: str, entries: list[EventField], width: int) -> list[str]:
         return []
     lines = ["", title]
     for entry in entries[:_MARKS]:
-        t = f"{entry['t']:10.3f} s" if entry["t"] is not None else f"{_NOTHING:>10}  "
+        t = f"{entry['t']:10.3f} s" if entry["t"] is not None else f"{NOTHING:>10}  "
         when = f"{t}  {entry['utc'][11:19]}  "
-        lines += _wrap(entry["text"] or _NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
+        lines += _wrap(entry["text"] or NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
     return lines + ([f"and {len(entries) - _MARKS} more"] if len(entries) > _MARKS else [])
 
 

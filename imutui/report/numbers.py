@@ -2,6 +2,7 @@
 
 import math
 
+NOTHING = "–"  # in the place of a number that is not known
 ORIGIN = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 """Who made the readings, beside a result's name: what is simulated stands out."""
 
@@ -45,7 +46,7 @@ def noise_certainty(relative_sd: float | None) -> str | None:
 def times_floor(x: float | None) -> str:
     """A ratio to the floor: two digits below ten."""
     if x is None:
-        return "–"
+        return NOTHING
     return f"{x:.0f}" if x >= 99.5 else f"{x:.1f}" if x >= 9.95 else f"{x:.2f}"
 
 
@@ -64,6 +65,8 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def three_digits(x: float) -> str:
-    """Three digits, so that numbers of one column compare: 0.120, 12.0, 120."""
+def three_digits(x: float | None) -> str:
+    """Three digits, so that numbers of one column compare: 0.120, 12.0, 120; a dash for none."""
+    if x is None:
+        return NOTHING
     return f"{x:#.3g}".removesuffix(".") if abs(x) < 999.5 else f"{x:.4g}"

@@ -49,10 +49,7 @@ class Story:
 
 
 def page(stories: Sequence[Story]) -> Page:
-    """A page of results, of traces and of replays; several of a kind are compared first.
-
-    `stories`: at least one.
-    """
+    """A page of results, of traces and of replays; several of a kind are compared first."""
     articles = tuple(_article(story) for story in stories)
     if len(articles) == 1:
         return Page(articles[0].title, articles)
@@ -73,7 +70,6 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
 
     `folder`: made if absent. Files of these names are replaced, and figures of the page before that this one has not
       are removed.
-    `stories`: at least one.
     Returns what was written, the page first.
     """
     made = page(stories)
@@ -198,7 +194,7 @@ def course(entry: CommonEntry) -> str:
 
 
 class PrintError(Exception):
-    """A browser that is there did not print; the message says what it said."""
+    """Nothing was printed; the message says why: no browser is here, or what it said."""
 
 
 def browser() -> str | None:
@@ -206,14 +202,15 @@ def browser() -> str | None:
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
-def print_page(page: Path, output: Path, program: str) -> None:
-    """Print a page on A4.
+def print_page(page: Path, output: Path) -> Path:
+    """Print a page on A4, by a browser, which is looked for.
 
-    `page`: HTML.
-    `output`: PDF, in a folder that there is; replaced.
-    `program`: as `browser` gives it.
+    `output`: PDF, in a folder that there is; replaced, and returned.
     Raises PrintError if nothing was printed.
     """
+    program = browser()
+    if program is None:
+        raise PrintError("it takes chromium or chrome, and neither is here")
     # beside the page: a browser in a container of its own sees no other temporary folder
     with tempfile.TemporaryDirectory(prefix=".print-", dir=output.parent) as own:
         made = Path(own) / "page.pdf"
@@ -230,4 +227,4 @@ def print_page(page: Path, output: Path, program: str) -> None:
         if not made.is_file() or not made.stat().st_size:
             said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
             raise PrintError(f"{Path(program).name} printed nothing: {said}"[:_WORDS])
-        made.replace(output)
+        return made.replace(output)

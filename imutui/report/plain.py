@@ -1,10 +1,10 @@
 """Blocks as lines of a width, for terminals: tables in columns whose cells go on below, all else as paragraphs."""
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from imutui.report import wrapping
-from imutui.report.blocks import Block, Items, Paragraph, Section, Table
+from imutui.report.blocks import Block, Figure, Items, Paragraph, Section, Subheading, Table
 
 _BETWEEN = 2
 _FIXED = ("code", "number", "bar")
@@ -12,23 +12,30 @@ _FIXED = ("code", "number", "bar")
 
 def text(sections: Sequence[Section], width: int, signs: Callable[[str], str] = str) -> str:
     """Sections below each other, each under its title; `signs` has the terminal's signs, whatever their width is."""
+    return "\n\n".join(f"{section.title}\n{lines(section.blocks, width, signs)}" for section in sections)
+
+
+def lines(blocks: Iterable[Block], width: int, signs: Callable[[str], str] = str) -> str:
+    """Blocks below each other; figures are left out."""
 
     def typed(said: str) -> str:
         return signs(said.replace("`", ""))  # on pages only, what is to be typed has a typeface of its own
 
-    return "\n\n".join(
-        "\n".join([s.title, *(line for b in s.blocks for line in _block(b, width, typed))]) for s in sections
-    )
+    return "\n".join(line for block in blocks for line in _block(block, width, typed))
 
 
 def _block(block: Block, width: int, typed: Callable[[str], str]) -> list[str]:
     match block:
         case Paragraph(said):
             return wrapping.wrap(typed(said), width)
+        case Subheading(said):
+            return ["", *wrapping.wrap(typed(said), width)]
         case Items(texts):
             return [line for said in texts for line in wrapping.wrap(f"- {typed(said)}", width, "", "  ")]
         case Table():
             return [*_table(block, width, typed), *wrapping.wrap(typed(block.caption), width)]
+        case Figure():
+            return []
     raise TypeError(type(block).__name__)
 
 
@@ -39,6 +46,9 @@ def _table(table: Table, width: int, typed: Callable[[str], str]) -> Iterator[st
     heads = [typed(column.heading) if column.kind != "code" or len(column.heading) <= w else ""
              for column, w in zip(table.columns, codes, strict=True)]  # fmt: skip
     head = tuple(heads)
+    one_line = [tuple(cell.replace("\n", " ") for cell in row) for row in rows]
+    if sum(_needed([head, *one_line])) + _BETWEEN * (len(head) - 1) <= width:
+        rows = one_line
     widths = _widths(table, [head, *rows], width)
     for row in (head, *rows):
         cells = [_cell(cell, w) for cell, w in zip(row, widths, strict=True)]
@@ -51,13 +61,18 @@ def _table(table: Table, width: int, typed: Callable[[str], str]) -> Iterator[st
 
 
 def _cell(cell: str, width: int) -> list[str]:
-    lines = textwrap.wrap(cell.replace(" %", "\u00a0%"), width, break_on_hyphens=False)
+    parts = cell.replace(" %", "\u00a0%").split("\n")
+    lines = [line for part in parts for line in textwrap.wrap(part, width, break_on_hyphens=False)]
     return [line.replace("\u00a0", " ") for line in lines]
+
+
+def _needed(rows: Sequence[tuple[str, ...]]) -> list[int]:
+    return [max(1, *(len(line) for cell in column for line in cell.split("\n"))) for column in zip(*rows, strict=True)]
 
 
 def _widths(table: Table, rows: Sequence[tuple[str, ...]], width: int) -> list[int]:
     """What each column needs; where that is too much the widest columns of text give way, evenly."""
-    need = [max(1, *(len(cell) for cell in column)) for column in zip(*rows, strict=True)]
+    need = _needed(rows)
     room = width - _BETWEEN * (len(need) - 1)
     text_columns = [k for k, column in enumerate(table.columns) if column.kind not in _FIXED] or list(range(len(need)))
     words = [

@@ -3,25 +3,27 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Literal, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from filters.channels import CHANNELS, DPS
+from filters.effects import plain_names
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     axes,
     data_quality,
-    effect_words,
     filter_figures,
     how_to_apply,
     identity,
     numbers,
-    residual_figures,
+    replay_text,
+    trace_figures,
 )
 from imutui.report.axes import AFTER, INK
 from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
+from imutui.report.numbers import NOTHING
+from imutui.report.replay_text import DIGITS, UNSEEN, converged
 from imutui.verdict import sources
+from imutui.verdict.sources import ResultBias
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,34 +32,11 @@ if TYPE_CHECKING:
 
 
 _SQRT_HOUR = 60.0
-
-
-class _Kind(NamedTuple):
-    """Three biases: name, fields of the document, unit, digits."""
-
-    name: str
-    key: Literal["gyro_bias_dps", "accel_bias_mg"]
-    since: str
-    unit: str
-    digits: int
-
-
-_KINDS = (
-    _Kind("gyro", "gyro_bias_dps", "gyro_bias", "deg/s", 4),
-    _Kind("accelerometer", "accel_bias_mg", "accel_bias", "mg", 3),
-)
-_DASH = "–"
-
-
 NO_DATA = LogData()
 
 
 def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
-    """All that is said of a result.
-
-    `d`: the result; fields that came later may lack.
-    `log`: what its log adds.
-    """
+    """All that is said of a result."""
     logs = [identity.of_result(d)]
     kind = identity.kind_of(logs)
     made = [identity.section(logs, d.get("library", "")), Section("Verdict", tuple(_verdict(d)))]
@@ -102,33 +81,17 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
 def _biases(d: "ResultDocument") -> Table:
     columns = (Column("Bias"), Column("Before: the bias", "number"), Column("After: 3 sd", "number"),
                Column("Mean ± sd after convergence", "number"), Column("Converged"))  # fmt: skip
-    rows = []
-    for kind in _KINDS:
-        for i, axis in enumerate("xyz"):
-            value, sd = d["final"][kind.key][i], d["sd"][kind.key][i]
-            label = f"{axis} {kind.name}"
-            if value is None or sd is None:
-                rows.append((label, _DASH, _DASH, _DASH, "not observable with this reference"))
-                continue
-            at = d["converged_s"][kind.since][i]
-            rows.append(
-                (
-                    label,
-                    f"{value:.{kind.digits}f} {kind.unit}",
-                    f"{3.0 * sd:.{kind.digits}f} {kind.unit}",
-                    _spread(d, kind, i),
-                    "not yet" if at is None else f"at {at:.0f} s",
-                )
-            )
+    rows, spread = [], d.get("spread")
+    for b in sources.biases(d):
+        if b.value is None or b.sd is None:
+            rows.append((b.name, NOTHING, NOTHING, NOTHING, UNSEEN))
+            continue
+        value, half = (f"{x:.{DIGITS[b.unit]}f} {b.unit}" for x in (b.value, 3.0 * b.sd))
+        mean, sd = (b.of(spread["mean"]), b.of(spread["sd"])) if spread else (None, None)
+        known = mean is not None and sd is not None
+        after = f"{mean:.{DIGITS[b.unit]}f} ± {sd:.{DIGITS[b.unit]}f} {b.unit}" if known else NOTHING
+        rows.append((b.name, value, half, after, converged(b.converged_s)))
     return Table(columns, tuple(rows), "In the unit's own axes and sign: corrected reading = reading − bias.")
-
-
-def _spread(d: "ResultDocument", kind: _Kind, i: int) -> str:
-    spread = d.get("spread")
-    if not spread:
-        return _DASH
-    mean, sd = spread["mean"][kind.key][i], spread["sd"][kind.key][i]
-    return _DASH if mean is None or sd is None else f"{mean:.{kind.digits}f} ± {sd:.{kind.digits}f} {kind.unit}"
 
 
 def _figures(d: "ResultDocument", log: LogData) -> Iterator[Block]:
@@ -137,12 +100,16 @@ def _figures(d: "ResultDocument", log: LogData) -> Iterator[Block]:
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield _figure(d)
-    yield from residual_figures.figures(log.curves)
+    yield from trace_figures.of_log(log.curves, sources.specification_of(d))
     yield from (Paragraph(sentence) for sentence in log.missing)
 
 
 def _figure(d: "ResultDocument") -> Figure:
-    panels = tuple(Panel(f"{kind.name} biases", partial(_draw, d=d, kind=kind)) for kind in _KINDS)
+    known = sources.biases(d)
+    panels = tuple(
+        Panel(f"{name} biases", partial(_draw, known=own))
+        for name, own in (("gyro", known[:3]), ("accelerometer", known[3:]))
+    )
     return Figure(
         "biases",
         "Biases with three standard deviations",
@@ -151,13 +118,12 @@ def _figure(d: "ResultDocument") -> Figure:
     )
 
 
-def _draw(ax: "Axes", d: "ResultDocument", kind: _Kind) -> None:
-    values, sds = axes.column(d["final"][kind.key]), axes.column(d["sd"][kind.key])
-    for i in np.flatnonzero(np.isfinite(values) & np.isfinite(sds)):
-        spread = [float(values[i] - 3.0 * sds[i]), float(values[i] + 3.0 * sds[i])]
-        axes.whiskers(ax, float(i), float(values[i]), spread, AFTER, "o")
+def _draw(ax: "Axes", known: Sequence[ResultBias]) -> None:
+    for i, b in enumerate(known):
+        if b.value is not None and b.sd is not None:
+            axes.whiskers(ax, float(i), b.value, [b.value - 3.0 * b.sd, b.value + 3.0 * b.sd], AFTER, "o")
     ax.axhline(0.0, color=INK, lw=0.6)
-    axes.name(ax, "axis", kind.unit)
+    axes.name(ax, "axis", known[0].unit)
     ax.set_xticks(range(3), ["x", "y", "z"])
     ax.set_xlim(-0.5, 2.5)
 
@@ -175,9 +141,9 @@ def _method(d: "ResultDocument", log: LogData) -> Iterator[Block]:
         ("Mounting (table x, y, z)", d["mount"]),
         ("Samples", f"{d['samples']} ({d['rejected']} updates left out as outliers)"),
         ("Lost packets, bad checksums, gaps", f"{d['lost_packets']}, {d['bad_checksums']}, {len(d['gaps'])}"),
-        ("NIS", _nis(d)),
-        ("Noise of this log", _noise_of(log, d) or _noise(d)),
-        ("Effects in the filter", "; ".join(effect_words.state(effect["name"]) for effect in d["effects"]) or "none"),
+        ("NIS", replay_text.nis(d)),
+        ("Noise of this log", _noise_of(log, d) or replay_text.noise(d)),
+        ("Effects in the filter", "; ".join(plain_names.state(effect["name"]) for effect in d["effects"]) or "none"),
         ("Asked for in place of the recording's own settings", _asked(d)),
         ("SHA-256 of the log", d["log_sha256"] or identity.NOT_STATED),
         ("SHA-256 of the settings", d["config_sha256"]),
@@ -197,49 +163,18 @@ def _asked(d: "ResultDocument") -> str:
     return ", ".join(told) or "nothing"
 
 
-def _nis(d: "ResultDocument") -> str:
-    nis = d["nis"]
-    if nis["mean"] is None:
-        return "none"
-    low, high = nis["band95"]
-    band = (
-        f"95 % band {low:.3g} to {high:.3g}" if nis["is_test"] and low is not None and high is not None else nis["why"]
-    )
-    return f"{nis['mean']:.3g} of {nis['dof']:g} degrees of freedom ({band})"
-
-
 def _noise_of(log: LogData, d: "ResultDocument") -> str:
     """White noise by Allan deviation, which `imu.yaml` has too; empty where the log is not at hand."""
-    limits, parts = d["noise"]["specification"], []
-    for name, unit, scale, channels, limit in (
-        ("gyro", "deg/√h", _SQRT_HOUR / DPS, CHANNELS[:3], limits["gyro_arw_deg_sqrt_h"]),
-        ("accelerometer", "m/s/√h", _SQRT_HOUR, CHANNELS[3:], limits["accel_vrw_mps_sqrt_h"]),
-    ):
-        known = [log.levels.get(channel) for channel in channels]
-        values = [_DASH if e is None else numbers.plus_minus(e.white * scale, e.white_sd * scale, "") for e in known]
-        if any(known):
-            parts.append(f"{name} {', '.join(values)} {unit} ({_specification(limit)})")
-    return "; ".join(parts) + (" (± 1 sd, by Allan deviation)" if parts else "")
-
-
-def _specification(limit: Sequence[float | None]) -> str:
-    return f"specification {next((f'{value:.3g}' for value in limit if value is not None), identity.NOT_STATED)}"
-
-
-def _noise(d: "ResultDocument") -> str:
-    noise, limits = d["noise"], d["noise"]["specification"]
-    sure = numbers.noise_certainty(noise.get("relative_sd"))
-    unknown = all(value is None for value in (*noise["gyro_arw_deg_sqrt_h"], *noise["accel_vrw_mps_sqrt_h"]))
-    if unknown or (sure is None and "relative_sd" in noise):
-        return numbers.TOO_SHORT
     parts = []
-    for name, unit, own, limit in (
-        ("gyro", "deg/√h", noise["gyro_arw_deg_sqrt_h"], limits["gyro_arw_deg_sqrt_h"]),
-        ("accelerometer", "m/s/√h", noise["accel_vrw_mps_sqrt_h"], limits["accel_vrw_mps_sqrt_h"]),
-    ):
-        values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
-        parts.append(f"{name} {values} {unit} ({_specification(limit)})")
-    return ", ".join(parts) + (f", each {sure}" if sure is not None else "")
+    for name, unit, scale, channels, stated in zip(
+        ("gyro", "accel"), ("deg/√h", "m/s/√h"), (_SQRT_HOUR / DPS, _SQRT_HOUR), (CHANNELS[:3], CHANNELS[3:]),
+        sources.noise_stated(d), strict=True,
+    ):  # fmt: skip
+        known = [log.levels.get(channel) for channel in channels]
+        values = [NOTHING if e is None else numbers.plus_minus(e.white * scale, e.white_sd * scale, "") for e in known]
+        if any(known):
+            parts.append(f"{name} {', '.join(values)} {unit} ({stated})")
+    return "; ".join(parts) + (" (± 1 sd, by Allan deviation)" if parts else "")
 
 
 # ------------------------------------------------------------------------------------------------------------- advice
@@ -247,10 +182,7 @@ def _noise(d: "ResultDocument") -> str:
 
 
 def after_replay(d: "ResultDocument") -> list[str]:
-    """What to do after a replay.
-
-    `d`: the result; one in which a filter ran.
-    """
+    """What to do after a replay."""
     log = PurePath(d["log"]).name
     told = []
     if "damage" in d:

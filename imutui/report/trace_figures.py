@@ -1,33 +1,39 @@
-"""Figures of a trace, from its document alone."""
+"""Figures of a trace, from its document alone, and of the residual of a log that was filtered."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from filters.channels import CHANNELS
+from filters import specification
 from filters.effects import plain_names
+from filters.specification import ImuSpec
 from filters.tracing.trace_document import (
     ChannelCurvesEntry,
     CommonEntry,
+    CurveEntry,
     DriverCurveEntry,
     ErrorEntry,
     FindingEntry,
     RunCurvesEntry,
     TraceDocument,
 )
+from filters.types import Array
 from imutui.jobs.driver_curves import TEMPERATURE, DriverCurve
-from imutui.report import allan_axes as allan
 from imutui.report import axes
-from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
+from imutui.report.axes import AFTER, BEFORE, FLOOR, INK, SIDE_BY_SIDE, UNITS
 from imutui.report.blocks import Figure, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_UNITS = {"g": "deg/s", "a": "mg"}
+_RESIDUAL = "Reading minus what a perfect unit would read, without its mean (the bias), as means over cells"
+_ALLAN = (
+    "A straight line that halves when the averaging time quadruples is white noise; where it bends up, something else"
+    " moves the channel."
+)
 _BRIDGED = " Where readings are missing, straight lines stand for them: short averaging times then look quieter."
 _FEW_POINTS = 30
 _REMEMBERED = " Where the error remembers temperature, a line is along a run: it comes back another way than it went."
@@ -53,67 +59,85 @@ def figures(d: TraceDocument) -> list[Figure]:
     return [*_drivers(d), *_commons(d), *(f for run in d.get("curves", []) for f in _of_run(run, d))]
 
 
+def of_log(curves: Mapping[str, ChannelCurvesEntry], spec: ImuSpec) -> list[Figure]:
+    """Residual over time and Allan deviation of one log that was filtered, by channel; none without curves."""
+    if not curves:
+        return []
+    return [
+        Figure(
+            "residual",
+            "Residual",
+            f"{_RESIDUAL}. A flat line is white noise; `imutui trace` looks for the cause of any other.",
+            _panels(curves, partial(_residual, is_traced=False)),
+        ),
+        Figure(
+            "allan",
+            "Allan deviation of the residual",
+            f"{_ALLAN} {axes.white_noise_caption([spec])}",
+            _panels(curves, partial(_allan, spec=spec, is_traced=False)),
+        ),
+    ]
+
+
 def _of_run(run: RunCurvesEntry, d: TraceDocument) -> Iterator[Figure]:
     number = 1 + [entry["run"] for entry in d["curves"]].index(run["run"])
     which = f"run {run['run']}" + (", held out" if run["heldout"] else "")
     yield Figure(
         f"residual-{number}",
         f"Residual of {which}",
-        "Reading minus what a perfect unit would read, without its mean (the bias), as means over cells that begin and"
-        " end with the readings. A flat line after is what correcting for everything found leaves.",
-        _panels(run, _residual),
+        f"{_RESIDUAL} that begin and end with the readings. A flat line after is what correcting for everything found"
+        " leaves.",
+        _panels(run["channels"], _residual),
     )
     if number < len(d["curves"]):
         return
     bridged = _BRIDGED if any(c["bridged"] for c in run["channels"].values()) else ""
+    unit = d["runs"][0].get("identity")
+    spec = specification.of_model(unit["instrument"] if unit else "")
     yield Figure(
         "allan",
         f"Allan deviation of the residual of {which}",
-        "A straight line that halves when the averaging time quadruples is white noise; where it bends up, something"
-        " else moves the channel. " + allan.CAPTION + bridged,
-        _panels(run, _allan),
+        f"{_ALLAN} {axes.white_noise_caption([spec])}{bridged}",
+        _panels(run["channels"], partial(_allan, spec=spec)),
     )
     yield Figure(
         "spectrum",
         f"Spectrum of the residual of {which}",
         "Flat is white noise; a peak is a vibration or an electrical line; a rise to the left is drift." + bridged,
-        _panels(run, _spectrum),
+        _panels(run["channels"], _spectrum),
     )
 
 
-def _panels(run: RunCurvesEntry, draw: Callable[..., None]) -> tuple[Panel, ...]:
-    made = []
-    # gyros on the left, accelerometers on the right
-    for name in (CHANNELS[k // 2 + 3 * (k % 2)] for k in range(6)):
-        curves = run["channels"].get(name)
-        if curves is not None and curves["residual"]["x"]:
-            made.append(Panel(name, partial(draw, curves=curves, unit=_UNITS[name[0]])))
-    return tuple(made)
+def _panels(channels: Mapping[str, ChannelCurvesEntry], draw: Callable[..., None]) -> tuple[Panel, ...]:
+    return tuple(
+        Panel(name, partial(draw, curves=channels[name], unit=UNITS[name[0]]))
+        for name in SIDE_BY_SIDE
+        if name in channels and channels[name]["residual"]["x"]
+    )
 
 
-def _residual(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
-    curve = curves["residual"]
-    axes.before_and_after(ax, curve["x"], axes.column(curve["before"]), axes.column(curve["after"]))
-    axes.name(ax, "s since power-on", unit, legend=True)
+def _residual(ax: "Axes", curves: ChannelCurvesEntry, unit: str, *, is_traced: bool = True) -> None:
+    _drawn(ax, curves["residual"], is_traced=is_traced)
+    axes.name(ax, f"s since {'power-on' if is_traced else 'the first sample'}", unit, legend=is_traced)
 
 
 def _spectrum(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
-    _log_log(ax, curves["spectrum"]["x"], curves["spectrum"]["before"], curves["spectrum"]["after"])
+    x, *both = _drawn(ax, curves["spectrum"])
+    axes.logarithmic(ax, "x", x)
+    axes.logarithmic(ax, "y", *both)
     axes.name(ax, "frequency, Hz", f"{unit}/√Hz", legend=True)
 
 
-def _allan(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
-    curve = curves["allan"]
-    both = axes.column(curve["before"]), axes.column(curve["after"])
-    axes.before_and_after(ax, curve["x"], *both)
-    allan.finish(ax, np.asarray(curve["x"], float), unit, *both)
+def _allan(ax: "Axes", curves: ChannelCurvesEntry, unit: str, spec: ImuSpec, *, is_traced: bool = True) -> None:
+    x, *both = _drawn(ax, curves["allan"], is_traced=is_traced)
+    axes.allan(ax, x, unit, [spec], *both)
 
 
-def _log_log(ax: "Axes", x: Sequence[float], before: Sequence[float | None], after: Sequence[float | None]) -> None:
-    both = axes.column(before), axes.column(after)
-    axes.before_and_after(ax, x, *both)
-    axes.logarithmic(ax, "x", np.asarray(x, float))
-    axes.logarithmic(ax, "y", *both)
+def _drawn(ax: "Axes", curve: CurveEntry, *, is_traced: bool = True) -> list[Array]:
+    """Where a curve is, and the curve before and, where there was one, after correction."""
+    drawn = [axes.column(curve["before"]), *([axes.column(curve["after"])] if is_traced else [])]
+    axes.before_and_after(ax, curve["x"], drawn[0], drawn[1] if is_traced else None)
+    return [np.asarray(curve["x"], float), *drawn]
 
 
 def _errors(ax: "Axes", errors: Sequence[ErrorEntry]) -> None:

@@ -10,7 +10,7 @@ from filters.effects import plain_names
 from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import SEPARATES, ErrorEntry, FindingEntry, TraceDocument
 from imutui.report.blocks import Column, Table
-from imutui.report.numbers import duration, times_floor
+from imutui.report.numbers import NOTHING, duration, times_floor
 
 _STATUS = {
     "confounded": "several fit",
@@ -29,7 +29,6 @@ METRICS = {
     "gravity_norm": "size of gravity",
     "gravity_direction": "direction of gravity",
 }
-_DASH = "–"
 _LEAST, _MOST, _MARKS = 0.5, 1000.0, 10
 _BAR = (
     "The bar is logarithmic, 0.5 to 1000 × the floor, three marks a decade: █ is left, ░ was taken away, ▒ was added."
@@ -67,7 +66,7 @@ def glance(d: TraceDocument) -> Table:
         for channel in CHANNELS if channel in d.get("status", {})
     ]  # fmt: skip
     rows += [
-        ("all", *_ratios(e), METRICS[e["metric"]], _DASH, _DASH)
+        ("all", *_ratios(e), METRICS[e["metric"]], NOTHING, NOTHING)
         for e in d.get("error", []) if e["metric"] in ("gravity_norm", "gravity_direction")
     ]  # fmt: skip
     held = [f"run {run['id']}" for run in d["runs"] if run.get("heldout")]
@@ -82,7 +81,7 @@ def _error(d: TraceDocument, channel: str) -> ErrorEntry | None:
 def _ratios(e: ErrorEntry | None) -> tuple[str, str]:
     """Both ratios to the floor, and their bar."""
     if e is None or e.get("after") is None:
-        return _DASH, ""
+        return NOTHING, ""
     before, after = e.get("before_x_floor"), e.get("after_x_floor")
     told = [times_floor(x) for x in (before, after)]
     return (told[0] if told[0] == told[1] else " → ".join(told)), bar(before, after)
@@ -134,7 +133,7 @@ def _how_sure(d: TraceDocument, channel: str) -> str:
 
 def _next(d: TraceDocument, channel: str, actions: Sequence[_Action]) -> str:
     names = [name for name, channels, _ in actions if channel in channels.split()]
-    return ", ".join(names[:2]) or ("nothing" if d["status"][channel] == "clean" else _DASH)
+    return ", ".join(names[:2]) or ("nothing" if d["status"][channel] == "clean" else NOTHING)
 
 
 # ------------------------------------------------------------------------------------------------------ what to do

@@ -19,11 +19,7 @@ NO_DATA = LogData()
 
 
 def article(d: TraceDocument, log: LogData = NO_DATA) -> Article:
-    """All that is said of a trace.
-
-    `d`: the result; fields that came later may lack.
-    `log`: what its logs add.
-    """
+    """All that is said of a trace."""
     logs = [identity.of_run(run) for run in d["runs"]]
     kind = identity.kind_of(logs)
     has_file = bool(d.get("effects_file"))

@@ -11,13 +11,12 @@ from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import ParameterEntry, RivalEntry, TraceDocument
 from imutui.report import plain, trace_glance, wrapping
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Table
-from imutui.report.numbers import duration, plus_minus, readings, share, three_digits
+from imutui.report.numbers import NOTHING, duration, plus_minus, readings, share, three_digits
 from imutui.report.trace_glance import TERMINAL, Places
 
 _IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")
 """Parameters that the label of a finding says."""
 _FEW = 3
-_DASH = "–"
 _RULE = (
     "± is one standard deviation. A cause joins where its score, beside drift too, is above 9; of a channel that"
     " drifts, a step, or what channels share, needs more than 30. It leaves where its score falls below 4.5, because"
@@ -230,7 +229,7 @@ def _weak(d: TraceDocument) -> Table:
             unit = x["params"][0]["unit"].removeprefix("1")
             told.append(f"{x['limit']:.2g} {unit}".rstrip() + " would be used")
         label = plain_names.named(x.get("label") or plain_names.effect(x["effect"]), x["effect"])
-        rows.append((" ".join(x["channels"]), label, ", ".join(sizes) or _DASH, "; ".join(told)))
+        rows.append((" ".join(x["channels"]), label, ", ".join(sizes) or NOTHING, "; ".join(told)))
     return Table(
         (Column("Channel", "code"), Column("Cause"), Column("Size ± sd"), Column("Why it is not used")), tuple(rows)
     )
@@ -244,10 +243,10 @@ def _errors(d: TraceDocument) -> Table:
         (
             trace_glance.METRICS.get(e["metric"], e["metric"]),
             e.get("channel") or "all",
-            _or_dash(e.get("before")),
-            _or_dash(e["after"]),
-            " to ".join(map(_or_dash, e.get("ci95") or ())),
-            _or_dash(e.get("floor")),
+            three_digits(e.get("before")),
+            three_digits(e["after"]),
+            " to ".join(map(three_digits, e.get("ci95") or ())),
+            three_digits(e.get("floor")),
             "" if e["unit"] == "1" else e["unit"],
             str(e["n"]),
         )
@@ -256,10 +255,6 @@ def _errors(d: TraceDocument) -> Table:
     columns = (Column("Error of"), Column("Channel", "code"), *(Column(text, "number") for text in (
         "Before", "After", "95 % of it", "Floor")), Column("Unit"), Column("n", "number"))  # fmt: skip
     return Table(columns, rows, "The floor is what white noise alone gives; n is the number of windows.")
-
-
-def _or_dash(value: float | None) -> str:
-    return _DASH if value is None else three_digits(value)
 
 
 def _limits(d: TraceDocument) -> Table:

@@ -10,12 +10,7 @@ _FEWEST = 3
 
 
 def wrap(text: str, width: int, initial_indent: str = "", subsequent_indent: str = "") -> list[str]:
-    """Lines of at most `width` characters, but for a word that is longer: a path stays whole, to be copied.
-
-    `text`: one paragraph.
-    `width`: characters.
-    `initial_indent`, `subsequent_indent`: as textwrap has them.
-    """
+    """Lines of at most `width` characters, but for a word that is longer: a path stays whole, to be copied."""
     lines = textwrap.wrap(
         text,
         width,

@@ -1,6 +1,6 @@
 """Standings of filters, from what a running acquisition shows and from the result of a run that is over."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from filters import specification
 from filters.channels import DPS, MG
@@ -9,7 +9,7 @@ from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
 
 if TYPE_CHECKING:
     from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
-    from imutui.logbook.results import NoiseFields, ResultDocument
+    from imutui.logbook.results import NoiseFields, ResultDocument, SdFields, StateFields
 
 _AT_REST = ("level", "gravity")
 _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
@@ -18,7 +18,6 @@ _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
 def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = None) -> Standing:
     """Standing of a running filter.
 
-    `estimates`: the snapshot's `filter`.
     `slope_k_per_min`: of the temperature as the viewer sees it, for an acquisition that does not tell its own.
     """
     return Standing(
@@ -46,7 +45,7 @@ def of_document(d: "ResultDocument") -> Verdict:
     return judge(
         Standing(
             t=d["duration_s"],
-            biases=_biases(d),
+            biases=_snapshots(d),
             nis=d["nis"],
             remainder=d.get("remainder", ()),
             noise=noisiest(d["noise"], d["reference"]) if "noise" in d else None,
@@ -116,33 +115,41 @@ def _unfiltered(alarms: list[str]) -> Verdict:
     return Verdict("none", "OFF", _NO_FILTER)
 
 
-def _biases(d: "ResultDocument") -> "list[BiasSnapshot]":
-    final, sds, since = d["final"], d["sd"], d["converged_s"]
-    kinds = (
-        ("gyro", "deg/s", final["gyro_bias_dps"], sds["gyro_bias_dps"], since["gyro_bias"]),
-        ("accel", "mg", final["accel_bias_mg"], sds["accel_bias_mg"], since["accel_bias"]),
-    )
+class ResultBias(NamedTuple):
+    """One of the six biases of a result."""
+
+    name: str  # such as "x gyro"
+    channel: str  # gx to az
+    unit: str
+    value: float | None  # None where the reference does not show it, as is its standard deviation
+    sd: float | None
+    converged_s: float | None  # when it converged; None if it has not
+    key: 'Literal["gyro_bias_dps", "accel_bias_mg"]'  # where fields of a result have it: its name, and its place there
+    place: int
+
+    def of(self, fields: "StateFields | SdFields") -> float | None:
+        """The bias among other fields of a result: its truth, or its mean."""
+        return fields[self.key][self.place]
+
+
+def biases(d: "ResultDocument") -> list[ResultBias]:
+    """Biases of gyros, then accelerometers, of a result in which a filter ran."""
+    kinds: tuple[tuple[str, str, Literal["gyro_bias_dps", "accel_bias_mg"]], ...]
+    kinds = (("gyro", "deg/s", "gyro_bias_dps"), ("accel", "mg", "accel_bias_mg"))
+    return [
+        ResultBias(f"{axis} {kind}", f"{kind[0]}{axis}", unit, d["final"][key][i], d["sd"][key][i],
+                   d["converged_s"][f"{kind}_bias"][i], key, i)
+        for kind, unit, key in kinds for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+
+
+def _snapshots(d: "ResultDocument") -> "list[BiasSnapshot]":
     limits = bias_limits(specification_of(d))
     return [
-        _bias(f"{axis} {kind}", unit, limits[unit], value, sd, converged)
-        for kind, unit, *columns in kinds
-        for axis, value, sd, converged in zip("xyz", *columns, strict=True)
-    ]
-
-
-def _bias(
-    name: str, unit: str, limit: float, value: float | None, sd: float | None, since: float | None
-) -> "BiasSnapshot":
-    return {
-        "name": name,
-        "value": value,
-        "sd3": None if sd is None else 3.0 * sd,
-        "unit": unit,
-        "limit": limit,
-        "change_10s": None,
-        "converged_s": since,
-        "observable": value is not None,
-    }
+        {"name": b.name, "value": b.value, "sd3": None if b.sd is None else 3.0 * b.sd, "unit": b.unit,
+         "limit": limits[b.unit], "change_10s": None, "converged_s": b.converged_s, "observable": b.value is not None}
+        for b in biases(d)
+    ]  # fmt: skip
 
 
 def headline(d: "ResultDocument") -> str:

@@ -53,7 +53,6 @@ def mounted(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("source", ["sample", "mounted"])
 def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Path, source: str) -> None:
-    """Biases and their sd agree to rounding, and not with those of the log as it is; whatever sign and mounting."""
     log = SAMPLE if source == "sample" else mounted(tmp_path)
     effects = written(tmp_path, SCALE, THERMAL, RAMP)
     corrected = tmp_path / "corrected.mcap"
@@ -75,7 +74,6 @@ def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Pa
 
 
 def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
-    """Of readings with scale factor, misalignment, g-sensitivity and a bias, where only they tell what is sensed."""
     A = np.zeros((6, 6))
     A[2, 2], A[4, 3], A[0, 5] = 0.02, 0.03, 0.4
     bias = np.array([0.0, 0.0, 1.5, 0.08, 0.0, 0.0])
@@ -102,7 +100,6 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
 
 
 def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
-    """A drift stays and is told; samples that the file calls no readings say so in the log that is made."""
     done = imutui(
         "apply", str(SAMPLE), "--effects", str(written(tmp_path, SCALE, DRIFT, SPIKES)), "-o",
         str(tmp_path / "c.mcap"), "--json",
@@ -122,7 +119,6 @@ def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
 
 
 def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
-    """Source, hashes and effects are in it; a replay does not take them again; rosbags and `check` read it whole."""
     effects, corrected = written(tmp_path, THERMAL), tmp_path / "c.mcap"
     source_hash = reader.sha256(SAMPLE)
     told = imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected)).stdout
@@ -154,7 +150,6 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
 
 
 def test_effects_of_another_unit_are_applied_with_a_warning(tmp_path: Path) -> None:
-    """Named by both commands that take them; nothing is said of a unit's own, nor where one of the two is unknown."""
     unit = effects_file.unit_of(reader.read(SAMPLE).info)
     effects = written(tmp_path, SCALE)
     text = effects.read_text()
@@ -166,7 +161,6 @@ def test_effects_of_another_unit_are_applied_with_a_warning(tmp_path: Path) -> N
 
 
 def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
-    """What, where, what next; nothing is made."""
     good = written(tmp_path, SCALE)
     (tmp_path / "bad.toml").write_text("version = 7")
     unknown = tmp_path / "unknown.toml"

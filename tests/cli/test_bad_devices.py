@@ -112,7 +112,6 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_command_names_the_next_step_and_ends(outcomes: dict[str, Outcome], name: str) -> None:
-    """Exit 4, the port, what is wrong, what to do; and no process is left behind."""
     outcome = outcomes[name]
     assert outcome.code == 4, outcome
     error = error_of(outcome)
@@ -166,7 +165,6 @@ def test_another_model_of_the_family_is_refused_by_name(model: str) -> None:
 
 @pytest.mark.usefixtures("home")
 def test_who_names_the_unit_is_told_that_no_other_was_looked_for() -> None:
-    """The next step where it is one of another kind: to have it asked."""
     with (
         Device(Habits(answers("NAV440 VER 2.1"))) as device,
         pytest.raises(SessionError, match="Only an imu400cd was looked for; without --instrument the unit is asked"),
@@ -175,7 +173,6 @@ def test_who_names_the_unit_is_told_that_no_other_was_looked_for() -> None:
 
 
 def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, Outcome]) -> None:
-    """The last packet before the adapter went away is in it, an event says what happened, and so does the command."""
     outcome = outcomes["hangs up while recording"]
     assert outcome.code == 4, outcome
     assert "gone at the end" in outcome.stderr

@@ -62,7 +62,6 @@ PORTS = {
 
 @pytest.mark.parametrize("name", PORTS)
 def test_what_is_no_port_is_named_with_the_next_step(home: Path, name: str) -> None:
-    """Paths that are absent, files, folders and devices of another kind, hosts that refuse, URLs of no known kind."""
     (home / "a-file").write_text("kept")
     (home / "a-folder").mkdir()
     with pytest.raises(PortError) as refused:
@@ -93,7 +92,6 @@ def unprivileged() -> list[str]:
 
 
 def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, unprivileged: list[str]) -> None:
-    """Exit 5, naming the folder."""
     (home / "logs").mkdir()
     ports.deny(home / "logs")
     with Device(GOOD) as device:
@@ -107,7 +105,6 @@ def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, un
 
 
 def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(home: Path) -> None:
-    """Exit 5 without advice that cannot work: --force does not make a folder of a file."""
     (home / "logs").write_text("kept")
     with Device(GOOD) as device:
         outcome = record(home, device.port, "--duration", "0.2")
@@ -131,7 +128,6 @@ def small_disk(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @mounts
 def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) -> None:
-    """Exit 5 naming the file; the log that is replayed stays whole."""
     rows = "".join(f"{i / 100},{i % 97 / 7},{i % 89 / 7},{i % 83 / 7},0,0,0.998\n" for i in range(4000))
     (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + rows)
     path = small_disk / "out.mcap"
@@ -149,7 +145,6 @@ def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) 
 
 
 def test_a_second_acquisition_is_told_of_the_first(home: Path) -> None:
-    """Its name is taken, or under another name its port; neither disturbs the first."""
     with Device(GOOD) as device, recording_to(home / "first.mcap", device.port) as first:
         line = ("record", "--port", device.port, "--filter", "none", "--json")
         same = imutui(*line, check=4)
@@ -167,7 +162,6 @@ def test_a_second_acquisition_is_told_of_the_first(home: Path) -> None:
 
 
 def test_a_mark_needs_a_recording(home: Path) -> None:
-    """An acquisition that only shows has no file to put it into; nothing is said to be written."""
     with Device(GOOD) as device:
         connection = client.start(Plan(device.port, filter="none", logs=str(home / "logs")))
         marked = imutui("mark", "x", check=4)
@@ -195,7 +189,6 @@ def test_sigterm_to_the_foreground_finishes_the_file(home: Path) -> None:
 
 
 def test_a_closed_terminal_leaves_the_acquisition_running(home: Path) -> None:
-    """SIGHUP ends the foreground with 0; the file grows on until `imutui stop`."""
     with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
         connection = client.attach()
         run.send_signal(signal.SIGHUP)
@@ -213,7 +206,6 @@ def test_a_closed_terminal_leaves_the_acquisition_running(home: Path) -> None:
 
 @pytest.mark.parametrize("line", ["config", "status --json"])
 def test_a_reader_that_has_enough_is_no_error(home: Path, line: str) -> None:
-    """`| head -1`, and a pipe that is closed before anything is written: nothing on stderr."""
     ours, theirs = os.pipe()
     os.close(ours)
     streams = {"stdout": theirs, "stderr": subprocess.PIPE}

@@ -56,12 +56,10 @@ def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[
     ],
 )
 def test_what_is_not_as_it_should_be_is_counted_in_the_first_line(errors: int, not_fine: int, said: str) -> None:
-    """Only where nothing is amiss all is fine."""
     assert campaign.counted(200, errors, not_fine) == said
 
 
 def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first log has not to be waited for, and the end takes the line away."""
     screen = StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: True)
     monkeypatch.setattr(sys, "stderr", screen)
@@ -107,7 +105,6 @@ def workers_of(parent: int) -> list[int]:
 
 
 def test_a_bad_log_is_a_row_with_its_error(expected: list[dict[str, Any]]) -> None:
-    """Every log has a row; only those that are none have an error, and no estimate."""
     assert len(expected) == 200
     assert [row["log"] for row in expected if row["error"]] == BAD
     for row in expected:
@@ -117,7 +114,6 @@ def test_a_bad_log_is_a_row_with_its_error(expected: list[dict[str, Any]]) -> No
 
 
 def test_a_row_is_what_a_replay_tells(logs: Path, expected: list[dict[str, Any]]) -> None:
-    """The fields of a row that a replay has are equal to its own."""
     row = expected[-1]
     own = json.loads(imutui("replay", str(logs / row["log"]), "--json", check=None).stdout)
     for key in ("final", "sd", "spread", "converged_s", "log_sha256", "config_sha256", "samples", "alarms", "kind"):
@@ -130,7 +126,6 @@ def test_a_row_is_what_a_replay_tells(logs: Path, expected: list[dict[str, Any]]
 def test_an_interrupted_campaign_goes_on_where_it_was(
     logs: Path, expected: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl+C leaves what is done; the same command does the rest, and no row is computed twice."""
     monkeypatch.chdir(tmp_path)
     results = tmp_path / "results"
     line = command_line("campaign", str(logs), "-o", "results", "--workers", "2")
@@ -204,7 +199,6 @@ def scheduler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple
 def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(
     logs: Path, expected: list[dict[str, Any]], tmp_path: Path, scheduler: tuple[str, list["subprocess.Popen[str]"]]
 ) -> None:
-    """Two workers over TCP, one of which dies in the middle: the other one does what it was on, and nothing is lost."""
     address, workers = scheduler
     results = tmp_path / "results"
     with started(command_line("campaign", str(logs), "-o", str(results), "--cluster", address, "--json")) as run:
@@ -219,7 +213,6 @@ def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(
 def test_a_scheduler_that_does_not_answer_is_told_with_what_to_do(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No rows, no traceback: the exit code of what cannot be reached."""
     from imutui.jobs.campaign import cluster
 
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)

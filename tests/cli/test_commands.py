@@ -19,7 +19,7 @@ from helpers.paths import SAMPLE
 from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
-from imutui.cli import COMMANDS, replay, status, trace
+from imutui.cli import COMMANDS, each_log, status
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields, encode
 from imutui.logbook import schemas
@@ -44,7 +44,6 @@ def still(path: Path, seconds: float = 30.0) -> Path:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_an_example(command: str) -> None:
-    """A user who asks is shown how it is called."""
     text = imutui(command, "--help").stdout
     assert f"Example: imutui {command}" in " ".join(text.split())
 
@@ -60,7 +59,6 @@ def test_a_process_ends_as_a_call_does(home: Path, line: str, code: int) -> None
 
 @pytest.mark.parametrize(("left_s", "said"), [(1800.0, "30 min"), (3599.0, "60 min"), (9000.0, "2.5 h")])
 def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) -> None:
-    """In minutes where an operator has to do something soon."""
     fake = FakeClient()
     fake.record()
     snapshot = fake.snapshot()
@@ -71,18 +69,15 @@ def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) ->
 
 @pytest.mark.parametrize("is_terminal", [True, False])
 def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
-    """A file of what was written to stderr has the errors in it, and no line that was to be written over."""
     screen = StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: is_terminal)
     monkeypatch.setattr(sys, "stderr", screen)
-    replay._progress(SAMPLE)(0.25)
-    trace._progress()(0.5, "noise")
-    assert ("sample.mcap:  25 %" in screen.getvalue(), "50 %" in screen.getvalue()) == (is_terminal, is_terminal)
+    each_log.progress(0.25, "sample.mcap")
+    assert (" 25 %  sample.mcap" in screen.getvalue()) == is_terminal
     assert bool(screen.getvalue()) is is_terminal
 
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
-    """Measured, 50 s still: gyro biases are the means of the readings, horizontals are said to be unobservable."""
     source = recording("aceinna_imu381_s1_static.npz")
     done = imutui("import", str(source), "-o", "a.mcap", *ACEINNA, "--kind", "measured")
     assert "temps" in done.stderr, "an array that was not imported is named"
@@ -102,7 +97,6 @@ def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Calla
 
 
 def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
-    """Measured: ten minutes imported, the first two replayed; biases are the means, noise is below Table 1."""
     source = recording("adis16405_static_a.npz")
     imutui("import", str(source), "-o", "a.mcap", "--end", "600", *ADIS)
     result = replayed(home / "a.mcap", "--end", "60")
@@ -116,7 +110,6 @@ def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable
 
 
 def test_the_wrong_sign_of_a_level_recording_is_refused_with_both_cures(home: Path) -> None:
-    """Nothing is written; the exit code is that of unreadable input."""
     source = still(home / "a.npz", 5.0)
     done = imutui("import", str(source), "-o", "a.mcap", "--accel-sign", "+1", check=3)
     assert "--accel-sign -1" in done.stderr
@@ -125,7 +118,6 @@ def test_the_wrong_sign_of_a_level_recording_is_refused_with_both_cures(home: Pa
 
 
 def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
-    """-o makes a log of estimates that rosbags decodes; the last one is the result's final state."""
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
     result = replayed(home / "a.mcap", "-o", "est.mcap", "--estimates", "10")
     with AnyReader([home / "est.mcap"]) as bag:
@@ -136,7 +128,6 @@ def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> Non
 
 
 def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None:
-    """kappa, measurements and gravity by --set; the hash tells runs apart, the log's hash stays."""
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
     plain = replayed(home / "a.mcap")
     paper = replayed(home / "a.mcap", "--set", "filter.kappa=-12")
@@ -151,7 +142,6 @@ def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None
 
 
 def test_several_logs_give_a_list(home: Path) -> None:
-    """One document each, in the order named."""
     for name in ("a", "b"):
         imutui("import", str(still(home / f"{name}.npz", 3.0)), "-o", f"{name}.mcap")
     results = json.loads(imutui("replay", "a.mcap", "b.mcap", "--json", check=1).stdout)
@@ -159,7 +149,6 @@ def test_several_logs_give_a_list(home: Path) -> None:
 
 
 def test_a_table_for_people_says_the_verdict_first(home: Path) -> None:
-    """Without --json: converged or not, six biases with bands and units."""
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap", "--kind", "simulated")
     text = imutui("replay", "a.mcap").stdout
     assert text.startswith(("GREEN, converged: ", "AMBER, converged: "))
@@ -168,7 +157,6 @@ def test_a_table_for_people_says_the_verdict_first(home: Path) -> None:
 
 
 def test_configuration_says_where_each_value_comes_from(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Environment over file over default; an unknown key in a file is a warning."""
     (home / "imutui.toml").write_text('[paths]\nlogs = "from-file"\n[acquisition]\nrate_hz = 20\nnonsense = 1\n')
     monkeypatch.setenv("IMUTUI_ACQUISITION_RATE_HZ", "50")
     done = imutui("config", "--show", "--json")
@@ -188,7 +176,6 @@ def virtual(*arguments: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
 
 
 def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home: Path) -> None:
-    """Port on the first line, a symbolic link beside it, commands on stderr, the link gone at the end."""
     with virtual("--link", "imu", "--serial-number", "42") as (port, unit):
         assert os.path.realpath(home / "imu") == port
         with serial.Serial(str(home / "imu"), 38400, timeout=5.0) as line:
@@ -209,7 +196,6 @@ def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home
 
 
 def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
-    """A file *.raw is of an IMU381: quiet, its identity known, and all its bytes once a host asks for its rate."""
     packets = [PacketS1((k, 0, 0), (0, 0, 0), (0, 0, 0), 0, k * 655 % 65536, 2) for k in range(20)]
     stream = b"".join(map(encode, packets))
     (home / "a.raw").write_bytes(stream)
@@ -222,7 +208,6 @@ def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
 
 
 def test_a_played_recording_is_silent_after_its_end(home: Path) -> None:
-    """No reading is made up: after the last one the unit answers but sends no packets."""
     still(home / "a.npz", 1.0)
     with virtual("--from", "a.npz") as (port, _), serial.Serial(port, 38400, timeout=3.0) as line:
         line.write(b"c")

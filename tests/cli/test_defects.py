@@ -57,7 +57,6 @@ def unreported(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
 
 @pytest.mark.parametrize("line", INSIDE)
 def test_numpys_own_error_is_a_defect_of_any_command(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit code 1 and one sentence, which names what was raised and the file to send; no code of an input's."""
     monkeypatch.setattr(INSIDE[line], broken)
     outcome = imutui(*line.split(" "), check=None)
     assert outcome.returncode == 1, outcome.stderr
@@ -78,7 +77,6 @@ def test_the_same_said_of_the_input_is_wrong_usage(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_report_has_what_is_needed_and_is_its_users_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The line that was typed, versions, and where it was raised; nobody else may read it."""
     monkeypatch.setattr("imutui.jobs.replay.motion_of", broken)
     report = report_of(imutui("replay", str(SAMPLE), "--json", check=None).stderr)
     assert stat.S_IMODE(report.stat().st_mode) == 0o600
@@ -93,7 +91,6 @@ def test_a_report_has_what_is_needed_and_is_its_users_own(monkeypatch: pytest.Mo
 
 
 def test_a_defect_that_cannot_be_written_down_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A full disk takes the report, not the sentence."""
     monkeypatch.setattr("tempfile.tempdir", "/nowhere")
     monkeypatch.setattr("imutui.jobs.replay.motion_of", broken)
     said = imutui("replay", str(SAMPLE), check=None).stderr
@@ -102,7 +99,6 @@ def test_a_defect_that_cannot_be_written_down_is_told_all_the_same(monkeypatch: 
 
 @pytest.mark.parametrize("place", ["imutui.tui.app.ImutuiApp.action_help", "imutui.tui.pages.connect.text.rates"])
 def test_a_screen_that_meets_a_defect_leaves_the_terminal_as_it_was(home: Path, place: str) -> None:
-    """In a key's action, or as a page is made: one sentence instead of a traceback, exit code 1."""
     module, _, name = place.rpartition(".")
     script = (
         "import numpy, pkgutil; from imutui import cli\n"
@@ -125,5 +121,4 @@ def test_a_screen_that_meets_a_defect_leaves_the_terminal_as_it_was(home: Path, 
 
 
 def test_every_command_that_reads_is_looked_at() -> None:
-    """Of the rest, some only ask the acquisition; what these raise goes the same way."""
     assert {line.split(" ")[0] for line in INSIDE} <= set(cli.COMMANDS)

@@ -17,7 +17,6 @@ def written(rows: list[dict[str, Any]]) -> str:
 
 
 def test_a_summary_is_printed_with_what_to_know_first(home: Path) -> None:
-    """What fails, what is simulated, what is bad, whose an effect is; no line is longer than the terminal."""
     rows = fleets.fleet(("0101", "0102"), 4, seed=3, finding=("0101", "0102"))
     rows[5]["final"]["accel_bias_mg"][1] = -13.5
     results = written([*rows, *fleets.fleet(("V1",), 1, kind="simulated"), fleets.bad("bad.mcap")])
@@ -27,7 +26,7 @@ def test_a_summary_is_printed_with_what_to_know_first(home: Path) -> None:
         "Unit 0102 FAILS: bias of ay",
         "SIMULATED",
         "1 of 10 logs has no result",
-        "error: bad.mcap",
+        "No result: bad.mcap",
         "the model's",
     ):
         assert words in told
@@ -45,22 +44,19 @@ def test_a_page_is_made_beside_the_document_and_not_made_twice(home: Path) -> No
 
 
 def test_logs_without_a_serial_number_have_no_empty_headings(home: Path) -> None:
-    """What cannot be told of units that nothing tells apart is said once; each log is held to the limits."""
     told = imutui("campaign", "--summary", written(fleets.fleet(("",), 3))).stdout
     assert "state no serial number" in told
     assert "Table 1" in told
-    assert not {"Drift", "Days that stand out"} & set(told.splitlines())
+    assert not {"Which units drift", "Which days stand out"} & set(told.splitlines())
 
 
 def test_rows_that_all_failed_are_a_finding(home: Path) -> None:
-    """Listed with their reasons, and what to do."""
     done = imutui("campaign", "--summary", written([fleets.bad("a.mcap"), fleets.bad("b.mcap")]), check=1)
-    assert "error: b.mcap: it is no log" in done.stdout
+    assert "No result: b.mcap: it is no log" in done.stdout
     assert "none of 2 logs has a result" in done.stderr
 
 
 def test_what_is_no_result_of_a_campaign_cannot_be_read(home: Path) -> None:
-    """No folder, no rows, no JSON: exit code 3, in words; and what a summary does not take is refused."""
     assert "No such file" in imutui("campaign", "--summary", "absent", check=3).stderr
     assert "has no row in it" in imutui("campaign", "--summary", written([]), check=3).stderr
     Path("results/results.json").write_text("{")

@@ -40,7 +40,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_results_of_both_kinds_make_one_page(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
 ) -> None:
-    """With contents; not over another one unless forced; what is not a result is refused."""
     (home / "trace.json").write_text(json.dumps({**traces.whole_document(), "curves": []}))
     assert run(monkeypatch, "trace.json", REPLAY, "-o", "page", "--json") == 0
     out = capsys.readouterr()
@@ -75,7 +74,6 @@ def test_results_of_both_kinds_make_one_page(
 def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
 ) -> None:
-    """The filter runs over it again as it did, part and settings; notes added later are there; a changed log is not."""
     log = home / "sample.mcap"
     log.write_bytes((ROOT / "logs" / "sample.mcap").read_bytes())
     added_notes.add(log, note="on the oven", operator="ben")
@@ -96,27 +94,25 @@ def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
     assert not (home / "page" / "convergence.svg").exists()
 
 
-def test_a_page_is_printed_where_a_browser_is(tmp_path: Path) -> None:
-    """On A4; a browser that prints nothing ends in words, and leaves nothing."""
-    program = page.browser()
-    if program is None:
+def test_a_page_is_printed_where_a_browser_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if page.browser() is None:
         pytest.skip("no chromium here: apt-get install chromium")
     (tmp_path / "index.html").write_text(f"<!doctype html><style>{STYLE}</style><p>one page")
-    page.print_page(tmp_path / "index.html", tmp_path / "report.pdf", program)
+    page.print_page(tmp_path / "index.html", tmp_path / "report.pdf")
     content = (tmp_path / "report.pdf").read_bytes()
     assert content.startswith(b"%PDF")
     box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)
     assert box is not None
     assert [round(float(side) / 72.0 * 25.4) for side in box.groups()] == [210, 297]
+    monkeypatch.setattr(page, "browser", lambda: "/bin/false")
     with pytest.raises(page.PrintError, match="false"):
-        page.print_page(tmp_path / "index.html", tmp_path / "other.pdf", "/bin/false")
+        page.print_page(tmp_path / "index.html", tmp_path / "other.pdf")
     assert {path.name for path in tmp_path.iterdir()} == {"index.html", "report.pdf"}
 
 
 def test_without_matplotlib_it_is_said_what_to_type(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before anything is read."""
     monkeypatch.setattr(figures, "available", lambda: False)
     assert run(monkeypatch, "absent.json", "-o", "page") == 2
     said = capsys.readouterr().err
@@ -139,7 +135,6 @@ class Installed:
 
 
 def test_an_extra_is_installed_from_where_the_program_came(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the pip of the running environment; from a folder that is gone, what the extra needs."""
     source = home / "a folder"
     source.mkdir()
     url = source.as_uri()

@@ -48,7 +48,6 @@ def plugged_in(sys: Path, serial: str = "") -> None:
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here: package systemd")
 def test_systemd_understands_the_unit(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a user's, with their runtime folder, and with none; a word that it does not know is found."""
     assert user_unit.verified(user_unit.text()) == ""
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     done = imutui("service", "--check")
@@ -63,7 +62,6 @@ def test_systemd_understands_the_unit(home: Path, monkeypatch: pytest.MonkeyPatc
 def test_without_systemd_analyze_nothing_is_called_verified(
     home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is said, and the exit code says it too."""
     monkeypatch.setattr("imutui.service.shutil.which", lambda *_, **__: None)
     done = imutui("service", "--check", "--json", check=1)
     document = json.loads(done.stdout)
@@ -83,7 +81,6 @@ def test_the_unit_runs_this_installation_unattended() -> None:
 
 
 def test_what_is_installed_lies_where_systemd_looks_and_is_not_replaced(home: Path) -> None:
-    """The unit for all, settings for each; once more changes nothing; what was edited stays unless forced."""
     done = imutui("service", "--install", "--name", "table", "--port", "/dev/ttyUSB7")
     unit, settings = home / "config/systemd/user/imutui@.service", home / "config/imutui/table.env"
     assert unit.read_text() == user_unit.text()
@@ -104,24 +101,7 @@ def test_what_is_installed_lies_where_systemd_looks_and_is_not_replaced(home: Pa
     assert "PORT=socket://host:1\n" in (home / "config/imutui/second.env").read_text()
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--name a/b", "--name"),
-        ("--name -", "--name"),
-        ("--unit --udev", "one at a time"),
-        ("--install", "--port"),
-        ("--udev --port /dev/none", "no serial port"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_words(home: Path, line: str, words: str) -> None:
-    """Nothing is written."""
-    assert words in imutui("service", *line.split(), check=2).stderr
-    assert not (home / "config/systemd").exists()
-
-
 def test_both_can_be_written_to_a_file(home: Path) -> None:
-    """-o replaces nothing without --force."""
     for option, text in (("--unit", user_unit.text()), ("--udev", udev_rule.text())):
         assert imutui("service", option).stdout == text
         imutui("service", option, "-o", "file")
@@ -135,7 +115,6 @@ def test_both_can_be_written_to_a_file(home: Path) -> None:
 
 @pytest.mark.parametrize("adapter", [None, FTDI, UsbAdapter("1a86", "7523", "", "01", "3-4")])
 def test_the_rule_is_one_that_udev_understands(adapter: UsbAdapter | None) -> None:
-    """For all usual adapters, and for one; group, latency and what keeps others away are in each."""
     rule = udev_rule.text(adapter, "table")
     lines = [line for line in rule.splitlines() if line and not line.startswith("#")]
     keys = re.compile(rf"{_KEY}(, ?{_KEY})*,?")
@@ -165,7 +144,6 @@ def test_a_rule_for_one_adapter_knows_it_by_its_number_or_its_socket() -> None:
 
 
 def test_the_adapter_of_a_port_is_what_the_kernel_says(tmp_path: Path) -> None:
-    """Of the device or a link to it; a port on no USB adapter needs no rule, and that is said."""
     plugged_in(tmp_path, "A50285BI")
     assert udev_rule.of_port("/dev/ttyUSB0", tmp_path) == FTDI
     (tmp_path / "imutui-table").symlink_to("/dev/ttyUSB0")
@@ -192,7 +170,6 @@ def test_udev_itself_is_asked_where_it_can_verify(program: Path, answer: str, sa
 def test_a_rule_that_was_edited_is_verified_by_udev_or_not_at_all(
     home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """That it is what imutui makes is known without udev; of another one it is said that nothing verified it."""
     monkeypatch.setattr(udev_rule, "FOLDER", Path("rules.d"))
     made = Path("rules.d") / udev_rule.file_name("default")
     made.parent.mkdir()

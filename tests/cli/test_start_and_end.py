@@ -48,7 +48,6 @@ def beginning(line: str) -> Iterator["subprocess.Popen[str]"]:
     ],
 )
 def test_ctrl_c_at_any_moment_of_the_start_ends_in_one_line(home: Path, line: str, moments: int) -> None:
-    """From the first import to what a command begins with: exit code 130, no traceback, and nothing runs on."""
     with beginning(line) as program:  # how long its start takes on this machine, now
         begun = time.monotonic()
         if line.endswith(_RUNS_ON):
@@ -89,7 +88,6 @@ CLOSED = "imutui: the standard output is closed, and what is asked for goes ther
     ],
 )
 def test_a_closed_stream_is_told_in_words_or_does_not_matter(home: Path, line: str, code: int) -> None:
-    """What is to be printed and can't be is an error of the disk's kind; messages that nobody can read are lost."""
     command = shlex.join(command_line(*line.split(" ")) if line else command_line())
 
     def run(closed: str) -> "subprocess.CompletedProcess[str]":

@@ -9,28 +9,18 @@ import types
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers import traces
+from helpers.commands import Done, imutui
 from helpers.traces import arrays, imported
 
 from filters.tracing.result import Trace
 from filters.tracing.run import Run
-from imutui import cli
 from imutui.cli import exit_codes
 from imutui.report import figures, trace_tables
 from imutui.scenario import load_profile, load_scenario
-
-
-@dataclass
-class Outcome:
-    """How a command ended."""
-
-    code: int
-    stdout: str
-    stderr: str
 
 
 @dataclass
@@ -52,7 +42,7 @@ class Tracer:
 
 
 @pytest.fixture
-def tracer(monkeypatch: pytest.MonkeyPatch) -> Tracer:
+def tracer(home: Path, monkeypatch: pytest.MonkeyPatch) -> Tracer:
     """The one call to the method is replaced."""
     import filters
 
@@ -72,26 +62,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             for n, name in enumerate("abc")}  # fmt: skip
 
 
-@pytest.fixture
-def run(home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
-    """Run a command line in this process."""
-
-    def call(*arguments: str | Path) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["imutui", "trace", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        out, err = capsys.readouterr()
-        assert "a defect of imutui" not in err, err
-        return Outcome(int(ended.value.code or 0), out, err)
-
-    return call
+def run(*arguments: str | Path, check: int = 0) -> Done:
+    return imutui("trace", *map(str, arguments), check=check)
 
 
-def test_the_last_of_several_logs_is_held_out(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
-    """And the result says which, with what was read."""
+def test_the_last_of_several_logs_is_held_out(tracer: Tracer, logs: dict[str, Path]) -> None:
     done = run(logs["a"], logs["b"], logs["c"], "--json", "--seed", "5")
-    assert done.code == 0
     assert (tracer.runs, tracer.heldout, tracer.seed) == (["a", "b"], "c", 5)
     result = json.loads(done.stdout)
     assert [r["heldout"] for r in result["runs"]] == [False, False, True]
@@ -105,30 +81,23 @@ def test_the_last_of_several_logs_is_held_out(run: Any, tracer: Tracer, logs: di
     assert done.stderr == ""
 
 
-def test_one_log_is_judged_by_folds(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
-    """Nothing is held out, and the text says what that means."""
+def test_one_log_is_judged_by_folds(tracer: Tracer, logs: dict[str, Path]) -> None:
     done = run(logs["a"])
     assert (tracer.runs, tracer.heldout) == (["a"], None)
     assert "that does not show transfer" in " ".join(done.stdout.split())
 
 
-def test_another_log_can_be_held_out(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
-    """It need not be among the logs; if it is, it is taken out of them and that is said."""
+def test_another_log_can_be_held_out(tracer: Tracer, logs: dict[str, Path]) -> None:
     run(logs["a"], logs["b"], "--holdout", logs["c"])
     assert (tracer.runs, tracer.heldout) == (["a", "b"], "c")
     done = run(logs["a"], logs["b"], logs["c"], "--holdout", logs["a"])
     assert (tracer.runs, tracer.heldout) == (["b", "c"], "a")
     assert "not among the logs that are fitted" in " ".join(done.stdout.split())
-    done = run(logs["a"], "--holdout", logs["a"])
-    assert done.code == 2
+    done = run(logs["a"], "--holdout", logs["a"], check=2)
     assert "no other log" in done.stderr
 
 
-def test_the_text_fits_eighty_columns_and_says_it_is_simulated(
-    run: Any, tracer: Tracer, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A row a channel, with its bar."""
-    monkeypatch.setenv("COLUMNS", "80")
+def test_the_text_fits_eighty_columns_and_says_it_is_simulated(tracer: Tracer, logs: dict[str, Path]) -> None:
     text = run(logs["a"], logs["b"]).stdout
     assert max(map(len, text.splitlines())) <= 80
     assert "SIMULATED" in text
@@ -139,7 +108,6 @@ def test_the_text_fits_eighty_columns_and_says_it_is_simulated(
 
 @pytest.mark.parametrize("encoding", ["ascii", "iso-8859-1"])
 def test_a_terminal_without_unicode_has_its_own_bars(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
-    """No error of an encoding, and columns as they have to be."""
     stdout = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
     monkeypatch.setattr(sys, "stdout", stdout)
     text = exit_codes.in_signs(trace_tables.text(traces.whole_document(), "x", 80, signs=exit_codes.in_signs))
@@ -148,10 +116,8 @@ def test_a_terminal_without_unicode_has_its_own_bars(monkeypatch: pytest.MonkeyP
     exit_codes.tell(text + " √ ± → 中")
 
 
-def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    """The experiment serves the virtual unit and the filter as it is; a second trace does not touch it unasked."""
+def test_effects_and_experiment_are_written(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     done = run(logs["a"], logs["b"], "-o", "effects.toml")
-    assert done.code == 0
     read = tomllib.loads((home / "effects.toml").read_text())
     assert read["source"] == "trace of a.mcap; held out b.mcap"
     assert len(read["effect"]) == 2
@@ -161,73 +127,57 @@ def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict
     profile = load_scenario(home / "experiment.toml").profile
     assert profile is not None
     assert profile.duration == 60.0
-    refused = run(logs["a"], logs["b"], "-o", "effects.toml")
-    assert refused.code == 2
+    refused = run(logs["a"], logs["b"], "-o", "effects.toml", check=2)
     assert "--force" in refused.stderr
     other = run(logs["a"], logs["b"], "-o", "other.toml")
-    assert other.code == 0
     assert "experiment.toml exists" in other.stderr
-    assert run(logs["a"], logs["b"], "-o", "effects.toml", "--force").code == 0
+    run(logs["a"], logs["b"], "-o", "effects.toml", "--force")
 
 
-def test_a_clean_unit_gives_an_empty_effects_file(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    """Exit 0, and it is said."""
+def test_a_clean_unit_gives_an_empty_effects_file(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     tracer.made = traces.nothing
     done = run(logs["a"], "-o", "effects.toml")
-    assert done.code == 0
     assert "no effect" in done.stderr
     assert "effect" not in tomllib.loads((home / "effects.toml").read_text())
     assert "nothing  clean" in done.stdout
 
 
-def test_a_report_is_a_page_with_figures(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    """Not over another one unless forced; without matplotlib a sentence names the extra."""
+def test_a_report_is_a_page_with_figures(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     pytest.importorskip("matplotlib")
     tracer.made = lambda names: replace(traces.nothing(names), series=())
     done = run(logs["a"], logs["b"], "--report", "r")
-    assert done.code == 0
     assert (home / "r" / "index.html").exists()
     assert "figures" in done.stderr
-    assert run(logs["a"], logs["b"], "--report", "r").code == 2
+    run(logs["a"], logs["b"], "--report", "r", check=2)
 
 
 def test_without_matplotlib_a_report_is_refused_first(
-    run: Any, tracer: Tracer, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+    tracer: Tracer, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before minutes are spent."""
     monkeypatch.setattr(figures, "available", lambda: False)
-    done = run(logs["a"], "--report", "r")
-    assert done.code == 2
+    done = run(logs["a"], "--report", "r", check=2)
     assert "pip install" in done.stderr
     assert tracer.runs == []
 
 
-def test_a_damaged_log_is_traced_as_far_as_it_goes(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    """Exit 1, the result all the same."""
+def test_a_damaged_log_is_traced_as_far_as_it_goes(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     long = imported(home / "long.mcap", arrays(200.0, moving=False, seed=4))
     content = long.read_bytes()
     long.write_bytes(content[: int(len(content) * 0.8)])
-    done = run("long.mcap", "--json")
-    assert done.code == 1
+    done = run("long.mcap", "--json", check=1)
     assert "long.mcap: the file ends in the middle" in done.stderr
     assert json.loads(done.stdout)["runs"][0]["seconds"] > 60.0
 
 
-def test_a_channel_that_is_dead_does_not_stop_the_trace(
-    run: Any, tracer: Tracer, logs: dict[str, Path], home: Path
-) -> None:
-    """The tracer says what it is."""
+def test_a_channel_that_is_dead_does_not_stop_the_trace(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     given = arrays(70.0, seed=2)
     given["gyro"][:, 1] = 0.0
     given["accel"][:, 2] = 4.0
     imported(home / "dead.mcap", given)
-    assert run("dead.mcap").code == 0
+    run("dead.mcap")
 
 
-def test_mistakes_end_with_one_paragraph_and_a_next_step(
-    run: Any, tracer: Tracer, logs: dict[str, Path], home: Path
-) -> None:
-    """Exit 2 for what was asked, 3 for what cannot be read; nothing on stdout."""
+def test_mistakes_end_with_one_paragraph_and_a_next_step(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     imported(home / "short.mcap", arrays(30.0, moving=False))
     imported(home / "up.mcap", arrays(70.0, sign=1, moving=False, seed=5))
     (home / "text.mcap").write_text("text")
@@ -239,28 +189,25 @@ def test_mistakes_end_with_one_paragraph_and_a_next_step(
         (str(logs["a"]), str(logs["b"]), str(logs["b"])): (2, "given twice"),
         (str(logs["a"]), "--reference", "upright"): (2, "level"),
         (str(logs["a"]), "--reference", "absent.toml"): (3, "absent.toml"),
-        (str(logs["a"]), "-o", str(logs["a"])): (2, "names one of the logs"),
+        (str(logs["a"]), "-o", str(logs["a"])): (2, "itself"),
         (str(logs["a"]), "-o", "no/where.toml"): (2, "no folder"),
         (str(logs["a"]), "--about", "magic"): (2, "thermal_lin"),
         (): (2, ""),
     }
     for arguments, (code, words) in cases.items():
-        done = run(*arguments)
-        assert done.code == code, (arguments, done)
+        done = run(*arguments, check=code)
         assert words in done.stderr, (arguments, done)
         assert done.stdout == ""
 
 
-def test_a_reference_can_be_named(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    """Level, gravity or a file, for all logs alike."""
+def test_a_reference_can_be_named(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     (home / "table.toml").write_text(traces.PROFILE)
     for reference in ("level", "gravity", "table.toml"):
         result = json.loads(run(logs["a"], "--reference", reference, "--json").stdout)
         assert result["runs"][0]["reference"] == reference.replace("table.toml", "profile")
 
 
-def test_no_sample_is_left_out(run: Any, tracer: Tracer, home: Path) -> None:
-    """A count at its limit is flagged, not dropped: time stays whole."""
+def test_no_sample_is_left_out(tracer: Tracer, home: Path) -> None:
     seen: list[Run] = []
     tracer.made = lambda names: traces.nothing(names)
     original = tracer.trace
@@ -278,8 +225,7 @@ FIELDS = (
 )
 
 
-def test_a_thermal_slope_is_found_from_recordings_to_effects(run: Any, home: Path) -> None:
-    """The whole way, with the tracer itself: three simulated warm-ups, no flag but the logs."""
+def test_a_thermal_slope_is_found_from_recordings_to_effects(home: Path) -> None:
     for n, (start, change) in enumerate([(20.0, 12.0), (33.0, -10.0), (24.0, 8.0)]):
         given = arrays(420.0, 10.0, moving=False, seed=n)
         t = given["t"]
@@ -287,7 +233,6 @@ def test_a_thermal_slope_is_found_from_recordings_to_effects(run: Any, home: Pat
         given["gyro"][:, 1] += 0.02 * (given["temp"] - 25.0)
         imported(home / f"{n}.mcap", given, kind="simulated")
     done = run("0.mcap", "1.mcap", "2.mcap", "--json", "-o", "effects.toml")
-    assert done.code == 0, done
     result = json.loads(done.stdout)
     assert set(FIELDS.split()) <= set(result)
     assert result["status"]["gy"] in ("explained", "confounded")

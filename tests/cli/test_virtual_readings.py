@@ -19,8 +19,8 @@ from filters.state import PAPER_SITE
 from imutui.cli.played_recording import load
 from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
-from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings, on_the_line
-from imutui.cli.virtual_units import Asked, imu381_unit, instrument_of
+from imutui.cli.virtual_readings import Asked, SimulatedReadings, TurnedReadings, on_the_line
+from imutui.cli.virtual_units import imu381_unit, instrument_of
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
 from imutui.instrument.virtual_instrument import Reading
@@ -81,8 +81,8 @@ def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReading
     if scenario:
         path = home / "unit.toml"
         path.write_text(scenario)
-    plain = on_the_line(path, 0, 3, None, 0.0, None).readings
-    with_error = on_the_line(path, 0, 3, None, 0.0, function(str(home / "errors.py") + f":{name}")).readings
+    plain = on_the_line(Asked(path, seed=3)).readings
+    with_error = on_the_line(Asked(path, seed=3, spoil=function(f"{home}/errors.py:{name}"))).readings
     assert isinstance(plain, SimulatedReadings | TurnedReadings)
     assert isinstance(with_error, Spoiled)
     return plain, with_error
@@ -96,7 +96,6 @@ def added(plain: Reading | None, with_error: Reading | None) -> np.ndarray:
 
 
 def test_an_error_is_asked_for_once_a_sample_in_order(home: Path) -> None:
-    """However the host asks: samples that it skips are asked for too, those that it repeats are not asked for again."""
     plain, with_error = spoiled(home, "counted")
     for k in (0, 1, 1, 2, 40, 40, 2000, 2001):
         got = added(plain.reading(k), with_error.reading(k))
@@ -105,7 +104,6 @@ def test_an_error_is_asked_for_once_a_sample_in_order(home: Path) -> None:
 
 
 def test_an_error_is_told_temperature_and_motion(home: Path) -> None:
-    """The scenario's temperature, table angle, rate and specific force at the sample, in the units of the text."""
     plain, with_error = spoiled(home, "counted", SCENARIO)
     for seconds, turning in ((1.0, 0.0), (6.0, 30.0)):
         k = round(seconds * LOOP_HZ)
@@ -118,14 +116,12 @@ def test_an_error_is_told_temperature_and_motion(home: Path) -> None:
 
 
 def test_seeds_differ_from_power_on_to_power_on() -> None:
-    """And from unit to unit; the same unit at the same power-on has the same."""
     seeds = [seed_of(unit, power_on) for unit in range(3) for power_on in range(3)]
     assert len(set(seeds)) == 9
     assert seeds[0] == seed_of(0, 0)
 
 
 def test_an_error_that_fails_later_ends_the_unit_in_words(home: Path) -> None:
-    """Which sample, what it returned, exit 3: nothing is played as if it were zero."""
     plain, with_error = spoiled(home, "late_failure")
     assert with_error.reading(100) == plain.reading(100)
     with started(command_line("virtual", "--spoil", "errors.py:late_failure")) as unit:
@@ -149,13 +145,12 @@ def still(path: Path, seconds: float, hz: float = 100.0, **more: np.ndarray) -> 
 
 def played(source: Path, scenario: Path | None, power_on: int = 0, start: float = 0.0, count: int = 1200) -> np.ndarray:
     """Readings of a recording with a scenario added, or without, shape (N, 7)."""
-    readings = on_the_line(scenario, power_on, None, source, start, None).readings
+    readings = on_the_line(Asked(scenario, power_on, recording=source, start=start)).readings
     rows = [readings.reading(k) for k in range(count)]
     return np.array([[*r.rates_dps, *r.accels_g, r.temperature_degc] for r in rows if r is not None])
 
 
 def test_a_scenario_is_added_to_a_recording(home: Path) -> None:
-    """Its effect, its motion, the bias that it names and its temperature; drift and noise stay the recording's."""
     still(home / "still.npz", 10.0)
     (home / "table.toml").write_text(TABLE)
     (home / "unit.toml").write_text(SCENARIO)
@@ -175,7 +170,6 @@ def test_a_scenario_is_added_to_a_recording(home: Path) -> None:
 
 
 def test_a_recording_is_played_from_where_it_is_asked(home: Path) -> None:
-    """Bit for bit as the whole is there, and silent at its end."""
     values = still(home / "still.npz", 10.0, hz=LOOP_HZ)
     part = played(home / "still.npz", None, start=6.0, count=600)
     assert len(part) in (532, 533)
@@ -183,7 +177,6 @@ def test_a_recording_is_played_from_where_it_is_asked(home: Path) -> None:
 
 
 def test_what_a_recording_knows_of_its_motion_drives_effects(home: Path) -> None:
-    """A scale factor acts on the rate that the quaternions say, in the recording's own axes and sign."""
     t = np.arange(1000) / 100.0
     rate = np.deg2rad(40.0)
     C_bn = [attitude.exp(np.array([rate * x, 0.0, 0.0])) for x in t]
@@ -202,7 +195,6 @@ def test_what_a_recording_knows_of_its_motion_drives_effects(home: Path) -> None
 
 
 def test_what_a_log_knows_of_its_motion_drives_effects_alike(home: Path) -> None:
-    """A log of the same table angles gives the same errors as the arrays that it was made of."""
     t = np.arange(1500) / 100.0
     angles = np.stack([30.0 * np.sin(0.5 * t), np.zeros(t.size), 20.0 * t], axis=1)
     rates = np.stack([15.0 * np.cos(0.5 * t), np.zeros(t.size), np.full(t.size, 20.0)], axis=1)
@@ -225,7 +217,6 @@ def test_what_a_log_knows_of_its_motion_drives_effects_alike(home: Path) -> None
 
 
 def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Path) -> None:
-    """In the log's metadata, in `info`, at `trace`; without anything added it says nothing more than before."""
     still(home / "still.npz", 8.0)
     (home / "errors.py").write_text(ERRORS)
     (home / "unit.toml").write_text(SCENARIO.replace('profile = "table.toml"', ""))
@@ -246,7 +237,6 @@ def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Pa
 
 
 def test_an_error_arrives_in_the_log_to_a_count(home: Path) -> None:
-    """Over the wire, as an acquisition has it: the difference of two recordings of one seed is the error."""
     (home / "errors.py").write_text(ERRORS)
     logs = []
     for name, options in (("plain", ()), ("spoiled", ("--spoil", "errors.py:counted"))):
@@ -291,9 +281,8 @@ def probed(arguments: list[str]) -> str:
 
 
 def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) -> None:
-    """Level it reads -1 g on Z, at its own loop's rate; its text says that they are simulated."""
     (home / "warm.toml").write_text("[temperature]\nconstant_degc = 31.0\n")
-    setting = imu381_unit(Asked(home / "warm.toml", 0, 3, None, 0.0, None), None)
+    setting = imu381_unit(Asked(home / "warm.toml", seed=3), None)
     wire = Wire(setting.unit, setting.line)
     wire.receive(encode(SetFields(Memory.RAM, ((1, 1),))) + encode(GetPacket(b"ID")), 0.0, 115200)
     events = Decoder().feed(wire.arrived(5.0, 115200))

@@ -10,7 +10,6 @@ from imutui.report import fleet_report, html
 
 
 def test_a_page_of_a_fleet_fits_and_can_be_read(tmp_path: Path) -> None:
-    """At a desk and on a telephone: nothing is too wide, every axis has numbers, and nothing is requested."""
     pytest.importorskip("matplotlib")
     long = "2026-11-23T01-14-22_IMU400CD-200_" * 3
     rows = [

@@ -27,7 +27,6 @@ def document() -> SummaryDocument:
 
 
 def test_sentences_name_unit_channel_size_and_log(document: SummaryDocument) -> None:
-    """What fails, what drifts, what stands out; what is counted in."""
     group = document["groups"][0]
     (failed,) = fleet_sentences.limits(group)
     assert failed.startswith("Unit 0103 FAILS: bias of ay -13.500 ± 0.050 mg, limit 12 mg, in 1 of 8 power-ons")
@@ -44,7 +43,6 @@ def test_sentences_name_unit_channel_size_and_log(document: SummaryDocument) -> 
 
 
 def test_of_a_lone_power_on_it_is_said_what_is_not_told(document: SummaryDocument) -> None:
-    """Parts, drift and chart."""
     group = document["groups"][1]
     assert [told.split(":")[0] for told in fleet_sentences.undetermined(group)] == [
         "Only unit V1",
@@ -56,7 +54,6 @@ def test_of_a_lone_power_on_it_is_said_what_is_not_told(document: SummaryDocumen
 
 
 def test_what_temperature_may_have_done_is_no_drift() -> None:
-    """Both words, and what would tell."""
     rows = fleets.fleet(("a",), 8, seed=3, drift_mg={"a": 0.8})
     for month, row in enumerate(rows):
         row["temperature_degc"] = {"mean": 20.0 + month, "min": 20.0, "max": 30.0}
@@ -65,7 +62,6 @@ def test_what_temperature_may_have_done_is_no_drift() -> None:
 
 
 def test_a_page_has_a_part_for_measured_and_one_for_simulated(document: SummaryDocument) -> None:
-    """With their badges, and the bad log at the end."""
     made = fleet_report.page(document)
     assert [article.kind for article in made.articles] == ["measured", "simulated"]
     assert [section.title for section in made.articles[0].sections] == [
@@ -84,7 +80,6 @@ def test_a_page_has_a_part_for_measured_and_one_for_simulated(document: SummaryD
 
 
 def test_a_page_is_written_with_its_figures_and_numbers(tmp_path: Path) -> None:
-    """One file that requests nothing, pictures beside it, and the summary."""
     pytest.importorskip("matplotlib")
     written = fleet_report.write(tmp_path / "page", summed([*fleets.fleet(("a<b>",), 4), fleets.bad("<i>.mcap")]))
     assert sorted(written) == sorted((tmp_path / "page").iterdir())
@@ -96,14 +91,12 @@ def test_a_page_is_written_with_its_figures_and_numbers(tmp_path: Path) -> None:
 
 
 def test_a_page_without_any_result_says_so() -> None:
-    """And lists the reasons."""
     text = html.document(fleet_report.page(summed([fleets.bad("a.mcap")])))
     assert "nothing to summarise" in text
     assert "first bytes are not MCAP" in text
 
 
 def test_biases_that_have_not_settled_are_one_sentence_a_unit() -> None:
-    """All of them near the limit, none of them judged."""
     row = fleets.row("a.mcap")
     row["final"]["gyro_bias_dps"] = [0.99, 0.98, 0.1]
     row["sd"]["gyro_bias_dps"] = [0.3, 0.3, 0.001]

@@ -81,7 +81,6 @@ def wanted(made: LinearCorrection) -> np.ndarray:
 
 
 def test_lines_of_python_correct_a_reading_as_the_model_and_the_filter_do(made: LinearCorrection) -> None:
-    """To nine digits: bias, temperature, scale, the other axes, specific force, on a unit that is mounted turned."""
     lines = how_to_apply.python(made)
     assert len(lines.splitlines()) == 3
     scope: dict[str, Any] = {"reading": READING, "temperature": TEMPERATURE}
@@ -90,7 +89,6 @@ def test_lines_of_python_correct_a_reading_as_the_model_and_the_filter_do(made: 
 
 
 def test_lines_of_c_correct_a_reading_as_the_model_and_the_filter_do(made: LinearCorrection, tmp_path: Path) -> None:
-    """Compiled without a warning; no header is needed."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here: apt-get install gcc")
@@ -112,12 +110,10 @@ def test_lines_of_c_correct_a_reading_as_the_model_and_the_filter_do(made: Linea
 
 
 def test_what_takes_more_than_a_reading_is_left_out_and_said(made: LinearCorrection) -> None:
-    """A drift, and what follows the past of temperature."""
     assert made.left_out == ("gx: bias drifts", "gz: bias lags behind temperature")
 
 
 def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
-    """As the filter names them."""
     effects = CausalEffects(INCLUDED, np.eye(8), INFO.axes(), INFO.site(), 0.05)
     states: Any = [
         {"name": name, "value": value, "sd": 0.1} for name, value in zip(effects.names, effects.mean, strict=True)
@@ -128,7 +124,6 @@ def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
 
 
 def test_constant_biases_alone_take_no_more_than_they_need() -> None:
-    """Bias, subtracted; an unobservable one is a zero."""
     plain = linear_correction.of_terms((*BIAS[:5], None), ())
     assert how_to_apply.python(plain).splitlines()[2] == "corrected = reading - bias"
     assert "temperature" not in how_to_apply.c_lines(plain)
@@ -136,7 +131,6 @@ def test_constant_biases_alone_take_no_more_than_they_need() -> None:
 
 
 def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> None:
-    """The noisiest axis, SI; no value stands for one that was not measured."""
     levels = {
         "gx": NoiseLevel(1e-3, 1e-5, 0.0),
         "gz": NoiseLevel(2e-3, 1e-5, 0.0),
@@ -166,7 +160,6 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
 
 
 def test_a_residual_that_follows_the_temperature_is_told_from_noise() -> None:
-    """A curve in it is; noise is not, nor anything while the temperature stays where it is."""
     T = np.linspace(20.0, 40.0, 2000)
     noise = np.random.default_rng(3).standard_normal((2000, 6))
     warm = noise + np.outer((T - 30.0) ** 2, [0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
@@ -176,7 +169,6 @@ def test_a_residual_that_follows_the_temperature_is_told_from_noise() -> None:
 
 
 def test_files_of_the_section_lie_beside_the_page() -> None:
-    """Noise and effects, as the page shows them; the effects file is one that can be read."""
     content = text(*INCLUDED)
     log = LogData(levels={"gx": NoiseLevel(1e-3, 1e-5, 0.0)}, effects=content)
     d: Any = {**traces.whole_document(), "effects_file": content}

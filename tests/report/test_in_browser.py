@@ -36,7 +36,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 
 
 def test_nothing_is_wider_than_the_window(shown: list[dict[str, Any]]) -> None:
-    """At a desk and on a telephone."""
     for told in shown:
         assert told["text"] > 1000
         assert told["scroll"] <= told["wide"], told["wide"]
@@ -44,7 +43,6 @@ def test_nothing_is_wider_than_the_window(shown: list[dict[str, Any]]) -> None:
 
 
 def test_every_figure_is_there_with_numbers_on_both_axes(shown: list[dict[str, Any]]) -> None:
-    """Numbers and a name, none smaller than can be read; no name inside a picture is used twice."""
     for told in shown:
         assert len(told["pictures"]) == 6 * 3 + 2 + 4 + 1 + 2 * 2 + 2 * 6
         for picture in told["pictures"]:
@@ -56,5 +54,4 @@ def test_every_figure_is_there_with_numbers_on_both_axes(shown: list[dict[str, A
 
 
 def test_a_page_requests_nothing(shown: list[dict[str, Any]]) -> None:
-    """And is not allowed to."""
     assert [told["requests"] for told in shown] == [[], []]

@@ -57,7 +57,6 @@ def traced(**changes: Any) -> dict[str, Any]:
     ],
 )
 def test_value_and_deviation_end_at_the_same_digit(value: float, sd: float | None, text: str) -> None:
-    """Two digits of the deviation."""
     assert plus_minus(value, sd, "deg/s") == text
 
 
@@ -80,20 +79,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_report_has_the_course_of_a_common_cause(folder: Path) -> None:
-    """A CSV that can be plotted against anything logged elsewhere, and a figure."""
     assert (folder / "common_1.csv").read_text() == "t_s,value\n699.500,0.01\n700.500,2.75\n"
     assert (folder / "common-1.png").exists()
 
 
 def test_numbers_never_claim_more_than_they_are() -> None:
-    """Shares short of all are no 100 %, ratios keep two digits below ten."""
     assert (share(0.9712), share(0.9996), share(0.9951)) == ("97 %", "99.9 %", "99.5 %")
     assert (times_floor(1.013), times_floor(84.2), times_floor(8431.0)) == ("1.01", "84.2", "8431")
     assert (duration(90.0), duration(1800.0), duration(9000.0)) == ("90 s", "30 min", "2.5 h")
 
 
 def test_a_page_has_all_rows_and_figures_in_one_file(folder: Path) -> None:
-    """It can be sent by itself; figures, result and experiment lie beside it."""
     made = traced(common=[COMMON])
     drawn = ("residual-1", "driver-1", "common-1", "spectrum", "allan", "error")
     pictures = {f"{name}.{kind}" for name in drawn for kind in ("svg", "png")}
@@ -108,7 +104,6 @@ def test_a_page_has_all_rows_and_figures_in_one_file(folder: Path) -> None:
 
 
 def test_a_page_has_the_sections_of_a_report_in_order() -> None:
-    """The answer at a glance and what to do, then parameters, errors, figures; whose unit, how it was made, notes."""
     titles = [section.title for section in trace_report.article(traced()).sections]
     assert titles == [
         "Channels", "What to do", "Causes, their parameters and rivals", "Weak, and not used", "Errors",
@@ -118,7 +113,6 @@ def test_a_page_has_the_sections_of_a_report_in_order() -> None:
 
 
 def test_what_is_unknown_of_a_unit_is_not_stated() -> None:
-    """And what the files say stands there: who, which unit, when, how warm, with which software, SHA-256."""
     bare = identity.section([identity.of_run(RUN)], "")
     (facts, files) = bare.blocks
     assert dict(facts.rows) == {
@@ -150,13 +144,11 @@ def test_what_is_unknown_of_a_unit_is_not_stated() -> None:
                         (("measured", "unknown"), "unknown")]
 )  # fmt: skip
 def test_a_page_is_called_measured_only_if_all_of_it_is(kinds: tuple[str, ...], kind: str) -> None:
-    """One simulated run makes the result a simulated one."""
     runs = [{**RUN, "kind": k} for k in kinds]
     assert trace_report.article(traced(runs=runs)).kind == kind
 
 
 def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
-    """It is in no effects file; what is there to be corrected lies beside the page."""
     finding = traces.whole_document()["findings"][0]
     step = {**finding, "effect": "step", "label": "bias jumps at 40 s of run a", "channels": ["az"], "rivals": []}
     d = traced(findings=[finding, step], effects_file="version = 1\n")
@@ -178,7 +170,6 @@ def _caption_of_causes(d: Any) -> str:
 
 
 def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None:
-    """Those of rests and turns; why there is no residual over time."""
     norm = {**traces.whole_document()["error"][0], "metric": "gravity_norm", "channel": None, "unit": "mg"}
     by_hand = traced(runs=[{**RUN, "reference": "turned"}], error=[norm], curves=[])
     assert f"own score is below {choice.KEEP}. " in _caption_of_causes(by_hand)
@@ -225,7 +216,6 @@ def _course(driver: str, values: np.ndarray, **fields: Any) -> DriverCourse:
 
 
 def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> None:
-    """The curve with its band, and points about it as the residual is, whatever bias each run has."""
     d = _driven(_effects(("thermal_lin", "ax", "k", 0.5)), "ax", a=WAVE, b=3.0 + WAVE)
     courses = {"a": _course("temperature", 20.0 + 0.1 * T_FINE), "b": _course("temperature", 32.0 - 0.05 * T_FINE)}
     (curve,) = driver_curves.of_trace(d, courses)
@@ -256,7 +246,6 @@ def test_an_error_that_follows_a_rate_is_drawn_where_the_rate_holds() -> None:
 
 
 def test_an_error_that_follows_the_square_of_a_force_is_drawn_over_that_force() -> None:
-    """Each axis of specific force is one of its own, of a gyro too."""
     force = np.interp(T_FINE, [0.0, 101.0], [-1.0, 1.0])
     for axis in "xyz":
         d = _driven(
@@ -268,7 +257,6 @@ def test_an_error_that_follows_the_square_of_a_force_is_drawn_over_that_force() 
 
 
 def test_what_remembers_temperature_is_a_line_along_the_run() -> None:
-    """Up and down again it is another one; of a run whose past is not known there is none."""
     text = _effects(("hysteresis", "ax", "k", 2.0), ("thermal_lin", "ax", "k", 0.1), shape=PLAY)
     d = _driven(text, "ax", a=WAVE)
     up_and_down = np.interp(T_FINE, [0.0, 50.0, 101.0], [20.0, 55.0, 20.0])
@@ -285,7 +273,6 @@ def test_what_remembers_temperature_is_a_line_along_the_run() -> None:
 
 
 def test_equal_results_give_equal_files() -> None:
-    """No date, no chance, no version of a library in a figure."""
     pytest.importorskip("matplotlib")
     figure = trace_figures.error_figure(document())
     assert figure is not None
@@ -297,7 +284,6 @@ def test_equal_results_give_equal_files() -> None:
     ("low", "high"), [(0.9, 1.1), (1.0, 1.0), (2.1, 2.2), (3e-4, 4e-2), (0.25, 225.0), (1e-8, 1e8), (1e-5, 1e-4)]
 )
 def test_an_axis_has_numbers_however_short_it_is(low: float, high: float) -> None:
-    """Two at least, seven at most, none far from the data."""
     ticks = axes.log_ticks(low, high)
     assert 2 <= len(ticks) <= 7
     assert ticks == sorted(set(ticks))
@@ -323,7 +309,6 @@ def test_an_edge_of_a_dwell_is_drawn_from_whole_cells() -> None:
 
 
 def test_a_channel_without_any_reading_stops_no_figure() -> None:
-    """It is left out of them."""
     (series,) = traces.trace(("a",)).series
     before = series.before.copy()
     before[:, 3] = np.nan
@@ -332,7 +317,6 @@ def test_a_channel_without_any_reading_stops_no_figure() -> None:
 
 
 def test_a_text_cannot_become_markup() -> None:
-    """Names of files and notes are text."""
     made = document(notes=["<b>x"], source="trace of <b>.mcap", findings=[], error=[])
     text = html.document(page.page([page.Story(made)]))
     assert "<b>" not in text
@@ -347,7 +331,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_json_says_what_the_page_says(tmp_path: Path, undrawn: None) -> None:
-    """All sections and figures, and the names of all files."""
     folder = tmp_path / "r"
     page.write(folder, [page.Story(traced(common=[COMMON]))])
     told = json.loads((folder / "report.json").read_text())
@@ -364,7 +347,6 @@ def test_the_json_says_what_the_page_says(tmp_path: Path, undrawn: None) -> None
 
 
 def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, undrawn: None) -> None:
-    """And the Markdown of an older version; no file of another name, and nothing outside of the folder."""
     (tmp_path / "own.txt").write_text("mine")
     (tmp_path / "outside.png").write_text("mine")
     made = tmp_path / "r"
@@ -382,7 +364,6 @@ def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, und
 
 
 def test_an_alarm_is_never_above_converged() -> None:
-    """One verdict: RED says what, and neither the page nor what to do calls the biases converged or usable."""
     d = {**replayed(), "alarms": ["x gyro (body axes) is off"]}
     assert d["converged"]
     article = replay_report.article(d)
@@ -402,7 +383,6 @@ def replayed(**changes: Any) -> dict[str, Any]:
 
 
 def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() -> None:
-    """Unit, date and file; simulated and measured are marked; the sd is that of independent estimates."""
     other = replayed(log="/data/b/sample.mcap", log_sha256="00" * 32, kind="measured", start_utc="2026-03-01T09:30:00Z")
     other["final"] = {**other["final"], "gyro_bias_dps": [-0.9, 0.7, None]}
     other["identity"] = {**other["identity"], "serial_number": "17"}
@@ -437,8 +417,6 @@ def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() 
 
 
 def test_noise_beside_each_other_is_compared_with_each_result_s_own_specification() -> None:
-    """One for all where they agree, else which has which; the figures are the documents'."""
-
     def said(*documents: dict[str, Any]) -> str:
         sections = page.page([page.Story(d) for d in documents]).articles[0].sections
         (table,) = (b for s in sections if s.title == "Noise beside each other" for b in s.blocks)
@@ -454,7 +432,6 @@ def test_noise_beside_each_other_is_compared_with_each_result_s_own_specificatio
 
 
 def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
-    """What one has and the other lacks is said."""
     one, two = traces.whole_document(), {**traces.whole_document(), "findings": []}
     made = page.page([page.Story(one), page.Story(two)]).articles[0]
     assert [section.title for section in made.sections] == [

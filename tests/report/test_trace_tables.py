@@ -87,7 +87,6 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
 
 @given(documents())
 def test_every_entry_is_told_once_in_eighty_columns(d: dict[str, Any]) -> None:
-    """Findings, rivals, refuted, weak and common ones of any status; each cell stands whole in the text."""
     cells = [cell for table in tables(d).values() for row in table.rows for cell in row]
     for kind in ("findings", "refuted", "weak", "common"):
         for entry in d[kind]:
@@ -100,7 +99,6 @@ def test_every_entry_is_told_once_in_eighty_columns(d: dict[str, Any]) -> None:
 
 
 def test_a_channel_is_a_row_of_answers() -> None:
-    """Error over its floor and its bar, cause in a few words, how sure, what to do."""
     rows = glance()
     assert rows["gy"] == ("8.41 → 1.01", "█░░░", "linear in temperature", "several fit", "run experiment, use effects")
     assert rows["gz"] == ("–", "", "uneven noise", "clean", "nothing")
@@ -110,7 +108,6 @@ def test_a_channel_is_a_row_of_answers() -> None:
 
 
 def test_a_finding_has_its_parameters_and_rivals_below_it() -> None:
-    """Value and sd to the same digit, with its unit; a single parameter stands beside the score."""
     rows = causes()
     at = next(n for n, row in enumerate(rows) if row[0] == "gy")
     assert rows[at : at + 2] == [
@@ -143,7 +140,6 @@ def test_a_finding_has_its_parameters_and_rivals_below_it() -> None:
     ],
 )
 def test_what_carries_over_is_not_known_from_one_power_on(fitted: tuple[str, ...], sd: float, said: str) -> None:
-    """However small its standard deviation from that one is; the held-out run was not fitted and does not count."""
     thermal = traces.document()["findings"][0]
     params = [
         *thermal["params"],
@@ -169,14 +165,12 @@ COMMON = {
 
 
 def test_what_is_refuted_has_both_errors() -> None:
-    """With it, and with what the effects file has."""
     (told,) = (row for row in causes(refuted=[REFUTED]) if row[2].startswith("REFUTED"))
     assert told == ("az", "bias runs away with time (ramp)",
                     "REFUTED, not used: error 16.1 mg with all that was fitted, 5.79 without")  # fmt: skip
 
 
 def test_a_common_cause_says_what_to_record() -> None:
-    """When, how large on each channel, where its course is."""
     rows = causes(common=[COMMON])
     at = next(n for n, row in enumerate(rows) if "common cause" in row[1])
     assert rows[at : at + 2] == [
@@ -190,7 +184,6 @@ def test_a_common_cause_says_what_to_record() -> None:
 
 
 def test_what_is_weak_has_the_size_that_would_be_used() -> None:
-    """All of them, the best first, each with its reason."""
     params = [{"name": "k", "value": 1e-3, "sd": 2e-4, "unit": "deg/s/K", "plausible": True}]
     one = {
         "effect": "thermal_lin", "label": "bias follows temperature", "channels": ["gx"], "params": params,
@@ -203,7 +196,6 @@ def test_what_is_weak_has_the_size_that_would_be_used() -> None:
 
 
 def test_errors_and_limits_are_rows() -> None:
-    """Every figure of error with its interval and floor; what the logs cannot show by its reason."""
     made = tables(document())
     assert made["Errors"].rows == (
         ("10 s means", "gy", "0.0840", "0.0101", "0.00900 to 0.0110", "0.0100", "deg/s", "84"),
@@ -224,7 +216,6 @@ def test_errors_and_limits_are_rows() -> None:
     ],
 )
 def test_what_would_separate_is_said_as_an_operator_does_it(motion: str, d: float, name: str, said: str) -> None:
-    """Motion and temperatures, or that nothing would."""
     made = {**document()["separating_experiment"], "motion": motion, "d_expected": d}
     row = tables(document(separating_experiment=made))["What to do"].rows[1]
     assert row[:2] == (name, "gy")
@@ -232,7 +223,6 @@ def test_what_would_separate_is_said_as_an_operator_does_it(motion: str, d: floa
 
 
 def test_a_clean_unit_needs_nothing_and_one_power_on_no_more_than_another() -> None:
-    """What to do of a result without a finding; of one with findings of one power-on."""
     clean = {**traces.nothing().document, "runs": [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]}
     assert [row[0] for row in tables(clean)["What to do"].rows] == ["nothing"]
     assert {row[1:] for row in tables(clean)["Channels"].rows} == {("–", "", "nothing", "clean", "nothing")}
@@ -241,7 +231,6 @@ def test_a_clean_unit_needs_nothing_and_one_power_on_no_more_than_another() -> N
 
 
 def test_simulated_readings_are_called_simulated() -> None:
-    """In the first lines, whatever else is there."""
     assert "SIMULATED" in trace_tables.headline(document(), "x")[1]
     assert "SIMULATED" not in trace_tables.headline(document(runs=[{**RUN, "kind": "measured"}]), "x")[1]
 
@@ -257,7 +246,6 @@ def test_a_bar_is_logarithmic_from_a_half_to_a_thousand(before: float, after: fl
 
 
 def test_bars_of_known_ratios() -> None:
-    """The floor, ten and a hundred times the floor, what is beyond both ends."""
     assert [bar(x, x) for x in (0.2, 0.5, 1.0, 10.0, 100.0, 1000.0, 1e5)] == [
         "█" * n for n in (0, 0, 1, 4, 7, 10, 10)
     ]  # fmt: skip
@@ -267,7 +255,6 @@ def test_bars_of_known_ratios() -> None:
 
 
 def test_cells_go_on_below_in_their_column() -> None:
-    """Columns of text give way, those of numbers do not; an empty cell takes no line."""
     columns = (Column("Channel", "code"), Column("Value", "number"), Column("Said"))
     table = Table(columns, (("gx", "1.25", "one two three four"), ("gy", "", "five")), "All of it.")
     made = plain.text([Section("Title", (table, Paragraph("Last `words`."), Items(("an item",))))], 22)
@@ -278,7 +265,6 @@ def test_cells_go_on_below_in_their_column() -> None:
 
 
 def test_signs_that_are_wider_shift_no_column() -> None:
-    """An arrow of two characters is laid out as such; a terminal too narrow for the columns gets them all the same."""
     ascii_text = trace_tables.text(document(), "x", 80, signs=GLYPHS["ascii"].text)
     assert ascii_text.isascii()
     assert max(map(len, ascii_text.splitlines())) <= 80
@@ -290,7 +276,6 @@ def test_signs_that_are_wider_shift_no_column() -> None:
 
 
 def test_every_effect_has_a_short_name() -> None:
-    """Three words at most, or what a free curve is over; no underscore."""
     for effect in EFFECTS:
         assert len(plain_names.short(effect).split()) <= 3 or effect.startswith("driver:")
         assert "_" not in plain_names.short(effect)

@@ -64,7 +64,6 @@ CASES = [
 
 @pytest.mark.parametrize(("of", "word", "passes"), CASES)
 def test_a_result_has_the_word_that_its_last_snapshot_had(of: Any, word: str, passes: bool) -> None:
-    """Badge, headline and exit code are one function's; 0 needs every bias converged and nothing RED."""
     live, over = rules.judge(sources.of_snapshot(of)), sources.of_document(document(of))
     assert (live.word, over.word) == (word, word)
     assert (live.passes, over.passes) == (passes, passes)
@@ -95,7 +94,6 @@ def noise_of(gyros: float, relative_sd: float | None, y_gyro: float = 1.0) -> di
 def test_readings_that_are_noisier_than_the_filter_expects_are_told(
     gyros: float, relative_sd: float | None, reference: str, word: str
 ) -> None:
-    """Live as in the result: the standard deviations are too small then. It is no reason to fail."""
     noise = noise_of(gyros, relative_sd)
     live = rules.judge(sources.of_snapshot(snapshot(noise=sources.noisiest(noise, reference))))
     over = sources.of_document(document(snapshot(), noise=noise, reference=reference))
@@ -108,7 +106,6 @@ def test_readings_that_are_noisier_than_the_filter_expects_are_told(
 
 
 def test_what_moves_one_channel_alone_is_no_noise_of_the_unit() -> None:
-    """As the demo's oscillation of its y gyro: that is for the tracer."""
     noise = noise_of(1.0, 0.05, y_gyro=3.0)
     found = rules.judge(sources.of_snapshot(snapshot(noise=sources.noisiest(noise, "level"))))
     assert found.word == "GREEN"
@@ -116,7 +113,6 @@ def test_what_moves_one_channel_alone_is_no_noise_of_the_unit() -> None:
 
 @pytest.mark.parametrize(("times", "least", "most"), [(1.0, 0, 1), (2.0, 40, 40)], ids=["as expected", "twice"])
 def test_noise_as_expected_is_hardly_ever_called_too_much(times: float, least: int, most: int) -> None:
-    """Forty units at rest, looked at each second for five minutes."""
     rng = np.random.default_rng(5)
     called = 0
     for _ in range(40):
@@ -137,7 +133,6 @@ def test_noise_as_expected_is_hardly_ever_called_too_much(times: float, least: i
 
 
 def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() -> None:
-    """Live as in its result: outside of Table 1 a unit of unknown kind is to be compared with its own data sheet."""
     biases = snapshot()["biases"]
     biases[0] = {**biases[0], "value": 1.5}
     of = snapshot(biases=biases, own_limits=False)
@@ -152,7 +147,6 @@ def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() ->
     [("IMU400CD-200", "GREEN", "Table 1"), ("IMU381ZA-400", "RED", "IMU440 data sheet")],
 )
 def test_a_unit_is_judged_by_the_limits_of_its_kind(model: str, word: str, source: str) -> None:
-    """0.9 deg/s is within Table 1, and outside of what the IMU440's sheet allows; both are named."""
     biases = snapshot()["biases"]
     biases[0] = {**biases[0], "value": 0.9}
     found = sources.of_document(document(snapshot(biases=biases), identity={"instrument": model, "serial_number": ""}))
@@ -173,13 +167,11 @@ def test_a_unit_is_judged_by_the_limits_of_its_kind(model: str, word: str, sourc
     ],
 )
 def test_noise_is_beside_that_of_the_unit_s_own_sheet(model: str, said: tuple[str, str]) -> None:
-    """Its name and its figures, deg/√h and m/s/√h."""
     assert sources.noise_stated(document(snapshot(), identity={"instrument": model, "serial_number": ""})) == said
 
 
 @pytest.mark.parametrize(("of", "word", "passes"), CASES)
 def test_converged_is_said_above_nothing_that_is_red(of: Any, word: str, passes: bool) -> None:
-    """Nor without the word that says how far it may be believed."""
     said = sources.headline(document(of))
     assert said.startswith(word)
     assert ("converged" in said) == (word != "RED")
@@ -187,7 +179,6 @@ def test_converged_is_said_above_nothing_that_is_red(of: Any, word: str, passes:
 
 
 def test_a_damaged_log_converged_only_in_the_part_that_can_be_read() -> None:
-    """The headline says of what part."""
     said = sources.headline(document(snapshot(), damage="the file ends in the middle of a chunk"))
     assert said == "GREEN, converged in the 61.0 s of it that can be read: /logs/a.mcap"
 
@@ -213,7 +204,6 @@ def test_held_biases_are_told_with_the_verdict_and_are_not_waited_for() -> None:
 
 
 def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
-    """A bias of 20 mg is RED for an IMU400CD, and to be looked at for a unit whose data sheet is another."""
     biases = snapshot()["biases"]
     biases[5] = {**biases[5], "value": -20.0}
     words = {
@@ -224,7 +214,6 @@ def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
 
 
 def test_without_a_filter_only_an_alarm_is_judged() -> None:
-    """A recording alone is fine; one whose filter stopped before it began is not."""
     alone: Any = {"log": "/logs/a.mcap", "samples": 7, "alarms": []}
     assert sources.of_document(alone).passes
     stopped = sources.of_document({**alone, "alarms": ["the filter stopped, recording goes on: no reference"]})
@@ -232,7 +221,6 @@ def test_without_a_filter_only_an_alarm_is_judged() -> None:
 
 
 def test_the_trend_of_the_temperature_is_the_same_however_many_samples_come_at_once() -> None:
-    """To the last bit; a straight line has its slope, half a minute is needed, and what is not known is left out."""
     t = np.arange(0.0, 95.0, 1.0 / 133.0)
     temperature = 25.0 + 0.4 * t / 60.0 + 0.02 * np.random.default_rng(1).standard_normal(t.size)
     temperature[::7] = np.nan

@@ -146,13 +146,12 @@ def _take_recover(data: bytes, folder: Path) -> None:
 
 
 def _take_replay(data: bytes, folder: Path) -> None:
-    from imutui.cli.result_table import print_result
     from imutui.jobs.replay import ReplayOptions, replay
+    from imutui.report import replay_text
 
     document = replay(_log_file(data, folder), ReplayOptions(output=folder / "estimates.mcap", overwrite=True))
     dumps(document)
-    with contextlib.redirect_stdout(io.StringIO()):
-        print_result(document)
+    replay_text.text(document, 80)
 
 
 def _arrays() -> dict[str, np.ndarray]:

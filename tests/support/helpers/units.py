@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from imutui.cli.virtual_readings import SIMULATED, simulated
+from filters.simulation import Scenario
+from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.uut.fields import Field
@@ -69,6 +70,6 @@ def served(
 @contextmanager
 def virtual(tap: Path | None = None) -> Iterator[str]:
     """Port of the unit that `imutui virtual` runs, without a process for it; what it sends goes into the file `tap`."""
-    unit = VirtualUnit(simulated(None, 0, 0), UnitOptions(version=SIMULATED))
+    unit = VirtualUnit(SimulatedReadings(Scenario()), UnitOptions(version=SIMULATED))
     with open(tap or os.devnull, "wb", buffering=0) as sink, served(unit, sink) as port:
         yield port

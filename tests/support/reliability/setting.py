@@ -16,7 +16,8 @@ import numpy as np
 from helpers.processes import wait_until
 from helpers.units import served
 
-from imutui.cli.virtual_readings import SIMULATED, simulated
+from filters.simulation import Scenario
+from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
@@ -119,7 +120,7 @@ def _stacks() -> str:
 def acquiring(folder: Path, line: FaultyLine | None = None, **fields: Any) -> Iterator[Acquired]:
     """An acquisition at 133 Hz without a filter unless fields of the plan say otherwise; ended at the end."""
     sent = Sent()
-    unit = VirtualUnit(simulated(None, 0, 0), UnitOptions(version=SIMULATED))
+    unit = VirtualUnit(SimulatedReadings(Scenario()), UnitOptions(version=SIMULATED))
     with ExitStack() as ends:
         port = ends.enter_context(served(unit, sent, line))  # type: ignore[arg-type]
         plan = {"logs": str(folder / "logs"), "record": True, "filter": "none"} | fields

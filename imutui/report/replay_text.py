@@ -1,0 +1,102 @@
+"""The result of a live run or a replay as text for a terminal; parts of it are said on its page too."""
+
+from typing import TYPE_CHECKING
+
+from imutui.jobs.quantities import plural
+from imutui.report import numbers, plain
+from imutui.report.blocks import Block, Column, Paragraph, Table
+from imutui.report.numbers import NOTHING
+from imutui.verdict import sources
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
+
+DIGITS = {"deg/s": 4, "mg": 3}  # of biases in tables, by their unit
+UNSEEN = "not observable with this reference"
+
+
+def text(d: "ResultDocument", width: int) -> str:
+    """A result as lines of at most so many characters: verdict, biases, noise, what was lost, what contradicts."""
+    if "final" not in d:
+        said = [f"{d['log']}: {d['samples']} samples, no filter", *([sources.reasons(d)] if d["alarms"] else [])]
+        return plain.lines(map(Paragraph, said), width)
+    rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
+    size = f"{d['samples']} samples, {d['duration_s']:.1f} s at {rate}"
+    about = f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}"
+    blocks: list[Block] = [Paragraph(sources.reasons(d)), Paragraph(about), _biases(d), *map(Paragraph, _data(d))]
+    # the file's name is left whole, so that it can be copied
+    return f"{sources.headline(d)}\n{plain.lines(blocks, width)}"
+
+
+def _biases(d: "ResultDocument") -> Table:
+    truth = d.get("truth")
+    columns = (Column("bias"), Column("estimate", "number"), Column("± 3 sd", "number"), Column("unit"),
+               Column("converged"), *([Column("truth", "number")] if truth else []))  # fmt: skip
+    rows = []
+    for b in sources.biases(d):
+        digits = DIGITS[b.unit]
+        told = (NOTHING, NOTHING, b.unit, UNSEEN)
+        if b.value is not None and b.sd is not None:
+            told = (f"{b.value:.{digits}f}", f"{3.0 * b.sd:.{digits}f}", b.unit, converged(b.converged_s))
+        rows.append((b.name, *told, *([f"{b.of(truth):.{digits}f}"] if truth else [])))
+    return Table(columns, tuple(rows))
+
+
+def converged(since: float | None) -> str:
+    """When a bias converged, in words."""
+    return "not yet" if since is None else f"at {since:.0f} s"
+
+
+def nis(d: "ResultDocument") -> str:
+    """Mean NIS and what it says."""
+    mean, (low, high) = d["nis"]["mean"], d["nis"]["band95"] or (None, None)
+    if mean is None:
+        return "none"
+    is_test = d["nis"]["is_test"] and low is not None and high is not None
+    meaning = f"95 % band {low:.3g} to {high:.3g}" if is_test else f"no test: {d['nis']['why']}"
+    return f"{mean:.3g} of {d['nis']['dof']:.4g} degrees of freedom ({meaning})"
+
+
+def noise(d: "ResultDocument") -> str:
+    """White noise measured on the log, beside what the data sheet states, and how sure that is."""
+    of, sure = d["noise"], numbers.noise_certainty(d["noise"].get("relative_sd"))
+    if sure is None:
+        return numbers.TOO_SHORT
+    gyro, accel = sources.noise_stated(d)
+    return (
+        f"gyro {_triple(of['gyro_arw_deg_sqrt_h'])} deg/√h ({gyro}),"
+        f" accel {_triple(of['accel_vrw_mps_sqrt_h'])} m/s/√h ({accel}), each {sure}"
+    )
+
+
+def _data(d: "ResultDocument") -> list[str]:
+    out = [f"NIS {nis(d)}"] if d["nis"]["mean"] is not None else []
+    out.append(f"noise of this log: {noise(d)}")
+    used = d["noise"]["used"]
+    if used["source"] == "log":
+        walk = f"gyro {_triple(used['gyro_walk_dps_sqrt_h'], 3)} deg/s/√h"
+        walk += f", accel {_triple(used['accel_walk_mps2_sqrt_h'], 4)} m/s²/√h"
+        white = f"gyro {_triple(used['gyro_arw_deg_sqrt_h'])} deg/√h"
+        white += f", accel {_triple(used['accel_vrw_mps_sqrt_h'])} m/s/√h"
+        out.append(f"noise used, by Allan deviation: {white}; drift of the biases: {walk}")
+    if d["rejected"]:
+        out.append(f"{d['rejected']} updates left out as outliers")
+    if d["gaps"]:
+        longest = max(d["gaps"], key=lambda gap: gap["seconds"])
+        out.append(f"{plural(len(d['gaps']), 'gap')}, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
+    if d["lost_packets"] or d["bad_checksums"]:
+        out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
+    # names of states are channels, effect, parameter, unit
+    remembers = any({"hysteresis", "thermal_lag"} & {*effect["name"].split()} for effect in d["effects"])
+    if d.get("history_known") is False and remembers:
+        out.append(
+            "effects of this filter remember temperature, and what came before this log is not known: they begin as if"
+            " it had rested, and biases do not compare with those of another log"
+        )
+    above = sources.reasons(d)
+    out += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d["confounded"]]
+    return out + [f"ALARM: {alarm}" for alarm in d["alarms"] if alarm not in above]
+
+
+def _triple(values: list[float | None], digits: int = 2) -> str:
+    return " ".join(NOTHING if v is None else f"{v:.{digits}f}" for v in values)
