@@ -11,8 +11,7 @@ from imutui.cli.exit_codes import FINDINGS, FINE, in_words, print_json, say, sho
 
 _WIDEST = 100
 
-D = TypeVar("D", bound=Mapping[str, object])
-"""A result document."""
+D = TypeVar("D", bound=Mapping[str, object])  # a result document
 Progress = Callable[[float, str], None]
 
 

@@ -4,7 +4,6 @@ Differences are to the first result; their standard deviation is that of indepen
 and none where they are of the same readings.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import PurePath
@@ -15,7 +14,7 @@ from filters.tracing.trace_document import TraceDocument
 from imutui.jobs.page_data import LogData
 from imutui.report import comparison_figures, identity
 from imutui.report.blocks import Article, Block, Column, Paragraph, Section, Table
-from imutui.report.comparison_figures import Compared
+from imutui.report.comparison_figures import Compared, Estimate, difference
 from imutui.report.identity import NOT_STATED, LogFacts
 from imutui.report.numbers import NOTHING, ORIGIN, plus_minus, three_digits
 from imutui.verdict import sources
@@ -24,15 +23,6 @@ if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
 Result: TypeAlias = "TraceDocument | ResultDocument"
-Estimate: TypeAlias = tuple[float | None, float | None]
-"""A value and its standard deviation; None where either is not known."""
-
-
-def difference(a: Estimate, b: Estimate, *, related: bool) -> Estimate:
-    """B minus a, and the standard deviation of that for independent estimates: none of `related` ones."""
-    if a[0] is None or b[0] is None:
-        return None, None
-    return b[0] - a[0], None if related or a[1] is None or b[1] is None else math.hypot(a[1], b[1])
 
 
 def article(results: Sequence[Result], logs: Sequence[LogData]) -> Article | None:
@@ -71,7 +61,7 @@ def letter(number: int) -> str:
 def _told(logs: Sequence[LogFacts]) -> tuple[str, str, str, str]:
     """Unit, date, files and origin of a result."""
     units = dict.fromkeys(_unit(log) for log in logs)
-    dates = sorted({log.start_utc[:16].replace("T", " ") for log in logs if log.start_utc})
+    dates = sorted(identity.minute(log.start_utc) for log in logs if log.start_utc)
     files = ", ".join(PurePath(log.log).name for log in logs) or NOT_STATED
     kind = ORIGIN[identity.kind_of(logs)]
     return ", ".join(units), " to ".join(dict.fromkeys([*dates[:1], *dates[-1:]])) or NOT_STATED, files, kind

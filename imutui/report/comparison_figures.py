@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -43,6 +43,17 @@ class Compared:
         return self.letter if self.origin == "measured" else f"{self.letter} ({self.origin})"
 
 
+Estimate: TypeAlias = tuple[float | None, float | None]
+"""A value and its standard deviation; None where either is not known."""
+
+
+def difference(a: Estimate, b: Estimate, *, related: bool) -> Estimate:
+    """B minus a, and the standard deviation of that for independent estimates: none of `related` ones."""
+    if a[0] is None or b[0] is None:
+        return None, None
+    return b[0] - a[0], None if related or a[1] is None or b[1] is None else math.hypot(a[1], b[1])
+
+
 def of_replays(
     documents: "Sequence[ResultDocument]", names: Sequence[Compared], related: Sequence[bool]
 ) -> list[Figure]:
@@ -52,52 +63,48 @@ def of_replays(
     `related`: whether each is of the readings of the first: their difference has no standard deviation then.
     """
     who = _origins(names)
-    seen = [[b.channel for b in sources.biases(d) if None not in (b.value, b.sd)] for d in documents]
-    differing = [c for c in seen[0] if any(c in own for own in seen[1:])]
+    biases = [{b.channel: (b.value, b.sd) for b in sources.biases(d)} for d in documents]
+    minus: list[dict[str, Estimate]] = [
+        {c: difference(biases[0][c], own[c], related=same) if own is not biases[0] else (None, None) for c in own}
+        for own, same in zip(biases, related, strict=True)
+    ]
+    seen, differing = ([c for own in every for c in own if own[c][0] is not None] for every in (biases, minus))
+    no_bar = " One without a bar is of the same readings, so that no standard deviation is known."
+    overlaid = f"Of results whose logs are at hand, {_MOST} at most."
+    courses = [c for c in names if c.log.courses][:_MOST]
+    curves = [c for c in names if c.log.curves][:_MOST]
+    specs = [sources.specification_of(d) for d in documents]
     made = [
         _six(
             "compared-biases",
             f"Biases with three standard deviations ({who})",
             "Bars that do not overlap are of biases that differ.",
-            partial(_values, documents=documents, names=names),
-            [c for own in seen for c in own],
+            partial(_bars, estimates=biases, names=names),
+            seen,
         ),
         _six(
             "compared-differences",
             f"Differences to {names[0].letter} with three standard deviations ({who})",
-            "A bar that crosses zero is of a difference that may be chance." + (_NO_BAR if any(related[1:]) else ""),
-            partial(_differences, documents=documents, names=names, related=related),
+            "A bar that crosses zero is of a difference that may be chance." + (no_bar if any(related[1:]) else ""),
+            partial(_bars, estimates=minus, names=names, zero=True),
             differing,
         ),
+        _six(
+            "compared-convergence",
+            f"Biases over time, overlaid ({who})",
+            overlaid,
+            partial(_courses, names=courses),
+            seen if len(courses) > 1 else (),
+        ),
+        _six(
+            "compared-allan",
+            f"Allan deviation of the residuals, overlaid ({who})",
+            f"{overlaid} {axes.white_noise_caption(specs)}",
+            partial(_allans, names=curves, specs=specs),
+            SIDE_BY_SIDE if len(curves) > 1 else (),
+        ),
     ]
-    made = [figure for figure in made if figure.panels]
-    drawn = [c for c in names if c.log.courses][:_MOST]
-    if len(drawn) > 1:
-        made.append(
-            _six(
-                "compared-convergence",
-                f"Biases over time, overlaid ({who})",
-                _OVERLAID,
-                partial(_courses, names=drawn),
-                [channel for own in seen for channel in own],
-            )
-        )
-    drawn = [c for c in names if c.log.curves][:_MOST]
-    specs = [sources.specification_of(d) for d in documents]
-    if len(drawn) > 1:
-        made.append(
-            _six(
-                "compared-allan",
-                f"Allan deviation of the residuals, overlaid ({who})",
-                f"{_OVERLAID} {axes.white_noise_caption(specs)}",
-                partial(_allans, names=drawn, specs=specs),
-            )
-        )
-    return made
-
-
-_NO_BAR = " One without a bar is of the same readings, so that no standard deviation is known."
-_OVERLAID = f"Of results whose logs are at hand, {_MOST} at most."
+    return [figure for figure in made if figure.panels]
 
 
 def of_traces(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> list[Figure]:
@@ -128,37 +135,17 @@ def _six(
     return Figure(name, title, caption, panels)
 
 
-def _values(ax: "Axes", channel: str, documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> None:
-    for k, d in enumerate(documents):
-        _bar(ax, k, *_bias(d, channel))
-    _results(ax, UNITS[channel[0]], names)
-
-
-def _bar(ax: "Axes", at: int, value: float | None, sd: float | None) -> None:
-    if value is not None:
-        half = None if sd is None else 3.0 * sd
-        axes.whiskers(ax, at, value, (None, None) if half is None else (value - half, value + half), AFTER, "o")
-
-
-def _differences(
-    ax: "Axes",
-    channel: str,
-    documents: "Sequence[ResultDocument]",
-    names: Sequence[Compared],
-    related: Sequence[bool],
+def _bars(
+    ax: "Axes", channel: str, estimates: Sequence[dict[str, Estimate]], names: Sequence[Compared], *, zero: bool = False
 ) -> None:
-    first, first_sd = _bias(documents[0], channel)
-    for k, d in enumerate(documents[1:], 1):
-        value, sd = _bias(d, channel)
-        if first is not None and first_sd is not None and value is not None and sd is not None:
-            _bar(ax, k, value - first, None if related[k] else math.hypot(first_sd, sd))
-    ax.axhline(0.0, color=INK, lw=0.6)
+    for k, own in enumerate(estimates):
+        value, sd = own[channel]
+        if value is not None:
+            ends = (None, None) if sd is None else (value - 3.0 * sd, value + 3.0 * sd)
+            axes.whiskers(ax, float(k), value, ends, AFTER, "o")
+    if zero:
+        ax.axhline(0.0, color=INK, lw=0.6)
     _results(ax, UNITS[channel[0]], names)
-
-
-def _bias(d: "ResultDocument", channel: str) -> tuple[float | None, float | None]:
-    bias = sources.biases(d)[CHANNELS.index(channel)]
-    return bias.value, bias.sd
 
 
 def _results(ax: "Axes", unit: str, names: Sequence[Compared]) -> None:

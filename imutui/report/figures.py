@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 from imutui.plain_text import visible
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK, plain
-from imutui.report.blocks import Figure, Panel
+from imutui.report.blocks import Article, Figure, Panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+KINDS = ("svg", "png")
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _SIZE = (4.6, 2.7)
 _DPI = 150
@@ -48,11 +49,13 @@ def picture(panel: Panel, label: str, prefix: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def file(figure: Figure, kind: str) -> bytes:
-    """All panels of a figure as the content of a file.
+def files(article: Article, prefix: str) -> dict[str, bytes]:
+    """Contents of the files of an article's figures, by names that begin with a prefix."""
+    return {f"{prefix}{figure.name}.{kind}": file(figure, kind) for figure in article.figures() for kind in KINDS}
 
-    `kind`: "svg" or "png".
-    """
+
+def file(figure: Figure, kind: str) -> bytes:
+    """All panels of a figure as the content of a file of one of the `KINDS`."""
     return _saved(figure.panels, kind, background="white")
 
 

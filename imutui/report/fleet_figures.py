@@ -16,8 +16,7 @@ from imutui.report.blocks import Figure, Panel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_CHARTS = 12
-"""Units whose charts are drawn; the others' points are in the document."""
+MOST_CHARTS = 12  # units whose charts are drawn; the others' points are in the document
 _MOST_TICKS = 12
 _SHORT_DAYS = 3.0
 

@@ -224,10 +224,7 @@ def write(folder: Path, document: SummaryDocument) -> list[Path]:
     contents = {INDEX: html.document(made).encode("utf-8", "replace")}
     contents[SUMMARY] = (json_text.dumps(document) + "\n").encode()
     for number, article in enumerate(made.articles, 1):
-        prefix = "" if len(made.articles) == 1 else f"{number}-"
-        for figure in article.figures():
-            for kind in ("svg", "png"):
-                contents[f"{prefix}{figure.name}.{kind}"] = figures.file(figure, kind)
+        contents |= figures.files(article, "" if len(made.articles) == 1 else f"{number}-")
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     return [folder / name for name in contents]

@@ -159,7 +159,7 @@ def python(c: LinearCorrection) -> str:
     names, values, steps = ["bias"], [_array(c.bias)], ["reading - bias"]
     if c.by_reading.any():
         names.append("A" if c.of_reading else "M")
-        values.append(_rows(c.by_reading if c.of_reading else c.matrix))
+        values.append(_array(c.by_reading if c.of_reading else c.matrix))
     if c.of_reading and c.by_reading.any():
         steps.append("A @ reading")
     for n in range(c.orders):
@@ -174,15 +174,15 @@ def python(c: LinearCorrection) -> str:
 def c_lines(c: LinearCorrection) -> str:
     """Three lines of C: `reading` (6) and `temperature` in, `corrected` (6) out."""
     j = "j" if _is_product(c) else "i"
-    constants = [f"bias[6] = {_braces(c.bias)}"]
+    constants = [f"bias[6] = {_list(c.bias, '{}')}"]
     steps = [f"reading[{j}] - bias[{j}]"]
     if c.by_reading.any():
-        rows = ", ".join(_braces(row) for row in (c.by_reading if c.of_reading else c.matrix))
-        constants.append(f"{'A' if c.of_reading else 'M'}[6][6] = {{{rows}}}")
+        rows = _list(c.by_reading if c.of_reading else c.matrix, "{}")
+        constants.append(f"{'A' if c.of_reading else 'M'}[6][6] = {rows}")
     if c.of_reading:
         steps += [f"A[i][{k}] * reading[{k}]" for k in range(6) if c.by_reading[:, k].any()]
     for n in range(c.orders):
-        constants.append(f"K{n + 1}[6] = {_braces(c.by_temperature[n])}")
+        constants.append(f"K{n + 1}[6] = {_list(c.by_temperature[n], '{}')}")
         steps.append(" * ".join([f"K{n + 1}[{j}]", *["dT"] * (n + 1)]))
     first = f"static const double {', '.join(constants)};"
     second = f"double corrected[6]{' = {0}' if _is_product(c) else ''}"
@@ -199,20 +199,14 @@ def _is_product(c: LinearCorrection) -> bool:
     return bool(c.by_reading.any()) and not c.of_reading
 
 
-def _rows(matrix: Array) -> str:
-    return "np.array([" + ", ".join(_list(row) for row in matrix) + "])"
-
-
 def _array(values: Array) -> str:
     return f"np.array({_list(values)})"
 
 
-def _list(values: Array) -> str:
-    return "[" + ", ".join(map(_number, values)) + "]"
-
-
-def _braces(values: Array) -> str:
-    return "{" + ", ".join(map(_number, values)) + "}"
+def _list(values: Array, ends: str = "[]") -> str:
+    """Numbers as a program has them, of a matrix row by row."""
+    inner = (_list(row, ends) for row in values) if values.ndim > 1 else map(_number, values)
+    return ends[0] + ", ".join(inner) + ends[1]
 
 
 def _number(value: float) -> str:

@@ -99,7 +99,7 @@ def _files(logs: Sequence[LogFacts]) -> Table:
         (
             _name(log),
             log.role,
-            _minute(log.start_utc),
+            minute(log.start_utc),
             NOT_STATED if log.seconds is None else duration(log.seconds),
             NOT_STATED if log.rate_hz is None else f"{log.rate_hz:.4g} Hz",
             _range(log.temperature_degc),
@@ -143,23 +143,25 @@ def _readings(logs: Sequence[LogFacts]) -> str:
 
 
 def _dates(logs: Sequence[LogFacts]) -> str:
-    starts = sorted(_minute(log.start_utc) for log in logs if log.start_utc)
-    if not starts:
-        return NOT_STATED
-    text = starts[0] if starts[0] == starts[-1] else f"{starts[0]} to {starts[-1]}"
-    return f"{text} UTC" + ("" if len(starts) == len(logs) else f" ({NOT_STATED} of some of the files)")
+    starts = sorted(minute(log.start_utc) for log in logs if log.start_utc)
+    text = " to ".join(dict.fromkeys([*starts[:1], *starts[-1:]]))
+    return _of_some(f"{text} UTC", len(starts), len(logs))
 
 
-def _minute(start: str | None) -> str:
+def minute(start: str | None) -> str:
+    """A time in UTC, to the minute."""
     return NOT_STATED if not start else start[:16].replace("T", " ")
 
 
 def _temperatures(logs: Sequence[LogFacts]) -> str:
     known = [log.temperature_degc for log in logs if log.temperature_degc]
-    if not known:
-        return NOT_STATED
-    text = _range([min(t[0] for t in known), max(t[-1] for t in known)])
-    return text if len(known) == len(logs) else f"{text} ({NOT_STATED} of some of the files)"
+    text = _range([min(t[0] for t in known), max(t[-1] for t in known)]) if known else ""
+    return _of_some(text, len(known), len(logs))
+
+
+def _of_some(text: str, known: int, of: int) -> str:
+    """What some of the files say, or all."""
+    return NOT_STATED if not known else text if known == of else f"{text} ({NOT_STATED} of some of the files)"
 
 
 def _range(values: Sequence[float] | None) -> str:

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
 INDEX, RESULT, REPORT, PRINT = "index.html", "result.json", "report.json", "report.pdf"
-NAMES = (INDEX, REPORT, RESULT, PRINT)
-"""What every page has; the last where a browser is at hand."""
-VERSION = 1
-"""Of the JSON."""
+NAMES = (INDEX, REPORT, RESULT, PRINT)  # what every page has; the last where a browser is at hand
+VERSION = 1  # of the JSON
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _LIMIT = 2**26
 # versions before this one wrote the page as Markdown too
@@ -60,11 +58,6 @@ def page(stories: Sequence[Story]) -> Page:
     return Page(f"{len(articles)} results", articles if compared is None else (compared, *articles))
 
 
-def is_trace(result: Result) -> bool:
-    """Whether a result is a trace's."""
-    return "findings" in result
-
-
 def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     """Write page, figures, results, and files that go beside them, into a folder.
 
@@ -74,18 +67,15 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     """
     made = page(stories)
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
-    names = _Names(made, len(stories))
     results = [story.result for story in stories]
     contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else results) + "\n").encode()
-    for number, article in enumerate(made.articles, 1):
-        for figure in article.figures():
-            for kind in ("svg", "png"):
-                contents[f"{names.of(number, figure)}.{kind}"] = figures.file(figure, kind)
+    for prefix, article in _prefixed(made, len(results)):
+        contents |= figures.files(article, prefix)
     for number, story in enumerate(stories, 1):
         prefix = "" if len(stories) == 1 else f"{number}-"
         contents |= {prefix + name: text.encode("utf-8", "replace") for name, text in _beside(story).items()}
     contents[REPORT] = b""
-    contents[REPORT] = (json_text.dumps(_document(made, names, list(contents))) + "\n").encode()
+    contents[REPORT] = (json_text.dumps(_document(made, len(results), list(contents))) + "\n").encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name in _replaced(folder / REPORT):
         (folder / name).unlink(missing_ok=True)
@@ -94,20 +84,7 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     return [folder / name for name in contents]
 
 
-class _Names:
-    """Names of figures' files: of several results each has its number, of their comparison none."""
-
-    def __init__(self, made: Page, results: int) -> None:
-        self._first = len(made.articles) - results
-        self._single = results == 1
-
-    def of(self, number: int, figure: Figure) -> str:
-        """Name without suffix of a figure of an article, which are numbered from 1."""
-        own = number - self._first
-        return figure.name if self._single or own < 1 else f"{own}-{figure.name}"
-
-
-def _document(page: Page, names: "_Names", files: Sequence[str]) -> dict[str, Any]:
+def _document(page: Page, results: int, files: Sequence[str]) -> dict[str, Any]:
     """A page as JSON, for programs: blocks are those of the page, in order, each with its kind."""
     articles = [
         {
@@ -115,35 +92,35 @@ def _document(page: Page, names: "_Names", files: Sequence[str]) -> dict[str, An
             "kind": article.kind,
             "origin": article.origin,
             "sections": [
-                {"title": section.title, "blocks": [_block(block, n, names) for block in section.blocks]}
+                {"title": section.title, "blocks": [_block(block, prefix) for block in section.blocks]}
                 for section in article.sections
             ],
         }
-        for n, article in enumerate(page.articles, 1)
+        for prefix, article in _prefixed(page, results)
     ]
     return {"version": VERSION, "title": page.title, "articles": articles, "files": list(files)}
 
 
-def _block(block: Block, number: int, names: "_Names") -> dict[str, Any]:
+def _prefixed(page: Page, results: int) -> Iterator[tuple[str, Article]]:
+    """Articles, and what their figures' files begin with: of several results its number, else nothing."""
+    for number, article in enumerate(page.articles, 1 - (len(page.articles) - results)):
+        yield "" if results == 1 or number < 1 else f"{number}-", article
+
+
+def _block(block: Block, prefix: str) -> dict[str, Any]:
+    kind = {"block": type(block).__name__.lower()}
     match block:
-        case Paragraph() | Subheading() | Code():
-            text = block.text
-            return {"block": type(block).__name__.lower(), "text": text}
-        case Items():
-            return {"block": "items", "texts": list(block.texts), "numbered": block.numbered}
-        case Facts():
-            return {"block": "facts", "rows": [list(row) for row in block.rows]}
-        case Table():
-            columns = [column.heading for column in block.columns]
-            return {
-                "block": "table", "caption": block.caption, "columns": columns, "rows": [list(r) for r in block.rows],
-            }  # fmt: skip
-        case Figure():
-            name = names.of(number, block)
-            return {
-                "block": "figure", "title": block.title, "caption": block.caption,
-                "panels": [panel.name for panel in block.panels], "files": [f"{name}.svg", f"{name}.png"],
-            }  # fmt: skip
+        case Paragraph(text) | Subheading(text) | Code(text):
+            return kind | {"text": text}
+        case Items(texts, numbered):
+            return kind | {"texts": texts, "numbered": numbered}
+        case Facts(rows):
+            return kind | {"rows": rows}
+        case Table(columns, rows, caption):
+            return kind | {"caption": caption, "columns": [column.heading for column in columns], "rows": rows}
+        case Figure(name, title, caption, panels):
+            files = [f"{prefix}{name}.{suffix}" for suffix in figures.KINDS]
+            return kind | {"title": title, "caption": caption, "panels": [p.name for p in panels], "files": files}
 
 
 def _replaced(path: Path) -> list[str]:
@@ -157,9 +134,9 @@ def _replaced(path: Path) -> list[str]:
 
 
 def _article(story: Story) -> Article:
-    if is_trace(story.result):
+    if "findings" in story.result:
         return trace_report.article(cast("TraceDocument", story.result), story.log)
-    return replay_report.article(cast("ResultDocument", story.result), story.log)
+    return replay_report.article(story.result, story.log)
 
 
 def _beside(story: Story) -> dict[str, str]:
@@ -168,7 +145,7 @@ def _beside(story: Story) -> dict[str, str]:
     for section in _article(story).sections:
         if section.title == how_to_apply.TITLE:
             made |= how_to_apply.files(section.blocks)
-    if is_trace(d):
+    if "findings" in d:
         made |= _of_trace(cast("TraceDocument", d))
     return made
 

@@ -14,8 +14,7 @@ from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Table
 from imutui.report.numbers import NOTHING, duration, plus_minus, readings, share, three_digits
 from imutui.report.trace_glance import TERMINAL, Places
 
-_IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")
-"""Parameters that the label of a finding says."""
+_IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")  # parameters that the label of a finding says
 _FEW = 3
 _RULE = (
     "± is one standard deviation. A cause joins where its score, beside drift too, is above 9; of a channel that"

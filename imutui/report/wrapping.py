@@ -3,8 +3,7 @@
 import re
 import textwrap
 
-_COLUMN = 17
-"""The most characters that a first column with its blanks takes."""
+_COLUMN = 17  # the most characters that a first column with its blanks takes
 _GAP = re.compile(r"\S {2,}(?=\S)")
 _FEWEST = 3
 

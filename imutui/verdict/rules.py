@@ -13,16 +13,13 @@ from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, NoiseSnapshot, Rem
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
-NOTICED, TOO_MUCH = 2.0, 3.0
-"""Means of 10 s over what noise allows: beyond these, AMBER and RED."""
-FEWEST_WINDOWS = 3
-"""Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
+NOTICED, TOO_MUCH = 2.0, 3.0  # means of 10 s over what noise allows: beyond these, AMBER and RED
+FEWEST_WINDOWS = 3  # means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty
 TOO_NOISY, CERTAIN_SD, KNOWN_SD = 1.3, 5.0, 0.2
 """White noise over what the filter takes for it, and standard deviations of that ratio above 1: beyond both, AMBER,
 once it is known so well."""
 STEADY_K_PER_MIN = 0.1
-MOVES_SD = 0.5
-"""Change over 10 s, in standard deviations, that is worth a word."""
+MOVES_SD = 0.5  # change over 10 s, in standard deviations, that is worth a word
 BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 _NOTHING = "–"
 USE = "usable; unseen: faster oscillation, temperature, motion: t"
@@ -31,17 +28,14 @@ USE_AT_LENGTH = (
     "the biases can be used: corrected reading = reading − bias. Looked at: alarms, limits, convergence, 10 s means,"
     " noise; not: faster oscillations, effects of temperature and motion, which a trace looks for"
 )
-TRACE_KEY = "t traces this recording"
-"""What to do on the screen; a command says the same in its words."""
+TRACE_KEY = "t traces this recording"  # what to do on the screen; a command says the same in its words
 
 ENDED = "ENDED"
 WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
 SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–", ENDED: "–"}
 """Beside the word: state is said twice, and never by colour alone."""
-LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
-"""A check's level as a word."""
-RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}
-"""Of a level: the worst is told."""
+LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}  # a check's level as a word
+RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}  # of a level: the worst is told
 
 
 @dataclass(frozen=True, slots=True)

@@ -266,13 +266,8 @@ def test_every_prefix_of_a_log_replays_or_says_that_nothing_can_be_read(home: Pa
         assert document["samples"] == samples, length
         assert document["finished"] is False, length
         assert "cut.mcap" in outcome.stderr
-
-
-def test_a_cut_log_is_called_cut(home: Path, log: bytes) -> None:
-    (_, first, _), (_, second, _) = chunks(log)[:2]
-    for length in (first + 1, first + 5, first + 9, first + 40, second + 3):
-        (home / "cut.mcap").write_bytes(log[:length])
-        assert "ends in the middle" in run("replay", "cut.mcap").stderr, length
+        if any(start < length < end for start, end, _ in chunks(log)):
+            assert "ends in the middle" in outcome.stderr, length
 
 
 def test_a_changed_byte_in_a_chunk_is_noticed_and_all_before_it_is_used(home: Path, log: bytes) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from helpers import traces
 from helpers.paths import ROOT
+from helpers.traces import REPLAY
 
 from imutui import cli
 from imutui.cli import installed_from
@@ -17,8 +18,6 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import added_notes
 from imutui.report import figures, page
 from imutui.report.html import STYLE
-
-REPLAY = Path(traces.__file__).with_name("replay_result.json")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:

@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 from helpers import traces
 from helpers.paths import SAMPLE
+from helpers.traces import REPLAY
 
 from imutui.jobs import result_files
 from imutui.logbook import reader
 from imutui.logbook.reader import UnreadableLogError
-
-REPLAY = Path(traces.__file__).with_name("replay_result.json")
 
 
 def written(folder: Path, content: object) -> Path:

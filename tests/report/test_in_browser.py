@@ -1,6 +1,5 @@
 """A page as a browser shows it: wide, narrow, on paper; what it asks the network for."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
         "dof": [9.0] * 3,
     }
     log = LogData(courses=(Course("with it", points, is_test=True),), effects="# effects\n" * 60, missing=("a" * 90,))
-    replayed = json.loads(Path(traces.__file__).with_name("replay_result.json").read_text())
+    replayed = traces.replayed()
     stories = [page.Story({**traces.document(), "runs": [run, run], "curves": curves}, log)]
     stories += [page.Story(replayed), page.Story({**replayed, "kind": "measured"})]
     whole = html.document(page.page(stories))

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import traces
+from helpers.traces import COMMON, RUN, replayed
+from helpers.traces import of_two_runs as document
 
 from filters.multiposition import choice
 from filters.tracing import selection
@@ -31,12 +33,6 @@ from imutui.report.blocks import Paragraph, Table
 from imutui.report.numbers import duration, plus_minus, share, times_floor
 
 SOURCE = "trace of a.mcap; held out b.mcap"
-RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
-
-
-def document(**changes: Any) -> dict[str, Any]:
-    runs = [RUN, {**RUN, "id": "b", "heldout": True}]
-    return {**traces.document(), "runs": runs, "notes": ["a note"], "library": "imutui 1"} | changes
 
 
 def traced(**changes: Any) -> dict[str, Any]:
@@ -58,14 +54,6 @@ def traced(**changes: Any) -> dict[str, Any]:
 )
 def test_value_and_deviation_end_at_the_same_digit(value: float, sd: float | None, text: str) -> None:
     assert plus_minus(value, sd, "deg/s") == text
-
-
-COMMON = {
-    "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
-    "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
-    "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}], "p": 1e-9, "record": ["supply voltage"],
-    "run": "a",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -374,12 +362,6 @@ def test_an_alarm_is_never_above_converged() -> None:
     apply = next(s for s in article.sections if s.title == "How to apply it")
     assert isinstance(apply.blocks[0], Paragraph)
     assert "RED" in apply.blocks[0].text
-
-
-def replayed(**changes: Any) -> dict[str, Any]:
-    """A replay's result."""
-    made: dict[str, Any] = json.loads(Path(traces.__file__).with_name("replay_result.json").read_text())
-    return made | changes
 
 
 def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() -> None:

@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 from helpers import traces
+from helpers.traces import COMMON, RUN
+from helpers.traces import of_two_runs as document
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,14 +17,8 @@ from imutui.report.blocks import Column, Items, Paragraph, Section, Table
 from imutui.report.trace_glance import TERMINAL, bar
 from imutui.tui.terminal.glyphs import GLYPHS
 
-RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
 STATUSES = ("clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained")
 EFFECTS = (*plain_names._EFFECTS, "driver:temperature*wx", "driver:since_motion")
-
-
-def document(**changes: Any) -> dict[str, Any]:
-    runs = [RUN, {**RUN, "id": "b", "heldout": True}]
-    return {**traces.document(), "runs": runs, "notes": ["a note"], "library": "imutui 1"} | changes
 
 
 def tables(d: Any) -> dict[str, Table]:
@@ -155,12 +151,6 @@ def test_what_carries_over_is_not_known_from_one_power_on(fitted: tuple[str, ...
 REFUTED = {
     "effect": "ramp", "label": "bias runs away with time", "channels": ["az"], "metric": "e10", "after_with": 16.12,
     "after_without": 5.786, "unit": "mg",
-}  # fmt: skip
-COMMON = {
-    "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
-    "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
-    "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}], "p": 1e-9, "record": ["supply voltage"],
-    "run": "a",
 }  # fmt: skip
 
 

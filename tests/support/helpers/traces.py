@@ -1,5 +1,6 @@
 """Recordings of a table that turns, and a hand-made result of a trace, for the tests of what is around the tracer."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,28 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
         session = SessionInfo(**({"instrument": "unknown"} | info | {"reference": reference.kind}))
     importer.write(recording, session, source, path, overwrite=True, reference=reference)
     return path
+
+
+RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
+COMMON = {
+    "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
+    "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
+    "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}], "p": 1e-9, "record": ["supply voltage"],
+    "run": "a",
+}  # fmt: skip
+REPLAY = Path(__file__).with_name("replay_result.json")
+
+
+def replayed(**changes: Any) -> dict[str, Any]:
+    """A replay's result."""
+    made: dict[str, Any] = json.loads(REPLAY.read_text())
+    return made | changes
+
+
+def of_two_runs(**changes: Any) -> dict[str, Any]:
+    """A trace's result, with a run that was held out."""
+    runs = [RUN, {**RUN, "id": "b", "heldout": True}]
+    return {**document(), "runs": runs, "notes": ["a note"], "library": "imutui 1"} | changes
 
 
 def document() -> dict[str, Any]:
