@@ -2,9 +2,8 @@
 
 import math
 
-from filters.effects import plain_names
 from imutui.filter_snapshot import EffectSnapshot, FilterSnapshot
-from imutui.report import wrapping
+from imutui.report import effect_words, wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.verdict.rules import (
@@ -78,7 +77,7 @@ def _more(estimates: FilterSnapshot) -> str:
 
 def effect_text(effect: EffectSnapshot) -> str:
     """What it is in words, value ± 3 sd, unit; as many decimals as the certainty is worth."""
-    value, sd, unit, label = effect["value"], effect["sd"], effect["unit"], plain_names.state(effect["label"])
+    value, sd, unit, label = effect["value"], effect["sd"], effect["unit"], effect_words.state(effect["label"])
     if value is None or not sd:
         return f"{label} {formatting.plain(value)} {unit}".rstrip()
     decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)

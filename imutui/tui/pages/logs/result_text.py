@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from filters.effects import plain_names
 from imutui.jobs.tasks import TraceResult
-from imutui.report import numbers, trace_tables, wrapping
+from imutui.report import effect_words, numbers, trace_tables, wrapping
 from imutui.report.trace_glance import Places
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -138,7 +137,7 @@ def _filtered(d: "ResultDocument") -> list[str]:
         lines.append(f"                     each {sure}")
     for e in d.get("effects", []):
         unit = e["name"].removesuffix(")").partition(" (")[2]
-        lines.append(f"  effect {plain_names.state(e['name'])}, {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd) {unit}")
+        lines.append(f"  effect {effect_words.state(e['name'])}, {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd) {unit}")
     if d.get("times_real_time"):
         lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
     return lines
