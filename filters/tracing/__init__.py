@@ -15,10 +15,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  6 what can't   `identifiability` effects that these runs can't show · `detectability` the smallest size that a log
    be seen      would show, and what a motion lets be told before it is made
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
-                noise, of a channel that drifts too ·
-                `beside_drift` slow effects with drift fitted on both sides · `drift_guard` whether drift would do as
-                well · `left_out_runs` gain on cells that the fit has not seen, whether a term carries over between
-                power-ons ·
+                noise, of a channel that drifts too · `beside_drift` whether drift would do as well, fitted on both
+                sides · `left_out_runs` gain on cells that the fit has not seen, whether a term carries over ·
                 `thermal_forms` curve, memory and drift together, `thermal_transfer` what of them carries over,
                 `thermal_memory` where they take the place of single effects
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before;

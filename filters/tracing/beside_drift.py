@@ -1,33 +1,147 @@
-"""Terms of a channel judged beside drift: how likely the data are under each drift of a grid, without and with a term.
+"""Whether drift would do as well: terms judged with drift fitted anew, without and with them.
 
 Drift and a slow effect are made of the same frequencies. A drift that was fitted before the effect was thought of has
-already taken its part, so the two are compared with drift fitted anew on both sides:
+already taken its part, so the two are compared with drift fitted on both sides:
 
     gain = min over drifts of -2 log L without the term - min over drifts of -2 log L with it
 
-All terms are whitened at once for each drift, on rows that are as coarse as slow effects allow. What it leaves out:
-sums of two drifts (`drift_guard`), effects of motion, which such rows would lose.
+`guarded_score` does so for one term that has scored, on sums of two drifts too, for what is like 1/f needs more than
+one. `beside_drift` does it for many at once, under each drift of a grid, on rows that are as coarse as slow effects
+allow: effects of motion would be lost in them.
 """
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.effects.run_specific import Tone
 from filters.tracing.columns import Term
-from filters.tracing.design_matrix import VISIBLE, Design, inverse_of
-from filters.tracing.drift_guard import by_seconds, drift_price
-from filters.tracing.whitening import NONE, Drift, drift_grid, whiten
+from filters.tracing.design_matrix import VISIBLE, Design, Fit, gain_of, inverse_of
+from filters.tracing.whitening import NONE, Drift, DriftPairs, Rows, best_drift, drift_grid, refined
 from filters.types import Array
 
-_ROWS = 2000
-"""Rows at most of the runs together; never shorter than a second."""
-_SECOND_S = 1.0
-
+_DRIFT_GRID = 20.0
+_SECOND_S = 1.0  # rows are never shorter
+_ROWS = 2000.0  # at most of a channel, for what is slow
+_FAST_HZ = 0.2  # faster tones are lost in means of 1 s
 
 _Numbers = NDArray[np.int_]
+_Best = tuple[float, Drift, float]  # what `best_drift` returns
+
+
+# --------------------------------------------------------------------------------------------------------------- rows
+
+
+def rows_of(
+    design: Design,
+    terms: Sequence[Term],
+    channel: int,
+    more: Array | None = None,
+    seconds: float | None = None,
+    fit: Fit | None = None,
+) -> Rows:
+    """Rows of a channel's residual, of the columns of terms that are its own, and of more, shape (n, k).
+
+    What several channels share is taken off as a joint fit has it: `fit`, by default that of the terms. Rows last so
+    many seconds, by default as many as slow effects allow.
+    """
+    stack = design.stack
+    y = design.unexplained(terms, channel, fit, only_shared=True)
+    own = [design.columns[:, a.places[channel]] for a in terms if list(a.places) == [channel]]
+    raw = np.column_stack([y, *own, *([] if more is None else [more])])
+    seconds = max(_SECOND_S, stack.seconds(channel) / _ROWS) if seconds is None else seconds
+    return by_seconds(design, channel, raw, max(seconds, stack.period), sum(x.shape[1] for x in own))
+
+
+def by_seconds(design: Design, channel: int, raw: Array, seconds: float, selected: int = 0) -> Rows:
+    """Columns, shape (n, k), averaged over so many seconds."""
+    stack = design.stack
+    per = max(1, round(seconds / stack.period))
+    label = stack.run * (1 << 40) + (stack.part_t // (per * stack.period)).astype(np.int64)
+    edges = np.flatnonzero(np.diff(label, prepend=-1))
+    precision = 1.0 / design.variance(channel)
+    total = np.add.reduceat(precision, edges)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = np.add.reduceat(raw * precision[:, None], edges, axis=0) / total[:, None]
+        variance = 1.0 / total
+    t = np.add.reduceat(stack.t, edges) / np.diff(np.append(edges, stack.t.size))
+    starts = np.searchsorted(edges, stack.begins)
+    return Rows(np.nan_to_num(rows), t, starts, variance, seconds, selected)
+
+
+# --------------------------------------------------------------------------------------------------------- one term
+
+
+def drift_price(design: Design, channel: int) -> float:
+    """What two parameters of a drift and its choice cost on a channel, in chi-square."""
+    return 2.0 * float(np.log(design.stack.seconds(channel))) + 2.0 * float(np.log(_DRIFT_GRID))
+
+
+def likeliest_drift(design: Design, terms: Sequence[Term], channel: int) -> tuple[float, Drift]:
+    """Gain of the best drift process of a channel beside what is selected, and the process."""
+    rows = rows_of(design, terms, channel, seconds=_SECOND_S)
+    best, drift, none = best_drift(rows)
+    walk = best_drift(rows, taus=(np.inf,))
+    # a walk has one parameter less
+    if walk[0] - best < np.log(design.stack.seconds(channel)):
+        best, drift = walk[0], walk[1]
+    return none - best, refined(rows, drift, best)
+
+
+def guarded_score(
+    design: Design, terms: Sequence[Term], term: Term, made: Array | None, price: float, accept: float
+) -> float:
+    """Score of a term of one channel when both models have their own best drift, or two if it passes with one.
+
+    `terms`: what is selected already.
+    `made`: columns of its own, shape (n, k), of one that is not in the design.
+    `price`: what its parameters cost.
+    `accept`: at most this with one process, and two are not tried.
+    """
+    (c,) = term.places
+    own = made if made is not None else design.columns[:, term.places[c]]
+    fast = isinstance(term.hypothesis, Tone) and term.hypothesis.hz > _FAST_HZ
+    seconds = design.stack.period if fast else None
+    # columns of its own are not in the design: what is shared stays as it was then
+    fits = design.fit(terms), design.fit(terms if made is not None else [*terms, term])
+    rows = [rows_of(design, terms, c, more, seconds, fit) for more, fit in zip((None, own), fits, strict=True)]
+    found = [best_drift(each) for each in rows]
+    single = min(found[0][0], found[0][2]) - min(found[1][0], found[1][2]) - price
+    if single <= accept or fast:
+        return single
+    return min(single, _beside_two(rows, found) - price)
+
+
+def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: float) -> float:
+    """As `guarded_score` of a term that several channels share: each has its own best drift on both sides."""
+    fits = design.fit(terms), design.fit([*terms, term])
+    # what depends on the attitude is as slow as drift; what depends on rates would be lost in means of a second
+    seconds = design.stack.period if term.hypothesis.follows_rates else _SECOND_S
+    gain = 0.0
+    for c in (c for c in term.places if design.sd[c] > 0.0):  # one that lacks data gains nothing
+        without, with_it = (best_drift(rows_of(design, terms, c, None, seconds, fit)) for fit in fits)
+        gain += min(without[0], without[2]) - min(with_it[0], with_it[2])
+    return gain - price
+
+
+def _beside_two(rows: Sequence[Rows], found: Sequence[_Best]) -> float:
+    """Gain of a term beside sums of two drifts; each side tries what the other found, so that neither lags behind."""
+    without_term, with_term = both = [DriftPairs(each) for each in rows]
+    for drift in {best[1] for best in found}:
+        for pairs in both:
+            pairs.search(drift)
+    for drift in {*with_term.best[1]}:
+        without_term.search(drift)
+    for drift in {*without_term.best[1]}:
+        with_term.search(drift)
+    values = [min(one[0], one[2], pairs.best[0]) for one, pairs in zip(found, both, strict=True)]
+    return values[0] - values[1]
+
+
+# ------------------------------------------------------------------------------------------------------ many at once
 
 
 @dataclass(frozen=True)
@@ -75,23 +189,25 @@ def beside_drift(
 
 
 def of_columns(
-    design: Design, selection: Sequence[Term], channel: int, columns: Array, groups: Sequence[_Numbers]
+    design: Design, selection: Sequence[Term], channel: int, columns: Array, groups: Sequence[_Numbers] | None = None
 ) -> BesideDrift:
-    """As `beside_drift`, of columns that need not be in the design: a term is a group of their numbers."""
+    """As `beside_drift`, of columns that need not be in the design: a term is a group of their numbers, or all."""
     rows = rows_of(design, selection, channel, columns)
     scale = np.sqrt(np.mean(rows.values**2, axis=0))
     scaled = rows.values / np.where(scale > 0.0, scale, 1.0)
     scaled[:, 0] *= scale[0]
-    finite = rows.variance[np.isfinite(rows.variance)]
-    drifts = (NONE, *drift_grid(float(np.sqrt(np.median(finite) * rows.seconds))))
+    rows = replace(rows, values=scaled)
+    least = float(rows.variance.min())
+    drifts = (NONE, *drift_grid(rows.unit))
+    groups = [np.arange(columns.shape[1])] if groups is None else groups
     values, gains = np.empty(len(drifts)), np.empty((len(drifts), len(groups)))
-    solver = _Solver(groups)
+    solver = Solver(groups)
     seen = np.zeros(0)
     for k, drift in enumerate(drifts):
-        W, log_det = whiten(scaled, rows.t, rows.starts, rows.variance, drift)
+        W, log_det = rows.whitened(drift)
         if k == 0:
             seen = np.sum(W[:, 1 + rows.selected :] ** 2, axis=0)
-        left, gains[k] = solver(W, rows.selected, seen, float(finite.min()))
+        left, gains[k] = solver(W, rows.selected, least, seen)
         values[k] = left + log_det
     cost = drift_price(design, channel)
     less = float(np.log(design.stack.seconds(channel)))
@@ -101,8 +217,7 @@ def of_columns(
 
 def gain_beside(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> float:
     """Gain of columns together, drift fitted with and without them."""
-    judged = of_columns(design, selection, channel, columns, [np.arange(columns.shape[1])])
-    return float(judged.gain[0])
+    return float(of_columns(design, selection, channel, columns).gain[0])
 
 
 def fitted_beside(
@@ -110,42 +225,12 @@ def fitted_beside(
 ) -> tuple[Array, Array]:
     """Parameters of columns on a channel under a drift, and their covariance; shapes (k,), (k, k)."""
     rows = rows_of(design, selection, channel, columns)
-    selected = rows.selected
-    W, _ = whiten(rows.values, rows.t, rows.starts, rows.variance, drift)
+    W, _ = rows.whitened(drift)
     inverse = inverse_of(W[:, 1:].T @ W[:, 1:])
-    return (inverse @ (W[:, 1:].T @ W[:, 0]))[selected:], inverse[selected:, selected:]
+    return (inverse @ (W[:, 1:].T @ W[:, 0]))[rows.selected :], inverse[rows.selected :, rows.selected :]
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A channel averaged over a second or more."""
-
-    values: Array  # residual, columns of what is selected, other columns, SI, shape (m, 1 + selected + k)
-    t: Array  # s since power-on, shape (m,)
-    starts: _Numbers  # first row of each power-on
-    variance: Array  # of the white noise of each row, infinite where there is no data, shape (m,)
-    selected: int  # how many columns of what is selected there are
-    seconds: float  # length of a row
-
-
-def rows_of(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> Rows:
-    """Rows of a channel's residual, of the columns of what is selected there, and of others.
-
-    What several channels share is taken off as the selection's joint fit has it.
-    """
-    stack = design.stack
-    y = stack.y[:, channel].copy()
-    fit = design.fit(selection)
-    for term, theta in zip(fit.terms, fit.theta, strict=True):
-        if channel in term.places and len(term.places) > 1:
-            y -= design.columns[:, term.places[channel]] @ theta
-    own = [design.columns[:, a.places[channel]] for a in selection if list(a.places) == [channel]]
-    raw = np.column_stack([y, *own, columns])
-    seconds = max(_SECOND_S, stack.seconds(channel) / _ROWS, stack.period)
-    return Rows(*by_seconds(design, channel, raw, seconds), sum(x.shape[1] for x in own), seconds)
-
-
-class _Solver:
+class Solver:
     """Gains of groups of columns beside those that are selected, from whitened rows."""
 
     def __init__(self, groups: Sequence[_Numbers]) -> None:
@@ -159,14 +244,19 @@ class _Solver:
         self._pair = np.searchsorted(self._joint, self._two)
         self._many = [np.searchsorted(self._joint, g) for g in many]
 
-    def __call__(self, W: Array, selected: int, seen: Array, least: float) -> tuple[float, Array]:
-        """Squared norm left by what is selected, and what each group takes of it."""
+    def __call__(self, W: Array, selected: int, least: float, seen: Array | None = None) -> tuple[float, Array]:
+        """Squared norm left by what is selected, and what each group takes of it.
+
+        `W`: whitened residual, columns of what is selected, so many, and others, shape (n, 1 + selected + k).
+        `least`: variance of the white noise; `seen`: squares of the other columns without drift, by default as here.
+        """
         y, S, X = W[:, 0], W[:, 1 : 1 + selected], W[:, 1 + selected :]
         SX, inverse = S.T @ X, inverse_of(S.T @ S)
         fitted = inverse @ (S.T @ y)
         left = float(y @ y - (S.T @ y) @ fitted)
         own = np.einsum("ij,ij->j", X, X) - np.einsum("ij,ij->j", SX, inverse @ SX)
         d = X.T @ y - SX.T @ fitted
+        seen = np.sum(X**2, axis=0) if seen is None else seen
         # what varies by rounding only beside the bias and what is selected says nothing
         visible = own > np.maximum(VISIBLE * VISIBLE * seen, 1e-9 * len(W) / least)
         alone = np.where(visible, d**2 / np.maximum(own, 1e-300), 0.0)
@@ -176,8 +266,13 @@ class _Solver:
         Xj, Sj = X[:, j], SX[:, j]
         G = Xj.T @ Xj - Sj.T @ inverse @ Sj
         gains[self._double] = _of_two(G, d[j], own[j], alone[j], visible[j], *self._pair)
-        gains[self._wide] = [_gain(G[np.ix_(g, g)], d[j[g]], visible[j[g]]) for g in self._many]
+        gains[self._wide] = [gain_of(G[np.ix_(g, g)], d[j[g]], visible[j[g]]) for g in self._many]
         return left, gains
+
+
+def alone(W: Array, selected: int, least: float) -> tuple[float, Array]:
+    """Squared norm left by what is selected, and what each other column takes of it; as of `Solver`."""
+    return Solver([np.array([k]) for k in range(W.shape[1] - 1 - selected)])(W, selected, least)
 
 
 def _of_two(
@@ -189,13 +284,3 @@ def _of_two(
     apart = visible[i] & visible[j] & (det > VISIBLE * own[i] * own[j])
     both = d[i] ** 2 * own[j] - 2.0 * d[i] * d[j] * cross + d[j] ** 2 * own[i]
     return np.asarray(np.where(apart, both / np.where(apart, det, 1.0), np.maximum(alone[i], alone[j])))
-
-
-def _gain(G: Array, d: Array, visible: NDArray[np.bool_]) -> float:
-    if not visible.any():
-        return 0.0
-    G, d = G[np.ix_(visible, visible)], d[visible]
-    root = np.sqrt(np.diag(G))
-    values, vectors = np.linalg.eigh(G / np.outer(root, root))
-    keep = values > VISIBLE * values[-1]
-    return float(np.sum((vectors[:, keep].T @ (d / root)) ** 2 / values[keep]))

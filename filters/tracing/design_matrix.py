@@ -259,12 +259,17 @@ class Design:
         """Whitened residual of a channel under a selection's joint fit, shape (n,)."""
         return self.white(self.unexplained(selection, channel)[:, None], channel)[:, 0]
 
-    def unexplained(self, selection: Sequence[Term], channel: int) -> Array:
-        """Residual of a channel less what a selection's joint fit says, SI, shape (n,)."""
-        fit = self.fit(selection)
+    def unexplained(
+        self, selection: Sequence[Term], channel: int, fit: Fit | None = None, *, only_shared: bool = False
+    ) -> Array:
+        """Residual of a channel less what a joint fit, that of a selection, says; SI, shape (n,).
+
+        `only_shared`: less what terms say that several channels share.
+        """
+        fit = self.fit(selection) if fit is None else fit
         r = self.stack.y[:, channel].copy()
         for term, theta in zip(fit.terms, fit.theta, strict=True):
-            if channel in term.places:
+            if channel in term.places and (len(term.places) > 1 or not only_shared):
                 r -= self.columns[:, term.places[channel]] @ theta
         return r
 
@@ -311,10 +316,14 @@ def _gain(C: Array, d: Array, scale: Array) -> float:
             return 0.0
         norm = math.sqrt(own)
         return (float(d[0]) / norm) ** 2 / (own / (norm * norm))
-    use = np.isfinite(scale) & (np.diag(C) > VISIBLE * scale)
-    if not use.any():
+    return gain_of(C, d, np.isfinite(scale) & (np.diag(C) > VISIBLE * scale))
+
+
+def gain_of(C: Array, d: Array, visible: NDArray[np.bool_]) -> float:
+    """dᵀ C⁻¹ d over the directions that the data see, of the parameters that are visible."""
+    if not visible.any():
         return 0.0
-    C, d = C[np.ix_(use, use)], d[use]
+    C, d = C[np.ix_(visible, visible)], d[visible]
     root = np.sqrt(np.diag(C))
     values, vectors = np.linalg.eigh(C / np.outer(root, root))
     keep = values > VISIBLE * values[-1]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from filters.channels import CHANNELS
@@ -21,7 +20,7 @@ from filters.tracing.findings import Finding
 from filters.tracing.residual import attitude_and_rate
 from filters.tracing.stack import Stack
 from filters.tracing.validation import FoldedErrors
-from filters.tracing.whitening import NONE, Drift
+from filters.tracing.whitening import NONE, Drift, whiten
 from filters.types import Array
 
 if TYPE_CHECKING:
@@ -163,7 +162,6 @@ def _share(f: Finding, own: _Folded) -> float | None:
 # drift_10s, drift_60s   root mean square over starts a minute apart; the floor is what white noise alone leaves
 
 _START_EVERY_S = 60.0
-_DIFFUSE = 1e8
 
 
 def free_drift(
@@ -244,38 +242,10 @@ def _biases(
     out = np.empty((starts.size, steps, 6))
     ahead = np.arange(steps) * stack.period
     for c, drift in enumerate(drifts):
-        variance = white[c] ** 2 / stack.period
-        held = _states(r[:, c], stack.t, stack.weight[:, c], variance, drift.tau, drift.level)[starts]
+        with np.errstate(divide="ignore"):
+            variance = white[c] ** 2 / stack.period / stack.weight[:, c]
+        held = np.empty((stack.t.size, 2))
+        whiten(r[:, c, None], stack.t, stack.begins, variance, drift, held)
         keep = np.ones(steps) if drift.is_walk else np.exp(-ahead / drift.tau)
-        out[:, :, c] = held[:, :1] + held[:, 1:] * keep
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _states(r, t, weight, variance, tau, level):  # type: ignore[no-untyped-def]
-    """Bias and drift that the bias filter foretells of each row from those before it, shape (n, 2)."""
-    n = r.size
-    out = np.zeros((n, 2))
-    walk = np.isinf(tau)
-    b = g = 0.0
-    P01 = 0.0
-    P11 = 0.0 if walk else level * level
-    P00 = _DIFFUSE * (variance + P11)
-    for i in range(n):
-        dt = t[i] - t[i - 1] if i else 0.0
-        if level > 0.0 and walk:
-            P11 += level * level * dt
-        elif level > 0.0:
-            phi = np.exp(-dt / tau)
-            g *= phi
-            P01 *= phi
-            P11 = phi * phi * P11 + level * level * (1.0 - phi * phi)
-        out[i, 0], out[i, 1] = b, g
-        if weight[i] > 0.0:
-            h0, h1 = P00 + P01, P01 + P11
-            S = h0 + h1 + variance / weight[i]
-            nu = r[i] - b - g
-            b += h0 / S * nu
-            g += h1 / S * nu
-            P00, P01, P11 = P00 - h0 * h0 / S, P01 - h0 * h1 / S, P11 - h1 * h1 / S
+        out[:, :, c] = held[starts, :1] + held[starts, 1:] * keep
     return out

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from filters.effects import run_specific
 from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
-from filters.tracing.beside_drift import Rows, gain_beside, of_columns, rows_of
+from filters.tracing.beside_drift import Solver, alone, gain_beside, of_columns, rows_of
 from filters.tracing.columns import Term
-from filters.tracing.design_matrix import Design, inverse_of
-from filters.tracing.whitening import Drift, unbiased, whiten
+from filters.tracing.design_matrix import Design
+from filters.tracing.whitening import Drift, Rows, unbiased
 from filters.types import Array
 
 _BAND = 0.01  # of the frequency: tones nearer together are one narrow band
@@ -89,19 +89,9 @@ def _uneven(white: Array) -> bool:
 
 def _gain(design: Design, effect: RunSpecific, own: Array) -> float:
     """Drop of chi-square when an effect joins the columns `own` on its channel."""
-    c = effect.channel
-    raw = np.column_stack([design.stack.y[:, c], design.columns[:, own.astype(int)], effect.made])
-    return _drop(design.white(raw, c), own.size)
-
-
-def _drop(W: Array, size: int) -> float:
-    """Drop of the squared norm of column 0 when those after the first `size` join the fit."""
-    y, X = W[:, 0], W[:, 1:]
-    scale = np.linalg.norm(X, axis=0)
-    X = X / np.where(scale > 0.0, scale, 1.0)
-    full = X @ np.linalg.lstsq(X.T @ X, X.T @ y, rcond=1e-9)[0]
-    part = X[:, :size] @ np.linalg.lstsq(X[:, :size].T @ X[:, :size], X[:, :size].T @ y, rcond=1e-9)[0]
-    return float(np.sum((y - part) ** 2) - np.sum((y - full) ** 2))
+    c, made = effect.channel, effect.made
+    W = design.white(np.column_stack([design.stack.y[:, c], design.columns[:, own.astype(int)], made]), c)
+    return float(Solver([np.arange(made.shape[1])])(W, own.size, float(design.variance(c).min()))[1][0])
 
 
 # -------------------------------------------------------------------------------------------------- step beside drift
@@ -128,7 +118,7 @@ def step_on_drift(design: Design, selection: Sequence[Term], channel: int) -> St
     Returns none if no power-on is long enough.
     """
     stack = design.stack
-    rows = rows_of(design, selection, channel, np.zeros((stack.t.size, 0)))
+    rows = rows_of(design, selection, channel)
     number = np.searchsorted(rows.starts, np.arange(rows.t.size), side="right") - 1
     places = _places(rows, number)
     if not places:
@@ -145,9 +135,7 @@ def step_on_drift(design: Design, selection: Sequence[Term], channel: int) -> St
     own_columns = [design.columns[:, a.places[channel]] for a in selection if channel in a.places]
     raw = np.column_stack([design.unexplained(selection, channel), *own_columns, fine])
     W = design.white(raw, channel, drift)
-    S, X = W[:, 1 : -near.size], W[:, -near.size :]
-    gains = _gains(W[:, 0] - _projected(S, W[:, 0]), S, X)
-    best = int(np.argmax(gains))
+    best = int(np.argmax(alone(W, W.shape[1] - 1 - near.size, float(design.variance(channel).min()))[1]))
     return Step.of(channel, float(near[best]), which, fine[:, best, None])
 
 
@@ -187,23 +175,10 @@ def _of(t: Array, number: NDArray[np.int_], at: float, which: int) -> Array:
 
 def _best(rows: Rows, columns: Array, drift: Drift) -> tuple[float, int, Drift]:
     """-2 log likelihood with the best step under a drift, its number, the drift."""
-    W, log_det = whiten(np.hstack([rows.values, columns]), rows.t, rows.starts, rows.variance, drift)
-    S, X = W[:, 1 : 1 + rows.selected], W[:, 1 + rows.selected :]
-    left = W[:, 0] - _projected(S, W[:, 0])
-    gains = _gains(left, S, X)
+    W, log_det = replace(rows, values=np.hstack([rows.values, columns])).whitened(drift)
+    left, gains = alone(W, rows.selected, float(rows.variance.min()))
     k = int(np.argmax(gains))
-    return float(left @ left) + log_det - float(gains[k]), k, drift
-
-
-def _gains(left: Array, S: Array, X: Array) -> Array:
-    """What each column gains beside the columns of S, which are fitted to y already."""
-    cross = S.T @ X
-    own = np.einsum("ij,ij->j", X, X) - np.einsum("ij,ij->j", cross, inverse_of(S.T @ S) @ cross)
-    return np.asarray(np.where(own > 1e-6 * own.max(), (X.T @ left) ** 2 / np.maximum(own, 1e-300), 0.0))
-
-
-def _projected(S: Array, y: Array) -> Array:
-    return np.asarray(S @ (inverse_of(S.T @ S) @ (S.T @ y)))
+    return left + log_det - float(gains[k]), k, drift
 
 
 # --------------------------------------------------------------------------------------------- telegraph beside drift

@@ -3,7 +3,7 @@
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
 A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_cells`), and if
-it still does so when both models have their own best drift process (`drift_guard`). Where a channel drifts, slow
+it still does so when both models have their own best drift process (`guarded_score`). Where a channel drifts, slow
 effects are scored with drift fitted anew on both sides to begin with (`beside_drift`), alone and in pairs. What scores
 and does not join is weak, with its size and the size that would have joined.
 """
@@ -15,10 +15,18 @@ import numpy as np
 
 from filters.effects.drivers import Driver
 from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
-from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged, of_columns
+from filters.tracing.beside_drift import (
+    beside_drift,
+    drift_price,
+    fitted_beside,
+    guarded_score,
+    guarded_shared,
+    is_judged,
+    likeliest_drift,
+    of_columns,
+)
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.drift_guard import drift_price, guarded_score, guarded_shared, likeliest_drift
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
 from filters.tracing.thermal_transfer import JointChoice
@@ -409,7 +417,7 @@ def weak_of(
         columns = h.made if isinstance(h, RunSpecific) else design.columns[:, places]
         if drift is None and not isinstance(h, Tone):
             # where drift would do as well its sd is that beside drift
-            drift = of_columns(design, rest, c, columns, [np.arange(columns.shape[1])]).likeliest_with(0)
+            drift = of_columns(design, rest, c, columns).likeliest_with(0)
         theta, covariance = fitted_beside(design, rest, c, columns, design.drift[c] if drift is None else drift)
     gain = min(score, guarded or score) + chosen.price(term)
     limit = None

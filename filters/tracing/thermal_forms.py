@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from filters.channels import error_unit
 from filters.effects.inputs import BANKS, LAGS, REFERENCE_DEGC
 from filters.effects.thermal_average import ORDERS, columns
+from filters.tracing.beside_drift import by_seconds
 from filters.tracing.columns import WIDE_K
 from filters.tracing.design_matrix import Design
-from filters.tracing.drift_guard import by_seconds
 from filters.tracing.stack import Stack
 from filters.tracing.whitening import LEVELS, Drift, profile, whiten
 from filters.types import Array
@@ -140,9 +140,9 @@ def rows_of(design: Design, channel: int, y: Array, beside: Array, instead: Arra
     si = error_unit(channel)[1]
     seconds = max(_ROW_S, stack.period * stack.t.size / _ROWS)
     raw = np.column_stack([y / si, beside, instead, made])
-    means, t, begins, variance = by_seconds(design, channel, raw, seconds)
-    parts = np.split(means, np.cumsum([1, beside.shape[1], instead.shape[1]]), axis=1)
-    return Rows(parts[0][:, 0], parts[1], parts[2], parts[3], t, variance / si**2, begins, low, high)
+    rows = by_seconds(design, channel, raw, seconds)
+    parts = np.split(rows.values, np.cumsum([1, beside.shape[1], instead.shape[1]]), axis=1)
+    return Rows(parts[0][:, 0], parts[1], parts[2], parts[3], rows.t, rows.variance / si**2, rows.starts, low, high)
 
 
 def _columns(stack: Stack, low: float, high: float) -> Array:

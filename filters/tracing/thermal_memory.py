@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from filters.effects.thermal_average import ThermalAverage
+from filters.tracing.beside_drift import likeliest_drift
 from filters.tracing.columns import Term
-from filters.tracing.drift_guard import likeliest_drift
 from filters.tracing.selection import ACCEPT, KEEP, Selection
 from filters.tracing.thermal_forms import Average, Rows, average, rows_of, score_before
 from filters.tracing.thermal_transfer import JointChoice, carried_over, spreads, way_back, went_one_way
@@ -41,11 +41,7 @@ def replaceable(term: Term) -> bool:
 
 def _choose(chosen: Selection, c: int, own: list[Term]) -> None:
     design = chosen.design
-    fit = design.fit(chosen.terms)
-    y = design.stack.y[:, c].copy()
-    for term, theta in zip(fit.terms, fit.theta, strict=True):
-        if c in term.places and len(term.places) > 1:
-            y -= design.columns[:, term.places[c]] @ theta
+    y = design.unexplained(chosen.terms, c, only_shared=True)
     others = [a for a in chosen.on(c) if len(a.places) == 1 and not replaceable(a)]
     rows = rows_of(design, c, y, _columns(chosen, others, c), _columns(chosen, own, c))
     if rows is None:

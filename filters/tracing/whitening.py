@@ -49,8 +49,10 @@ NONE = Drift(1.0, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _whiten(columns, t, starts, variance, tau, level, out, at, b, g, state):  # type: ignore[no-untyped-def]
+def _whiten(columns, t, starts, variance, tau, level, out, held, at, b, g, state):  # type: ignore[no-untyped-def]
     """Normalised innovations of every column into `out`; returns the sum of log innovation variances.
+
+    b and g that are foretold of each row's first column go into `held`, shape (n, 2), if it is not empty.
 
     Of rows from number `at` on; b, g, shape (k,), and `state` (P00, P01, P11, 1 if any was seen, time) are those after
     the row before, zeros at row 0, and become those after the last.
@@ -81,6 +83,8 @@ def _whiten(columns, t, starts, variance, tau, level, out, at, b, g, state):  # 
                 P11 = phi * phi * P11 + level * level * (1.0 - phi * phi)
                 for j in range(k):
                     g[j] *= phi
+        if held.size > 0:
+            held[i, 0], held[i, 1] = b[0], g[0]
         r = variance[i]
         if not np.isfinite(r):
             for j in range(k):
@@ -111,7 +115,7 @@ def _whiten(columns, t, starts, variance, tau, level, out, at, b, g, state):  # 
 
 
 def whiten(
-    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift = NONE
+    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift = NONE, held: Array | None = None
 ) -> tuple[Array, float]:
     """Whiten columns.
 
@@ -120,34 +124,40 @@ def whiten(
     `starts`: first row of each power-on: bias and drift begin anew there, and go on through a gap anywhere else.
     `variance`: of the white noise of each row, shape (n,); infinite where there is no data.
     `drift`: what g is.
+    `held`: becomes bias and drift that are foretold of each row of the first column, shape (n, 2).
     Returns normalised innovations, shape (n, k), zero where there is none; sum of the logarithms of their variances.
     """
-    out = np.empty_like(columns)
-    k = columns.shape[1]
-    first = 0, np.zeros(k), np.zeros(k), np.zeros(5)
-    log_det = _whiten(np.ascontiguousarray(columns), t, starts, variance, drift.tau, drift.level, out, *first)
-    return out, float(log_det)
+    whitener = _Whitener(t, starts, variance, drift)
+    return whitener.next(columns, held), whitener.log_det
+
+
+class _Whitener:
+    """Whitens columns that come in consecutive parts; arguments as of `whiten`, of all rows."""
+
+    def __init__(self, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> None:
+        self._rows, self._drift = (t, starts, variance), drift
+        self._at, self._state, self._bg = 0, np.zeros(5), np.zeros((2, 0))
+        self.log_det = 0.0
+
+    def next(self, columns: Array, held: Array | None = None) -> Array:
+        """Normalised innovations of the rows that follow, shape (m, k)."""
+        if self._at == 0:
+            self._bg = np.zeros((2, columns.shape[1]))
+        t, starts, variance = self._rows
+        rows, out = slice(self._at, self._at + len(columns)), np.empty(columns.shape)
+        held = np.zeros((0, 2)) if held is None else held
+        shared = starts, variance[rows], self._drift.tau, self._drift.level, out, held, self._at, *self._bg, self._state
+        self.log_det += float(_whiten(np.ascontiguousarray(columns), t[rows], *shared))
+        self._at = rows.stop
+        return out
 
 
 def whitened_parts(
     parts: Iterable[Array], t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift
 ) -> Iterator[Array]:
-    """Normalised innovations of columns that come in parts, row after row, as `whiten` gives them of all at once.
-
-    `parts`: consecutive rows of the columns, shape (m, k) each.
-    `t`, `starts`, `variance`, `drift`: as in `whiten`, of all rows.
-    Yields shape (m, k).
-    """
-    at, state, b, g = 0, np.zeros(5), np.zeros(0), np.zeros(0)
-    for part in parts:
-        if at == 0:
-            b, g = np.zeros(part.shape[1]), np.zeros(part.shape[1])
-        rows = slice(at, at + len(part))
-        out = np.empty(part.shape)
-        whole = np.ascontiguousarray(part)
-        _whiten(whole, t[rows], starts, variance[rows], drift.tau, drift.level, out, at, b, g, state)
-        yield out
-        at = rows.stop
+    """Normalised innovations of columns that come in parts, row after row, as `whiten` gives them of all at once."""
+    whitener = _Whitener(t, starts, variance, drift)
+    return (whitener.next(part) for part in parts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -263,33 +273,45 @@ def profile(whitened: Array) -> float:
     return float(gram[0, 0] - right @ theta)
 
 
+@dataclass(frozen=True)
+class Rows:
+    """Means of a channel over some seconds: the residual, columns of what is selected, then others."""
+
+    values: Array  # SI, shape (n, 1 + selected + k)
+    t: Array  # s since power-on, shape (n,)
+    starts: NDArray[np.int_]  # first row of each power-on
+    variance: Array  # of the white noise of each row, infinite where there is no data, shape (n,)
+    seconds: float  # length of a row
+    selected: int = 0  # how many columns of what is selected there are
+
+    @property
+    def unit(self) -> float:
+        """Standard deviation of the white noise in 1 s."""
+        return float(np.sqrt(np.median(self.variance[np.isfinite(self.variance)]) * self.seconds))
+
+    def whitened(self, drift: Drift) -> tuple[Array, float]:
+        """As of `whiten`."""
+        return whiten(self.values, self.t, self.starts, self.variance, drift)
+
+    def minus_two_log(self, drift: Drift) -> float:
+        """-2 log likelihood under a drift, all regressors fitted."""
+        out, log_det = self.whitened(drift)
+        return profile(out) + log_det
+
+
 def drift_grid(unit: float, taus: Sequence[float] = TAUS) -> list[Drift]:
     """Drifts that are tried, for white noise of `unit` in 1 s."""
     return [Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0)) for tau in taus for level in LEVELS]
 
 
-def best_drift(
-    columns: Array,
-    t: Array,
-    starts: NDArray[np.int_],
-    variance: Array,
-    period: float,
-    taus: Sequence[float] = TAUS,
-) -> tuple[float, Drift, float]:
-    """Most likely drift of a channel whose regressors are fitted anew for each.
+def best_drift(rows: Rows, taus: Sequence[float] = TAUS) -> tuple[float, Drift, float]:
+    """Most likely drift of a channel whose regressors are fitted anew for each of the time constants `taus`, s.
 
-    `columns`: residual, then regressors, shape (n, k).
-    `t`, `starts`, `variance`: as in `whiten`.
-    `period`: of a row, s.
-    `taus`: time constants to try, s.
     Returns -2 log likelihood of the best, the best, -2 log likelihood without drift.
     """
-    finite = variance[np.isfinite(variance)]
-    unit = np.sqrt(np.median(finite) * period)
-    none = _minus_two_log(columns, t, starts, variance, NONE)
-    grid = drift_grid(float(unit), taus)
-    best, k = _least(lambda k: _minus_two_log(columns, t, starts, variance, grid[k]), len(taus))
-    return best, grid[k], none
+    grid = drift_grid(rows.unit, taus)
+    best, k = _least(lambda k: rows.minus_two_log(grid[k]), len(taus))
+    return best, grid[k], rows.minus_two_log(NONE)
 
 
 def _least(value: Callable[[int], float], taus: int) -> tuple[float, int]:
@@ -316,50 +338,38 @@ def _least(value: Callable[[int], float], taus: int) -> tuple[float, int]:
     return known[i, j], i * len(LEVELS) + j
 
 
-def refined(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, found: Drift, best: float) -> Drift:
-    """A drift of the grid with level and time constant between the grid's, where parabolas through -2 log L are least.
+def refined(rows: Rows, found: Drift, best: float) -> Drift:
+    """The best drift of the grid, of -2 log likelihood `best`, with level and time constant between the grid's.
 
-    A level of the grid is up to √2 wrong, and so then is every covariance that is made of it.
-
-    `columns`, `t`, `starts`, `variance`: as in `best_drift`.
-    `found`: the best of the grid,
-    `best`: with its -2 log likelihood.
+    They are where parabolas through -2 log L are least. A level of the grid is up to √2 wrong, and so then is every
+    covariance that is made of it.
     """
+
+    def at(place: Array) -> float:
+        tau, level = np.exp(place).tolist()
+        return rows.minus_two_log(Drift(tau, level))
+
     place, value = np.log([found.tau, found.level]), best
     # level with the time constant: the rate at which the drift grows is known best
     ways = [np.array([0.0, 0.35])] if found.is_walk else [np.array([0.0, 0.35]), np.array([0.4, 0.2])]
     for way in ways * 2:
-        ends = [_at(columns, t, starts, variance, place + sign * way) for sign in (-1.0, 1.0)]
+        ends = [at(place + sign * way) for sign in (-1.0, 1.0)]
         bend = ends[0] - 2.0 * value + ends[1]
         step = float(np.clip(0.5 * (ends[0] - ends[1]) / bend, -1.5, 1.5)) if bend > 0.0 else 0.0
-        tried = _at(columns, t, starts, variance, place + step * way)
+        tried = at(place + step * way)
         if tried < value:
             place, value = place + step * way, tried
     return Drift(found.tau if found.is_walk else float(np.exp(place[0])), float(np.exp(place[1])))
 
 
-def _at(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, place: Array) -> float:
-    """-2 log likelihood at logarithms of time constant and level."""
-    tau, level = np.exp(place).tolist()
-    return _minus_two_log(columns, t, starts, variance, Drift(tau, level))
-
-
-def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:
-    out, log_det = whiten(columns, t, starts, variance, drift)
-    return profile(out) + log_det
-
-
 class DriftPairs:
-    """Likelihood of sums of two drifts, each evaluated once: what is like 1/f needs more than one.
+    """Likelihood of sums of two drifts, each evaluated once: what is like 1/f needs more than one."""
 
-    `columns`, `t`, `starts`, `variance`, `period`: as in `best_drift`.
-    """
-
-    def __init__(self, columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float) -> None:
-        self._columns = np.ascontiguousarray(columns)
-        self._rows = t, starts, variance
+    def __init__(self, rows: Rows) -> None:
+        self._columns = np.ascontiguousarray(rows.values)
+        self._rows = rows.t, rows.starts, rows.variance
         self._out = np.empty_like(self._columns)
-        self._grid = drift_grid(float(np.sqrt(np.median(variance[np.isfinite(variance)]) * period)))
+        self._grid = drift_grid(rows.unit)
         self._known: dict[tuple[int, int], float] = {}
 
     @property

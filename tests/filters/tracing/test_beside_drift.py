@@ -8,13 +8,12 @@ from filters.channels import DPS
 from filters.effects.run_specific import RunSpecific
 from filters.simulation import Effect
 from filters.tracing import run_specific_search
-from filters.tracing.beside_drift import beside_drift, fitted_beside, gain_beside, is_judged, rows_of
+from filters.tracing.beside_drift import beside_drift, fitted_beside, gain_beside, is_judged, likeliest_drift, rows_of
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
-from filters.tracing.drift_guard import likeliest_drift
 from filters.tracing.selection import ACCEPT, select
 from filters.tracing.stack import Stack
-from filters.tracing.whitening import NONE, Drift, DriftPairs, best_drift, drift_grid, profile, whiten
+from filters.tracing.whitening import NONE, Drift, DriftPairs, Rows, best_drift, drift_grid, profile, whiten
 
 WALK = Effect("random_walk", ("gy",), {"dps_per_sqrt_s": 0.002})
 SEEDS = (1, 2, 3, 4)
@@ -38,11 +37,10 @@ def test_gains_are_those_of_each_term_fitted_alone_under_every_drift() -> None:
     judged = beside_drift(made, [], 1, [(a,) for a in terms])
     for k, term in enumerate(terms):
         rows = rows_of(made, [], 1, made.columns[:, term.places[1]])
-        unit = float(np.sqrt(np.median(rows.variance) * rows.seconds))
         values = []
         for width in (1, rows.values.shape[1]):
             own = np.ascontiguousarray(rows.values[:, :width])
-            each = [whiten(own, rows.t, rows.starts, rows.variance, d) for d in (NONE, *drift_grid(unit))]
+            each = [whiten(own, rows.t, rows.starts, rows.variance, d) for d in (NONE, *drift_grid(rows.unit))]
             values.append(min(profile(W) + log_det for W, log_det in each))
         assert judged.gain[k] == pytest.approx(values[0] - values[1], abs=1e-3)
 
@@ -126,12 +124,10 @@ def test_the_search_for_two_drifts_ends_near_the_best_of_all() -> None:
         Effect("gauss_markov", ("az",), {"mg": 1.0, "tau_s": 250.0}),
         count=2,
     )
-    rows = rows_of(made, [], 5, np.zeros((made.stack.t.size, 0)))
-    data = rows.values[::4], rows.t[::4], rows.starts // 4, rows.variance[::4] / 4.0, 4.0 * rows.seconds
-    pairs = DriftPairs(*data)
-    pairs.search(best_drift(*data)[1])
-    every = DriftPairs(*data)
-    grid = drift_grid(float(np.sqrt(np.median(data[3]) * data[4])))
-    for a in grid[::9]:
+    rows = rows_of(made, [], 5)
+    few = Rows(rows.values[::4], rows.t[::4], rows.starts // 4, rows.variance[::4] / 4.0, 4.0 * rows.seconds)
+    pairs, every = DriftPairs(few), DriftPairs(few)
+    pairs.search(best_drift(few)[1])
+    for a in drift_grid(few.unit)[::9]:
         every.search(a)
     assert pairs.best[0] < every.best[0] + 1.0

@@ -9,9 +9,9 @@ from helpers.runs import TUMBLE, power_ons
 from helpers.turned import lacking
 
 from filters.simulation import Effect, Temperature
+from filters.tracing.beside_drift import guarded_shared
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
-from filters.tracing.drift_guard import guarded_shared
 from filters.tracing.rivals import rivals
 from filters.tracing.selection import ACCEPT, KEEP, Selection, select
 from filters.tracing.stack import Stack

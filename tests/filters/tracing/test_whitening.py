@@ -11,6 +11,7 @@ from filters.tracing.whitening import (
     NONE,
     TAUS,
     Drift,
+    Rows,
     best_drift,
     profile,
     unbiased,
@@ -144,7 +145,7 @@ def test_the_drift_that_was_drawn_is_found(tau: float, level: float) -> None:
         for k in range(1, t.size):
             g[k] = p * g[k - 1] + drift.level * np.sqrt(1.0 - p * p) * rng.standard_normal()
     y = (g + rng.standard_normal(t.size))[:, None]
-    best, found, none = best_drift(y, t, np.array([0]), np.ones(t.size), 1.0)
+    best, found, none = best_drift(Rows(y, t, np.array([0]), np.ones(t.size), 1.0))
     assert none - best > 50.0
     assert abs(TAUS.index(found.tau) - TAUS.index(tau)) <= 1
     if found.tau == tau:
@@ -157,7 +158,7 @@ def test_white_noise_asks_for_no_drift() -> None:
     rng = np.random.default_rng(8)
     t, gains = np.arange(900.0), []
     for _ in range(20):
-        best, _, none = best_drift(rng.standard_normal((t.size, 1)), t, np.array([0]), np.ones(t.size), 1.0)
+        best, _, none = best_drift(Rows(rng.standard_normal((t.size, 1)), t, np.array([0]), np.ones(t.size), 1.0))
         gains.append(none - best)
     price = 2.0 * np.log(900.0) + 2.0 * np.log(20.0)
     assert max(gains) < price
