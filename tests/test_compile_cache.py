@@ -41,7 +41,6 @@ def test_compiled_code_lies_in_the_users_cache_folder(tmp_path: Path, first: str
 
 
 def test_a_folder_that_the_user_chose_stays(tmp_path: Path) -> None:
-    """NUMBA_CACHE_DIR wins."""
     chosen = str(tmp_path / "chosen")
     *found, told = places(tmp_path, NUMBA_CACHE_DIR=chosen)
     assert told == chosen

@@ -77,7 +77,6 @@ def test_the_readme_is_short() -> None:
 
 
 def test_the_two_set_up_commands_stand_there() -> None:
-    """They are what .ci/run does."""
     assert "    pip install . && imutui demo\n" in README
     assert "    pip install '.[test]' && pytest\n" in README
     assert "pip install '.[test]' && pytest" in (ROOT / ".ci" / "run").read_text()
@@ -90,7 +89,6 @@ def test_generated_pages_are_current(name: str) -> None:
 
 
 def test_every_effect_has_its_notes_and_nothing_else_has() -> None:
-    """How an effect shows and what separates it is told of each."""
     notes = tomllib.loads((DOCS / "effects_notes.toml").read_text())
     assert list(notes) == list(EFFECTS)
     for name, note in notes.items():
@@ -101,14 +99,12 @@ def test_every_effect_has_its_notes_and_nothing_else_has() -> None:
 
 
 def test_every_command_is_in_the_readme() -> None:
-    """A reader finds each command there is."""
     for command in COMMANDS:
         assert re.search(rf"imutui {command}\b", README), command
 
 
 @pytest.mark.parametrize("page", TEXTS)
 def test_every_command_line_can_be_typed(page: str) -> None:
-    """Nothing is promised that does not run: commands and flags exist."""
     flags = generator().flags
     for words in commands_in(TEXTS[page]):
         if words[0].startswith("-"):
@@ -122,7 +118,6 @@ def test_every_command_line_can_be_typed(page: str) -> None:
 
 
 def test_options_named_in_the_text_exist() -> None:
-    """A flag in a sentence is a flag of some command, or of a benchmark or another program that stands beside it."""
     known = set().union(*(generator().flags(name) for name in COMMANDS)) | {"--version", "--snapshot-update"}
     for page, text in TEXTS.items():
         named = set(re.findall(r"`(--[a-z][a-z-]*)", text))
@@ -130,20 +125,17 @@ def test_options_named_in_the_text_exist() -> None:
 
 
 def test_every_topic_is_told_with_its_type() -> None:
-    """The table of topics is the list that the recorder writes."""
     for topic, kind in schemas.TYPES.items():
         assert f"| `{topic}` | `{kind}` |" in TEXTS["docs/formats.md"], topic
 
 
 def test_every_page_of_the_screen_is_told() -> None:
-    """The screen's pages have their sections, by key and title."""
     for key, title in PAGES:
         assert f"## {key} {title}\n" in TEXTS["docs/screen.md"]
         assert f"| {key} {title} |" in TEXTS["docs/screen.md"]
 
 
 def test_settings_named_anywhere_are_settings() -> None:
-    """Each key such as screen.fps, and each environment variable, is one that the configuration knows."""
     sections = {key.partition(".")[0] for key in config.DEFAULTS}
     named = set(re.findall(rf"`(?:--set )?((?:{'|'.join(sections)})\.[a-z_0-9]+)[=`]", ALL))
     named |= set(re.findall(rf"--set ((?:{'|'.join(sections)})\.[a-z_0-9]+)=", ALL))
@@ -180,7 +172,6 @@ def test_examples_of_profiles_and_scenarios_can_be_read(tmp_path: Path) -> None:
 
 
 def test_the_example_of_an_effects_file_can_be_read(tmp_path: Path) -> None:
-    """Its one effect and its state are those written there."""
     ((name, text),) = example("effects")
     (tmp_path / name).write_text(text)
     document = effects_file.parse(effects_file.from_file(tmp_path / name))
@@ -188,7 +179,6 @@ def test_the_example_of_an_effects_file_can_be_read(tmp_path: Path) -> None:
 
 
 def test_the_example_of_a_configuration_can_be_read(home: Path) -> None:
-    """Each key in it is a setting, and its value fits."""
     ((_, text),) = example("configuration")
     (home / config.FILE).write_text(text)
     loaded = config.load({}, home)
@@ -197,7 +187,6 @@ def test_the_example_of_a_configuration_can_be_read(home: Path) -> None:
 
 
 def test_files_and_folders_named_in_the_pages_exist() -> None:
-    """The maps are of this tree."""
     for page, text in TEXTS.items():
         for path in re.findall(rf"`((?:{'|'.join(TREES)})/[\w./]*)`", text):
             if "NAME" not in path and not path.endswith(".mcap") and path != "docs/":
@@ -217,7 +206,6 @@ def test_tables_to_register_in_are_where_the_pages_say() -> None:
 
 @pytest.mark.parametrize("page", TEXTS)
 def test_links_lead_somewhere(page: str) -> None:
-    """Files exist, and so do the headings that a link names, with or without mkdocs."""
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(TEXTS[page])):
         if re.match(r"https?:", target):
             continue
@@ -237,7 +225,6 @@ def test_every_page_is_in_the_site_and_in_the_readme() -> None:
 
 
 def test_the_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    """The ten lines print six rows of estimates, converged and without alarms, near the truth."""
     (code,) = blocks(TEXTS["docs/filter.md"], "python")
     names: dict[str, object] = {}
     exec(code, names)
@@ -249,7 +236,6 @@ def test_the_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_recording_that_the_guide_makes_can_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its script writes arrays that import takes."""
     from imutui.logbook import importer
 
     (code,) = blocks(TEXTS["docs/guide.md"], "python")

@@ -36,7 +36,6 @@ def test_a_process_under_test_gets_nothing_of_the_shell_and_no_terminal() -> Non
 
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
 def test_so_it_is_in_a_terminal_of_another_size_and_language(workers: str) -> None:
-    """The test above, by a pytest that is run in such a terminal, with and without a worker between."""
     this = f"{__file__}::{test_a_process_under_test_gets_nothing_of_the_shell_and_no_terminal.__name__}"
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", workers, this]
     terminal = Terminal(command, (150, 50), ROOT, controlling=True, **HOSTILE)

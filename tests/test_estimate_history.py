@@ -21,7 +21,6 @@ def filled(t: np.ndarray, values: np.ndarray, capacity: int = 64) -> EstimateHis
 @settings(deadline=None)
 @given(st.integers(1, 2000), st.integers(0, 1999))
 def test_no_excursion_is_lost_however_long_the_run(count: int, where: int) -> None:
-    """One estimate apart from all others is in the extremes for ever, within a bounded memory."""
     values = np.zeros(count)
     values[where % count] = 5.0
     history = filled(np.arange(count) * 0.7, values)
@@ -35,7 +34,6 @@ def test_no_excursion_is_lost_however_long_the_run(count: int, where: int) -> No
 
 
 def test_the_last_part_stays_at_one_hertz() -> None:
-    """Only what is old is thinned, and evenly."""
     t = np.arange(5000.0)
     history = filled(t, np.sin(t))
     steps = np.diff(history.instants())
@@ -44,7 +42,6 @@ def test_the_last_part_stays_at_one_hertz() -> None:
 
 
 def test_estimates_within_a_second_share_a_row() -> None:
-    """Ten a second cost one row, with all their extremes."""
     history = filled(np.arange(0.0, 30.0, 0.1), np.tile([1.0, -1.0], 150))
     assert len(history) == 30
     low, high = history.estimate(0)
@@ -53,7 +50,6 @@ def test_estimates_within_a_second_share_a_row() -> None:
 
 
 def test_another_run_begins_anew() -> None:
-    """Time that jumps back is another run, and that one has been seen from its begin."""
     history = filled(np.arange(100.0, 150.0), np.ones(50))
     history.attached_late = True
     assert history.begin == 100.0
@@ -62,13 +58,11 @@ def test_another_run_begins_anew() -> None:
 
 
 def test_unknown_estimates_hide_nothing() -> None:
-    """A bias that is unknown for a moment keeps what is known of that second."""
     history = filled(np.array([0.0, 0.1, 0.2]), np.array([np.nan, 2.0, np.nan]))
     assert [float(extreme[0]) for extreme in history.estimate(0)] == [2.0, 2.0]
 
 
 def test_a_frozen_past_stays() -> None:
-    """What comes later does not reach the copy."""
     history = filled(np.arange(10.0), np.ones(10))
     copy = history.frozen()
     history.add(10.0, np.array([9.0]), np.array([0.1]))
@@ -80,7 +74,6 @@ def test_a_frozen_past_stays() -> None:
 @settings(deadline=None, max_examples=25)
 @given(st.integers(1, 900), st.integers(2, 40), st.integers(32, 128))
 def test_what_is_sent_in_pieces_is_the_same_past(count: int, most: int, capacity: int) -> None:
-    """However long the run and however small the pieces, a viewer has every excursion, and goes on from there."""
     values = np.sin(np.arange(count)) + np.where(np.arange(count) % 97 == 5, 3.0, 0.0)
     source, seen = filled(np.arange(count) * 0.7, values, capacity), EstimateHistory(1, capacity)
     since = None
@@ -108,7 +101,6 @@ def test_unknown_numbers_travel_as_none() -> None:
 
 
 def test_convergence_is_kept_and_a_moment_without_it_is_seen() -> None:
-    """A row is converged only if all of it was, also after thinning and after its journey."""
     history = EstimateHistory(1, 16)
     for k in range(400):
         history.add(k * 0.5, np.zeros(1), np.ones(1), np.array([k > 20 and k != 101]))

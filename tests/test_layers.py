@@ -186,7 +186,6 @@ def test_each_library_has_one_door() -> None:
 
 
 def test_there_are_no_import_cycles() -> None:
-    """Modules can be read one after the other."""
     graph = {name: {i for i in imports(name) if i in MODULES and i != name and not within(name, i)} for name in MODULES}
     done: set[str] = set()
 
@@ -210,7 +209,6 @@ def test_the_snapshot_needs_the_standard_library_only() -> None:
 
 
 def test_text_and_verdicts_never_load_textual() -> None:
-    """What is said is told from how it is drawn."""
     text = [m for m in MODULES if within(m, "imutui.tui.pages") and m.rsplit(".", 1)[-1] in TEXT_MODULES]
     assert len(text) >= 5
     wrong = []
@@ -225,7 +223,6 @@ def test_text_and_verdicts_never_load_textual() -> None:
 
 
 def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
-    """Help is instant: no command loads numpy, textual, mcap or a filter at the top of its module."""
     assert not imports("imutui.instrument.names")
     # helpers that commands import when they run
     names = ("virtual_readings", "virtual_units", "played_recording", "spoil", "follow_acquisition", "session_options")
@@ -249,7 +246,6 @@ def public_functions(module: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctio
 
 
 def test_what_crosses_a_border_has_a_name_for_its_shape() -> None:
-    """No public function takes or returns a dictionary of anything, but where JSON or TOML comes in or goes out."""
     wrong = []
     for module in MODULES:
         if any(within(module, edge) for edge in EDGES):
@@ -270,7 +266,6 @@ EDGES: dict[str, str] = {
 
 
 def test_a_class_is_small_enough_to_be_read() -> None:
-    """The limit is far above the usual: a class that reaches it has more than one subject."""
     wrong = []
     for module in MODULES:
         for node in statements(module):

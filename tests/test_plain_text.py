@@ -70,7 +70,6 @@ def log(tmp_path: Path) -> Path:
 
 @given(st.text(st.characters(codec=None, categories=None)))
 def test_nothing_visible_acts(text: str) -> None:
-    """Whatever the text is; and what is visible already stays as it is."""
     shown = visible(text)
     assert not ACTING.search(shown)
     assert visible(shown) == shown
@@ -90,14 +89,12 @@ def test_quoted_text_is_toml_and_reads_back(text: str) -> None:
 
 
 def test_what_people_write_stays_as_it_is() -> None:
-    """Letters of any script, signs, emoji with their joiners."""
     for text in ("0.5 °/√h – ±3 σ", "Größe", "水平台 で", "שלום", "👩‍🔬 at work", "C:\\x"):
         assert visible(text) == text
         assert one_line(text, NOTE_LIMIT) == text
 
 
 def test_text_is_cleaned_and_cut_on_the_way_in() -> None:
-    """One line, nothing that acts, and not longer than the limits that the documentation names."""
     for record in (RecordingWish(note=NASTY, operator="a" * 5000), Plan("virtual", note=NASTY, operator="a" * 5000)):
         assert not ACTING.search(record.note)
         assert "\n" not in record.note
@@ -119,7 +116,6 @@ def test_the_configuration_in_a_log_is_toml_whatever_was_typed() -> None:
 
 @pytest.mark.parametrize("command", ["info", "check", "recover", "replay"])
 def test_commands_over_a_hostile_log_print_nothing_that_acts(command: str, log: Path, tmp_path: Path) -> None:
-    """Metadata, events, topics and names of files, on stdout and stderr."""
     more = ("-o", str(tmp_path / f"out{NAME}")) if command == "recover" else ()
     done = imutui(command, str(log), *more, check=None)
     assert done.returncode in (0, 1)
@@ -128,14 +124,12 @@ def test_commands_over_a_hostile_log_print_nothing_that_acts(command: str, log: 
 
 
 def test_json_holds_the_data_itself(log: Path) -> None:
-    """For programs: escaped as JSON is, and read back as the file has it."""
     told = imutui("info", "--json", str(log)).stdout
     assert not ACTING.search(told)
     assert json.loads(told)["note"] == NASTY
 
 
 def test_a_refusal_that_quotes_a_name_prints_nothing_that_acts(tmp_path: Path) -> None:
-    """A file's name that is no text at all is told by its bytes, and an endless one is cut."""
     name = os.fsdecode(b"\xff\x9b2J\x1b[31m.mcap")
     assert r"\xff\x9b2J\x1b[31m.mcap" in imutui("info", str(tmp_path / name), check=3).stderr
     assert len(imutui("replay", "--set", f"filter.{'x' * 10**6}=1", str(tmp_path / "a"), check=2).stderr) < 5000
@@ -151,14 +145,12 @@ def test_a_name_of_several_lines_says_none_of_its_own(log: Path, tmp_path: Path)
 
 
 def test_a_list_of_logs_shows_nothing_that_acts(log: Path) -> None:
-    """Names and notes, as the screen takes them."""
     shown = brief(log)
     assert not ACTING.search(shown.name + shown.note + shown.operator + shown.instrument)
     assert r"\x1b[31mred" in shown.note
 
 
 def test_a_page_shows_nothing_that_acts(tmp_path: Path) -> None:
-    """No tag, no control character, no formula in a figure's text; the course of a common cause stays a table."""
     curve = {"t_s": [1.0, 2.0], "y": [0.0, 1.0], "run": [NASTY, NASTY]}
     common = {
         "kind": "event", "label": NASTY, "channels": ["ax", "ay"], "coherence": 0.9, "t_start_s": 1.0,
@@ -180,7 +172,6 @@ def test_a_page_shows_nothing_that_acts(tmp_path: Path) -> None:
 
 
 async def test_the_screen_obeys_no_text_from_outside(tmp_path: Path, home: Path) -> None:
-    """A hostile state of the acquisition, and a hostile log in the list: shown, not obeyed, markup neither."""
     client = FakeClient()
     client.changes |= {"note": NASTY, "operator": NASTY, "instrument": NASTY, "port": NASTY, "logs": str(home / "logs")}
     client.changes["events"] = [{"utc": "10:00:00", "name": NASTY, "text": NASTY}]
@@ -197,7 +188,6 @@ async def test_the_screen_obeys_no_text_from_outside(tmp_path: Path, home: Path)
 
 
 def test_every_command_prints_through_the_gate() -> None:
-    """`print` stands in one module of the commands; elsewhere only a JSON document is printed."""
     wrong = []
     for path in sorted((ROOT / "imutui/cli").glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):

@@ -37,7 +37,6 @@ def run(commands: list[list[str]]) -> dict[str, list[object]]:
 
 
 def test_commands_that_filter_nothing_load_neither_compiler_nor_solvers(home: Path) -> None:
-    """Whatever they find: a whole log, a damaged one, none; results as text and as JSON; and their errors."""
     shutil.copy(SAMPLE, "whole.mcap")
     Path("cut.mcap").write_bytes(SAMPLE.read_bytes()[:200_000])
     Path("bad.mcap").write_bytes(b"no log")
@@ -67,7 +66,6 @@ def test_commands_that_filter_nothing_load_neither_compiler_nor_solvers(home: Pa
 
 
 def test_what_was_loaded_is_not_looked_through_at_the_end() -> None:
-    """A third of a short replay's processor time went into Python's last search for garbage: nothing is left to it."""
     program = "import atexit, gc; atexit.register(lambda: print(len(gc.get_objects())))\n"
     program += "from imutui.cli import main\nimport sys; sys.argv = ['imutui', '--version']; main()"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

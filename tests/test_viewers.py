@@ -66,14 +66,12 @@ def is_shown(path: str) -> bool:
 
 @pytest.mark.parametrize("paths", [foxglove_paths, plotjuggler_paths])
 def test_a_layout_shows_what_logs_have(paths: Any) -> None:
-    """Every topic and field by name, and every element of an array, leads to a number."""
     found = paths()
     assert len(found) > 15
     assert [path for path in found if not is_shown(path)] == []
 
 
 def test_a_wrong_path_is_found() -> None:
-    """The judge of the tests above: a topic, a field, an element that there is not, and what is no number."""
     wrong = ("/imu/data", "/imu/data_raw.angular_velocity.w", "/filter/estimate.gyro_bias_dps[3]")
     assert not any(map(is_shown, (*wrong, "/filter/estimate.gyro_bias_dps", "/imu/data_raw.header.frame_id")))
 
@@ -92,7 +90,6 @@ def output_of(example: Path) -> str:
 
 
 def test_examples_of_reading_a_log_print_the_same() -> None:
-    """With our reader and with rosbags alone; the numbers are those of the sample, a unit at rest and level."""
     with_ours, with_rosbags = map(output_of, EXAMPLES)
     assert with_ours == with_rosbags
     assert with_ours.startswith("simulated, serial number")

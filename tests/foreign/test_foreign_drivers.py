@@ -72,7 +72,6 @@ def rows_in(home: Path) -> list[list[str]]:
 
 
 def test_the_makers_program_connects_reads_sets_and_records(tmp_path: Path) -> None:
-    """In the middle of the stream; what it records is what the unit measures, in m/s² and deg/s."""
     heard: list[str] = []
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM")
     unit = VirtualUnit(Still(), options)

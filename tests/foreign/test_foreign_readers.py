@@ -43,7 +43,6 @@ def any_log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def test_rosbags_decodes_what_was_recorded(log: Path) -> None:
-    """Angular velocity and specific force of every sample, as our own reader has them."""
     own = reader.read(log)
     with AnyReader([log]) as bag:
         imu = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.IMU]
@@ -54,7 +53,6 @@ def test_rosbags_decodes_what_was_recorded(log: Path) -> None:
 
 
 def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
-    """@mcap/core reads index, chunks and schemas: stock types and our own, with the values that were recorded."""
     read = readers.typescript_document(log)
     if read is None:
         pytest.skip("needs node, and NPM_READERS naming a folder where `npm install` was run on package.json")
@@ -70,7 +68,6 @@ def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
 
 
 def test_every_reader_finds_every_message(any_log: Path) -> None:
-    """Rotated, reconnected and recovered: of each topic as many as our own reader."""
     found = [count for count in (read(any_log) for read in readers.READERS.values()) if count is not None]
     assert len(found) >= 2
     assert all(count == found[0] for count in found)
@@ -79,7 +76,6 @@ def test_every_reader_finds_every_message(any_log: Path) -> None:
 
 
 def test_a_validator_finds_no_fault(any_log: Path) -> None:
-    """No error, and no warning either: no message is published after it was logged."""
     verdict = readers.by_doctor(any_log)
     if verdict is None:
         pytest.skip("needs pymcap-cli")

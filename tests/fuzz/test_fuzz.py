@@ -24,7 +24,6 @@ def test_spoilt_input_ends_in_words(name: str, home: Path) -> None:
 
 @pytest.mark.parametrize("case", CASES, ids=lambda path: path.stem)
 def test_what_failed_once_ends_in_words(case: Path, home: Path) -> None:
-    """Every input that was ever found, by the target that its name begins with."""
     fuzzing.take(case.stem.partition("-")[0], case.read_bytes(), home)
 
 

@@ -51,7 +51,6 @@ def test_a_stream_is_stamped_within_a_tenth_of_a_millisecond(baud: int) -> None:
 @pytest.mark.parametrize("seconds", HOLDS_S)
 @pytest.mark.parametrize("where", ["host", "line"])
 def test_a_stall_loses_nothing_and_moves_no_stamp(seconds: float, where: str) -> None:
-    """Packets that were read late, or came late in one burst, are stamped as if they had come in time."""
     made = stream(25.0)
     if where == "host":
         stall(made, 12.0, seconds)
@@ -64,7 +63,6 @@ def test_a_stall_loses_nothing_and_moves_no_stamp(seconds: float, where: str) ->
 
 @pytest.mark.parametrize("seconds", HOLDS_S)
 def test_one_packet_lost_while_the_host_is_late_is_one(seconds: float) -> None:
-    """Wherever in the backlog, and whether a piece of it came or nothing."""
     for offset in (0.0, 0.3, 0.9):
         for cut in (False, True):
             made = stream(25.0)
@@ -77,7 +75,6 @@ def test_one_packet_lost_while_the_host_is_late_is_one(seconds: float) -> None:
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("baud", [38400, 57600])
 def test_packets_lost_within_a_wrap_are_counted(count: int, baud: int) -> None:
-    """The counter says how many, whether they left a piece or not."""
     for cut in (False, True):
         made = stream(8.0, baud=baud)
         made.lose(at(made, 5.0), count, cut=cut)
@@ -164,7 +161,6 @@ def test_a_silence_beyond_the_wrap_has_bounds_that_hold_the_truth(seconds: float
 @pytest.mark.parametrize("seconds", [0.5, 2.5, 5.0])
 @pytest.mark.parametrize("after_s", [3.0, 4.003, 12.007])
 def test_a_silence_is_one_gap_where_an_adapter_hands_bytes_over_in_bursts(seconds: float, after_s: float) -> None:
-    """A burst is no backlog: what comes behind the silence is not taken for old packets."""
     made = stream(after_s + seconds + 6.0)
     gone = round(seconds / LOOP_S)
     made.lose(at(made, after_s), gone)
@@ -201,7 +197,6 @@ def test_bursts_skew_and_losses_leave_a_tenth_of_a_millisecond() -> None:
 
 @pytest.mark.parametrize("baud", [38400, 19200, 9600])
 def test_chaos_invents_nothing_and_hides_nothing(baud: int) -> None:
-    """Stalls of host and line, single losses, losses in a backlog, bursts, a wrong tick, in any order."""
     for seed in range(12):
         rng = np.random.default_rng(seed)
         late = float(rng.choice([0.1e-3, 1e-3, 5e-3]))
@@ -225,7 +220,6 @@ def test_chaos_invents_nothing_and_hides_nothing(baud: int) -> None:
 
 @pytest.mark.parametrize("stall_s", [0.1, 0.4, 0.9, 1.6, 3.0])
 def test_a_reader_held_up_at_the_very_start_spoils_nothing(stall_s: float) -> None:
-    """The first packets are read at once, late: stamps are right from the first on, and nothing is lost."""
     made = stream(12.0)
     made.stalls.append((float(made.due[0]) - 0.01, float(made.due[0]) + stall_s))
     found = heard(made)
@@ -234,7 +228,6 @@ def test_a_reader_held_up_at_the_very_start_spoils_nothing(stall_s: float) -> No
 
 
 def test_held_up_again_and_again_in_the_first_seconds_it_recovers() -> None:
-    """As by a machine under load; whatever tick was learnt meanwhile."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
         made = stream(40.0, seed)
@@ -255,7 +248,6 @@ def test_whole_packets_dropped_without_a_trace_are_found_by_time() -> None:
 
 
 def test_a_counter_that_stands_still_leaves_the_arrival() -> None:
-    """Nothing is invented from it: packets are stamped when they came, and say so."""
     clock = Clock(4.6875e6, COUNTER)
     stamps = [s for k in range(200) for s in clock.take(77, 10**12 + k * 7_500_000, contiguous=k > 0)]
     stamps += clock.release()
@@ -275,7 +267,6 @@ def test_polled_packets_are_stamped_by_arrival() -> None:
 
 
 def test_a_packet_that_waited_for_the_next_gets_its_own_arrival() -> None:
-    """Recognised together with its successor, it still arrived a period earlier."""
     assert arrival_before(10**9, 9494, 0, COUNTER) == 10**9 - 7500260
     assert arrival_before(10**9, 5, 65531 + 0, COUNTER) == 10**9 - 10 * 790
     assert arrival_before(10**9, 77, 77, COUNTER) == 10**9
@@ -283,7 +274,6 @@ def test_a_packet_that_waited_for_the_next_gets_its_own_arrival() -> None:
 
 @pytest.mark.parametrize("lossy", [False, True])
 def test_a_stretch_after_an_interruption_keeps_the_tick(lossy: bool) -> None:
-    """Packets that were not asked for are not lost; behind a line that was away there is a gap with its bounds."""
     for seconds in (2.0, 180.0):
         made = stream(20.0, skew_ppm=100.0)
         half = at(made, 10.0)

@@ -43,12 +43,10 @@ def arrived(data: bytes) -> list[int]:
 
 
 def test_a_line_without_faults_changes_nothing() -> None:
-    """Every byte, in order, at the time it left."""
     assert sent_through(FaultyLine(())) == b"".join(packets())
 
 
 def test_dropped_bytes_are_the_next_ones() -> None:
-    """Seven bytes at one second cost one packet, the first that ends after it."""
     data = sent_through(FaultyLine((LineFault(1.0, "drop_bytes", count=7),)))
     first = next(n for n in range(COUNT) if n / LOOP_HZ + PACKET_S >= 1.0)
     whole = b"".join(packets())
@@ -57,14 +55,12 @@ def test_dropped_bytes_are_the_next_ones() -> None:
 
 
 def test_dropped_bytes_reach_over_packets() -> None:
-    """Forty bytes are two packets and a bit."""
     data = sent_through(FaultyLine((LineFault(1.0, "drop_bytes", count=40),)))
     assert len(data) == 18 * COUNT - 40
     assert COUNT - len(arrived(data)) == 3
 
 
 def test_garbage_comes_in_between() -> None:
-    """All packets arrive, and the garbage is discarded; the same garbage at every run."""
     faults = (LineFault(1.0, "garbage", count=100),)
     data = sent_through(FaultyLine(faults, seed=1))
     assert len(data) == 18 * COUNT + 100
@@ -75,7 +71,6 @@ def test_garbage_comes_in_between() -> None:
 
 
 def test_turned_bits_cost_a_packet_each() -> None:
-    """One bit in each of three messages, no byte more or less."""
     data, whole = sent_through(FaultyLine((LineFault(2.0, "bit_flips", count=3),))), b"".join(packets())
     wrong = [(a ^ b).bit_count() for a, b in zip(data, whole, strict=True)]
     assert sum(wrong) == 3
@@ -89,7 +84,6 @@ def test_silence_lasts_its_seconds() -> None:
 
 
 def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
-    """Only packets have a fate, and a late one holds up those behind it."""
     line = FaultyLine((), lambda t: (round(t * LOOP_HZ) % 10 == 3, 0.02 if round(t * LOOP_HZ) == 5 else 0.0))
     line.started(0.0)
     line.put(b"C", 0.0, 0.001, packet_bytes=PACKET_BYTES)
@@ -108,7 +102,6 @@ def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
 
 
 def test_nothing_happens_before_data_is_asked_for() -> None:
-    """Times count from the first request: a ping an hour before is answered."""
     line = FaultyLine((LineFault(0.0, "silence", seconds=10.0),))
     line.put(b"H", 5.0, 5.001, packet_bytes=PACKET_BYTES)
     assert line.take(6.0) == b"H"
@@ -121,7 +114,6 @@ def test_nothing_happens_before_data_is_asked_for() -> None:
 
 
 def test_an_unknown_kind_is_refused() -> None:
-    """With the kinds there are."""
     with pytest.raises(ValueError, match=r"`kind`.*silence"):
         LineFault(0.0, "fire")
 
@@ -139,7 +131,6 @@ def arrivals(line: FaultyLine, messages: list[bytes], first_request: float = 50.
 
 
 def test_lost_packets_leave_no_byte() -> None:
-    """The next two packets vanish whole, and a reply between them does not."""
     messages = packets()[:200]
     messages.insert(134, b"H")
     data = b"".join(piece for _, piece in arrivals(FaultyLine((LineFault(1.0, "lose_packets", count=2),)), messages))
@@ -181,7 +172,6 @@ def test_a_stutter_cuts_a_packet_in_two() -> None:
 
 @pytest.mark.parametrize("bursts_s", [0.016, 0.002])
 def test_bursts_come_by_the_timer_of_an_adapter(bursts_s: float) -> None:
-    """All bytes, each at the first tick after it has left the unit; the phase is drawn from the seed."""
     got = arrivals(FaultyLine((), seed=4, bursts_s=bursts_s), packets()[:100])
     assert b"".join(data for _, data in got) == b"".join(packets()[:100])
     ticks = [at / bursts_s for at, _ in got]
@@ -196,7 +186,6 @@ def test_bursts_come_by_the_timer_of_an_adapter(bursts_s: float) -> None:
 
 
 def test_a_hang_up_loses_what_is_under_way() -> None:
-    """Bytes that leave while the port is gone never arrive: packets are cut where it goes and comes."""
     line = FaultyLine((LineFault(0.998, "hang_up", seconds=0.501),))
     line.started(50.0)
     assert [line.is_away(50.0 + t) for t in (0.997, 0.998, 1.498, 1.499)] == [False, True, True, False]
@@ -212,7 +201,6 @@ def test_a_hang_up_loses_what_is_under_way() -> None:
 
 
 def test_a_hang_up_loses_what_a_stall_holds() -> None:
-    """An adapter that is unplugged takes along what it had not delivered."""
     line = FaultyLine((LineFault(0.5, "stall", seconds=1.0), LineFault(1.0, "hang_up", seconds=0.2)))
     got = arrivals(line, packets()[:300])
     assert not any(0.5 <= at < 1.5 - 1e-6 for at, _ in got)

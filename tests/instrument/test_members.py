@@ -78,14 +78,12 @@ def whole(events: list[DataPacket | Discarded]) -> list[DataPacket]:
 
 
 def test_every_member_has_a_virtual_unit() -> None:
-    """What follows is of all of them; command lines name them, and `imutui virtual` makes them."""
     assert set(UNITS) == set(INSTRUMENTS) == set(virtual_units.UNITS)
     assert tuple(INSTRUMENTS) == names.NAMES
 
 
 @every
 def test_a_model_is_of_one_instrument_and_has_a_specification(name: str) -> None:
-    """What begins with its models' names, in whatever case, is of it, with limits and noise of their own."""
     instrument = INSTRUMENTS[name]
     for model in (instrument.model, *instrument.models):
         assert of_model(f"{model.lower()}-200") is instrument
@@ -97,7 +95,6 @@ def test_a_model_is_of_one_instrument_and_has_a_specification(name: str) -> None
 @every
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.37, 1.0])
 def test_samples_are_packets_or_means_of_more(name: str, share: float) -> None:
-    """A stream has at least as many packets as samples, and as many at the rates that it has itself."""
     instrument = INSTRUMENTS[name]
     rate_hz = share * instrument.most_rate_hz
     assert rate_hz <= instrument.packets_hz(rate_hz) <= instrument.most_rate_hz
@@ -106,7 +103,6 @@ def test_samples_are_packets_or_means_of_more(name: str, share: float) -> None:
 
 @every
 def test_a_virtual_unit_and_its_host_agree(name: str) -> None:
-    """Identified as what it is, and its packets are the readings that it was given, in its own sign."""
     found, instrument = spoken(name).packets, INSTRUMENTS[name]
     assert len(found) >= 20
     scaling = instrument.scaling(instrument.rate_range_dps, instrument.accel_range_g)
@@ -121,7 +117,6 @@ def test_a_virtual_unit_and_its_host_agree(name: str) -> None:
 
 @every
 def test_each_tells_itself_from_the_others(name: str) -> None:
-    """Asked which instrument answers, each says its own name; a serial number and a model come with it."""
     with served(UNITS[name]()) as path, Port(path, INSTRUMENTS[name].power_up_bauds[0]) as port:
         assert which_answers(port).name == name
         identity = host_of(name, port).find()
@@ -143,7 +138,6 @@ def test_the_usual_unit_hears_no_question_at_another_speed() -> None:
 
 @every
 def test_polled_packets_are_those_of_a_stream(name: str) -> None:
-    """An answer follows its request and has the same readings; one that is late on a busy machine is not waited for."""
     with served(UNITS[name]()) as path, Port(path, INSTRUMENTS[name].power_up_bauds[0]) as port:
         host = INSTRUMENTS[name].host(port, None)
         host.open(None)
@@ -159,7 +153,6 @@ def test_polled_packets_are_those_of_a_stream(name: str) -> None:
 @settings(max_examples=25, deadline=None)
 @given(cuts=st.lists(st.integers(0, 800), max_size=12))
 def test_a_stream_means_the_same_however_it_is_cut(name: str, cuts: list[int]) -> None:
-    """Packets do not depend on how the line hands over the bytes, nor do their counts, counter and status."""
     data = spoken(name).data
     ends = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})
     pieces = [data[a:b] for a, b in pairwise(ends)]
@@ -178,7 +171,6 @@ def test_no_bytes_raise_and_a_stream_behind_them_is_found(name: str, pieces: lis
 
 @every
 def test_a_rate_that_there_is_not_is_refused_in_words(name: str) -> None:
-    """Before a port is opened; what the instrument gives at most is said."""
     most = INSTRUMENTS[name].most_rate_hz
     with pytest.raises(ValueError, match=f"{most:g}"):
         Plan("/dev/none", instrument=name, rate_hz=most * 1.5)
@@ -186,7 +178,6 @@ def test_a_rate_that_there_is_not_is_refused_in_words(name: str) -> None:
 
 @every
 def test_a_unit_is_left_as_it_was_found(name: str) -> None:
-    """Identity, and whether it streams by itself, are those from before an acquisition."""
     with served(UNITS[name]()) as path:
         seen = []
         for _ in range(2):
@@ -205,7 +196,6 @@ def test_a_unit_is_left_as_it_was_found(name: str) -> None:
 @every
 @pytest.mark.parametrize("least", [True, False])
 def test_counts_there_and_back(name: str, least: bool) -> None:
-    """Scaling is linear through zero and symmetric up to the ends of the words; any shape in, the same out."""
     instrument = INSTRUMENTS[name]
     scaling = instrument.scaling(instrument.rate_range_dps, instrument.accel_range_g)
     end = instrument.count_limits[0 if least else 1]

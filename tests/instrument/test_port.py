@@ -22,7 +22,6 @@ def device() -> str:
 def test_a_bare_path_is_remembered_by_the_name_of_its_adapter(
     device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """That link is followed wherever it leads later; a link or a URL is such a name itself, and a lone path stays."""
     monkeypatch.setattr(port, "_BY_ID", tmp_path)
     assert port.lasting_name(device) == device
     link = tmp_path / "usb-FTDI_cable_A1-if00-port0"

@@ -141,7 +141,6 @@ def test_a_pty_keeps_the_units_pace(served: Served) -> None:
 
 
 def test_the_tap_holds_what_the_host_received(served: Served) -> None:
-    """The copy has exactly the bytes that went out, replies and packets."""
     with served.open() as port:
         port.write(b"RcvSGGP")
         received = read_until_quiet(port)
@@ -150,7 +149,6 @@ def test_the_tap_holds_what_the_host_received(served: Served) -> None:
 
 
 def test_the_packet_under_way_is_stale_after_a_stop(served: Served) -> None:
-    """Whatever was begun before `P` arrives whole, then the line is quiet and a ping is answered by `H` alone."""
     with served.open() as port:
         port.write(b"c")
         assert port.read(1) == b"C"
@@ -180,7 +178,6 @@ def test_a_host_that_does_not_read_blocks_nothing() -> None:
 
 
 def test_bytes_left_unread_wait_for_the_next_host(served: Served) -> None:
-    """The unit outlives its hosts, and a host that comes later finds what the former left behind."""
     with served.open() as port:
         port.write(b"S")
         _wait_for(lambda: port.in_waiting == 6)
@@ -224,7 +221,6 @@ def test_the_speed_of_a_pty_is_the_hosts(served: Served) -> None:
 
 
 def test_the_link_lives_as_long_as_the_unit(tmp_path: Path) -> None:
-    """The link leads to the port while the unit runs, in place of a stale one, and is gone afterwards."""
     link = tmp_path / "imu"
     link.symlink_to("/dev/nowhere")
     with Served(VirtualUnit(Ramp()), link=link) as served:
@@ -236,7 +232,6 @@ def test_the_link_lives_as_long_as_the_unit(tmp_path: Path) -> None:
 
 
 def test_the_link_replaces_no_file(tmp_path: Path) -> None:
-    """A file of the user's in the link's place is an error, and stays what it was."""
     link = tmp_path / "precious"
     link.write_text("data")
     with pytest.raises(FileExistsError, match="not a symbolic link"):
@@ -245,7 +240,6 @@ def test_the_link_replaces_no_file(tmp_path: Path) -> None:
 
 
 def test_a_link_that_another_unit_took_over_is_left_alone(tmp_path: Path) -> None:
-    """A unit that ends removes its own link only."""
     link = tmp_path / "imu"
     with Served(VirtualUnit(Ramp()), link=link), Served(VirtualUnit(Ramp()), link=link) as second:
         first_link = link.readlink()
@@ -256,7 +250,6 @@ def test_a_link_that_another_unit_took_over_is_left_alone(tmp_path: Path) -> Non
 
 
 def test_an_interrupt_cleans_up(tmp_path: Path) -> None:
-    """An exception from outside ends the unit and takes the link along."""
     link = tmp_path / "imu"
 
     def interrupt(_: str) -> None:
@@ -269,7 +262,6 @@ def test_an_interrupt_cleans_up(tmp_path: Path) -> None:
 
 
 def test_the_unit_may_end_with_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A parent that dies closes the pipe, and the unit does not outlive it."""
     reading, writing = os.pipe()
     with os.fdopen(reading) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -284,13 +276,11 @@ def test_the_unit_may_end_with_standard_input(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
 def test_time_does_not_stand_still(speed: float) -> None:
-    """A speed that is not positive is misuse."""
     with pytest.raises(ValueError, match="`speed`"):
         serve(VirtualUnit(Ramp()), link=None, tap=None, on_ready=print, log=print, speed=speed)
 
 
 def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Served) -> None:
-    """On a grid of the loop's period, each before its bytes arrived, on the clock that a host stamps with."""
     with served.open() as port:
         port.write(b"c")
         assert port.read(1) == b"C"
@@ -306,7 +296,6 @@ def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Served)
 
 @pytest.mark.parametrize("linked", [True, False])
 def test_a_port_hangs_up_and_comes_back_under_another_name(tmp_path: Path, linked: bool) -> None:
-    """A host reads an end or an error; meanwhile there is no link, and afterwards it leads to another port."""
     link = tmp_path / "imu"
     line = FaultyLine((LineFault(0.3, "hang_up", seconds=0.3),))
     with Served(VirtualUnit(Ramp()), link if linked else None, line=line) as served:
@@ -346,7 +335,6 @@ def test_what_a_host_has_not_read_goes_with_the_port() -> None:
 
 
 def test_a_burst_is_larger_than_a_hosts_queue() -> None:
-    """With a line of its own nothing is lost but by its faults: what does not fit waits until the host has read."""
     line = FaultyLine((LineFault(0.1, "backlog", count=500),))
     with Served(VirtualUnit(Ramp()), speed=20.0, line=line) as served, served.open() as port:
         port.write(b"c")

@@ -50,7 +50,6 @@ def packets(data: bytes, mode: Mode = Mode.SCALED) -> list[Packet]:
 
 
 def test_what_was_sent_is_told_with_its_instant() -> None:
-    """Every packet, in order, sampled on the loop's grid; what arrived is what was sent."""
     host = Host()
     host.stream()
     got = packets(host.listen(1.0))
@@ -60,7 +59,6 @@ def test_what_was_sent_is_told_with_its_instant() -> None:
 
 
 def test_a_reset_breaks_off_and_leaves_the_unit_as_after_power_up() -> None:
-    """In mid-packet: some bytes, then silence until it is told to stream, in voltage mode, with another counter."""
     host = Host(LineFault(0.498, "reset"))
     host.stream()
     data = host.listen(2.0)
@@ -74,7 +72,6 @@ def test_a_reset_breaks_off_and_leaves_the_unit_as_after_power_up() -> None:
 
 
 def test_a_unit_may_fall_into_the_other_mode_in_a_stream() -> None:
-    """Packets go on, with voltages in them."""
     host = Host(LineFault(0.5, "mode_change"))
     host.stream()
     host.listen(1.0)
@@ -110,7 +107,6 @@ def test_a_pause_sends_nothing_and_goes_on_with_the_newest() -> None:
     ],
 )
 def test_a_unit_whose_adapter_is_unplugged_goes_on(fault: LineFault, streams: bool, serial_number: int) -> None:
-    """Unless it lost its power too, or another unit takes its place: those are silent, and as after power-up."""
     host = Host(fault)
     host.stream()
     host.listen(0.5)
@@ -136,7 +132,6 @@ def test_a_clock_may_run_fast() -> None:
 
 
 def test_replies_may_be_slow() -> None:
-    """Each answer comes so much later; packets do not."""
     host = Host(options=UnitOptions(reply_delay_s=0.7))
     host.send(b"RvSc")
     assert host.listen(0.69) == b""
@@ -154,7 +149,6 @@ def test_a_version_may_be_plain_text() -> None:
 
 
 def test_a_unit_without_auto_baud_is_silent_on_it() -> None:
-    """Neither `b` nor `a` is answered, and it stays at its speed."""
     host = Host(options=UnitOptions(auto_baud=False))
     host.send(b"b")
     assert host.listen(0.1) == b""

@@ -163,7 +163,6 @@ def on_the_line(packets: Sequence[Packet]) -> bytes:
 
 @pytest.mark.parametrize(("command", "data"), COMMANDS)
 def test_a_command_is_its_bytes_in_both_directions(command: AnyCommand, data: bytes) -> None:
-    """What the host writes is what the unit reads, in one feed or in several."""
     assert encode(command) == data
     assert CommandDecoder().feed(data) == [command]
     decoder = CommandDecoder()
@@ -171,7 +170,6 @@ def test_a_command_is_its_bytes_in_both_directions(command: AnyCommand, data: by
 
 
 def test_commands_follow_each_other_without_separators() -> None:
-    """The unit takes a burst of commands apart, wherever it is cut."""
     line = b"".join(data for _, data in COMMANDS)
     for cut in range(len(line) + 1):
         decoder = CommandDecoder()
@@ -180,7 +178,6 @@ def test_commands_follow_each_other_without_separators() -> None:
 
 @pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
 def test_a_message_is_its_bytes_in_both_directions(expect: Expect, event: Event, data: bytes) -> None:
-    """What the unit writes is what the host reads, and nothing is left over."""
     assert not isinstance(event, Discarded)
     assert encode(event) == data
     assert decode([data], expect) == [event]
@@ -188,7 +185,6 @@ def test_a_message_is_its_bytes_in_both_directions(expect: Expect, event: Event,
 
 @pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
 def test_a_message_may_come_in_pieces(expect: Expect, event: Event, data: bytes) -> None:
-    """Byte by byte, and cut in two at every place, a message stays one message."""
     assert decode(one_by_one(data), expect) == [event]
     for cut in range(len(data) + 1):
         assert decode([data[:cut], data[cut:]], expect) == [event]
@@ -196,7 +192,6 @@ def test_a_message_may_come_in_pieces(expect: Expect, event: Event, data: bytes)
 
 @pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
 def test_a_message_is_found_behind_noise(expect: Expect, event: Event, data: bytes) -> None:
-    """Noise before a message is handed out as noise, and costs the message nothing."""
     for noise in (QUIET_NOISE, b"\xff\x03" + QUIET_NOISE) if data[0] == 0xFF else (QUIET_NOISE,):
         for chunks in ([noise, data], [noise + data], one_by_one(noise + data)):
             discarded, found = decode(chunks, expect)
@@ -206,7 +201,6 @@ def test_a_message_is_found_behind_noise(expect: Expect, event: Event, data: byt
 
 @pytest.mark.parametrize(("expect", "event", "data"), KNOWS_ITS_END)
 def test_noise_behind_a_message_is_noise(expect: Expect, event: Event, data: bytes) -> None:
-    """What follows a message that knows its own end is no part of it."""
     for chunks in ([data, QUIET_NOISE], [data + QUIET_NOISE], one_by_one(data + QUIET_NOISE)):
         assert decode(chunks, expect) == [event, Discarded(QUIET_NOISE, False)]
 
@@ -251,7 +245,6 @@ def test_a_reply_ends_the_expectation() -> None:
 
 
 def test_a_damaged_serial_number_is_not_believed() -> None:
-    """A serial number with a wrong sum is noise, counted once, and the next one is read."""
     decoder = reply_decoder(Command.SERIAL_NUMBER)
     damaged = bytes.fromhex("FF 00 97 3D C7 9A")
     assert joined(decoder.feed(damaged) + decoder.quiet()) == [Discarded(damaged, True)]
@@ -280,7 +273,6 @@ def test_a_version_of_32_bytes_needs_no_quiet() -> None:
 
 
 def test_a_damaged_version_is_noise() -> None:
-    """A framed reply that is neither right nor readable is counted as damaged."""
     decoder = reply_decoder(Command.VERSION)
     decoder.feed(b"\xffIMU\x0740\x01")
     assert decoder.quiet() == [Discarded(b"\xffIMU\x0740\x01", True)]
@@ -290,7 +282,6 @@ def test_a_damaged_version_is_noise() -> None:
 @given(st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=30))
 @settings(deadline=None)
 def test_any_version_text_comes_through(text: str) -> None:
-    """Whatever printable text a unit has, the host reads the same."""
     assert decode([encode(Version(text))], _expect_reply(Command.VERSION)) == [Version(text)]
 
 
@@ -298,7 +289,6 @@ def test_any_version_text_comes_through(text: str) -> None:
 
 
 def test_a_stream_is_delivered_whole_and_in_order() -> None:
-    """Without faults every packet comes out once, and no byte is discarded."""
     sent = stream(200)
     for chunks in ([on_the_line(sent)], one_by_one(on_the_line(sent))):
         assert decode(chunks, _expect_packets(SCALED, True)) == sent
@@ -306,7 +296,6 @@ def test_a_stream_is_delivered_whole_and_in_order() -> None:
 
 @pytest.mark.parametrize("cut_off", [0, 1, 7, PACKET_BYTES - 1])
 def test_a_reply_that_was_asked_for_may_stand_between_packets(cut_off: int) -> None:
-    """It costs no packet and is no noise; behind a packet that was cut off it is found at once, however it is cut."""
     reply, packets = SerialNumber(9911750), stream(20)
     line = on_the_line(packets[:10]) + on_the_line(packets[10:11])[:cut_off] + encode(reply) + encode(reply)
     for cut in (lambda data: [data], one_by_one):
@@ -361,7 +350,6 @@ def test_reading_what_is_missing_ends_each_read_with_a_packet() -> None:
 
 @pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
 def test_missing_is_never_more_than_a_message_still_has(expect: Expect, event: Event, data: bytes) -> None:
-    """A reader that asks for `missing` bytes never waits for bytes that will not come; an open end alone is unknown."""
     decoder = expect()
     for at, byte in enumerate(one_by_one(data)):
         assert 1 <= decoder.missing <= 18
@@ -371,7 +359,6 @@ def test_missing_is_never_more_than_a_message_still_has(expect: Expect, event: E
 
 
 def test_a_bad_checksum_costs_one_packet() -> None:
-    """A flipped bit loses its own packet, is counted once, and the next packet comes with its last byte."""
     sent = stream(10)
     for at in range(1, PACKET_BYTES):
         line = [bytearray(encode(packet)) for packet in sent]
@@ -384,7 +371,6 @@ def test_a_bad_checksum_costs_one_packet() -> None:
 
 
 def test_each_damaged_packet_is_counted() -> None:
-    """Two damaged packets in a row are two bad checksums, not one nor as many as there were slides."""
     sent = stream(12)
     line = [bytearray(encode(packet)) for packet in sent]
     line[5][3] ^= 1
@@ -396,7 +382,6 @@ def test_each_damaged_packet_is_counted() -> None:
 
 
 def test_noise_before_the_first_packet_is_no_bad_checksum() -> None:
-    """Joining a stream in the middle is not a fault of the line."""
     sent = stream(10, seed=3)
     decoder = streaming_decoder()
     assert packets_of(decoder.feed(on_the_line(sent)[5:])) == sent[1:]
@@ -405,7 +390,6 @@ def test_noise_before_the_first_packet_is_no_bad_checksum() -> None:
 
 
 def test_a_lost_byte_costs_one_packet() -> None:
-    """Wherever a byte is lost, only its packet is."""
     sent = stream(10, seed=8)
     for at in range(PACKET_BYTES):
         data = encode(sent[5])
@@ -424,7 +408,6 @@ def test_good_packets_between_noise_are_found() -> None:
 
 
 def test_good_packets_are_found_when_every_other_is_damaged() -> None:
-    """Half of a stream is lost when half of it is damaged, and no more."""
     sent = stream(40)
     line = b"".join(encode(packet)[: 18 if n % 2 else 11] for n, packet in enumerate(sent))
     assert packets_of(decode([line], _expect_packets(SCALED, True))) == sent[1::2]
@@ -432,7 +415,6 @@ def test_good_packets_are_found_when_every_other_is_damaged() -> None:
 
 @pytest.mark.parametrize("lost", range(1, 6))
 def test_whole_packets_may_be_missing(lost: int) -> None:
-    """A gap of packets, as an overrun leaves, costs what is missing only."""
     sent = stream(30)
     kept = sent[:10] + sent[10 + lost :]
     assert decode([on_the_line(kept)], _expect_packets(SCALED, True)) == kept
@@ -452,7 +434,6 @@ def test_a_strange_counter_loses_nothing(ticks_of: Callable[[int], int]) -> None
 
 @pytest.mark.parametrize("period_s", [4.6875e-3, 9.375e-3, 18.75e-3, 37.5e-3, 0.15])
 def test_the_period_is_learned_again_after_a_change_of_speed(period_s: float) -> None:
-    """When the line's speed changes the period under way, packets go on coming without loss or latency."""
     decoder = streaming_decoder()
     fast, slow = stream(20), stream(20, period_ticks=period_s / TICK_S)
     assert packets_of(decoder.feed(on_the_line(fast))) == fast
@@ -471,7 +452,6 @@ def test_a_line_slower_than_the_loop_has_no_latency() -> None:
 
 
 def test_quiet_releases_a_packet_that_waits_for_its_witness() -> None:
-    """The single packet that a stopped stream leaves behind is delivered when the line falls quiet."""
     decoder = streaming_decoder()
     packet = PACKETS[2][0]
     assert decoder.feed(encode(packet)) == []
@@ -480,7 +460,6 @@ def test_quiet_releases_a_packet_that_waits_for_its_witness() -> None:
 
 
 def test_quiet_discards_a_packet_that_was_cut_off() -> None:
-    """Half a packet is noise once the line is quiet, and the next packet begins afresh."""
     decoder = streaming_decoder()
     first, second, third, fourth = stream(4)
     decoder.feed(on_the_line([first, second]))
@@ -490,7 +469,6 @@ def test_quiet_discards_a_packet_that_was_cut_off() -> None:
 
 
 def test_a_packet_may_pause_in_its_middle() -> None:
-    """A stream's line that is quiet for a while keeps what it has of a packet, and delivers it with the rest."""
     for cut in range(1, PACKET_BYTES):
         decoder = streaming_decoder()
         first, second, third, fourth = stream(4)
@@ -515,7 +493,6 @@ def test_a_packet_that_pauses_for_ever_costs_none_of_those_behind_it() -> None:
 
 
 def test_a_pause_releases_a_packet_that_waits_for_its_witness() -> None:
-    """The single packet that a stream leaves behind is delivered when the line falls quiet."""
     decoder = streaming_decoder()
     packet = PACKETS[2][0]
     assert decoder.feed(encode(packet)) == []
@@ -524,7 +501,6 @@ def test_a_pause_releases_a_packet_that_waits_for_its_witness() -> None:
 
 
 def test_a_polled_packet_needs_no_witness() -> None:
-    """Polled packets come one by one, at any counter, each with its last byte."""
     decoder = packet_decoder(SCALED, streaming=False)
     for packet in stream(5, period_ticks=31234.5):
         assert decoder.feed(encode(packet)) == [packet]
@@ -570,7 +546,6 @@ EXPECTATIONS += [_expect_reply(command) for command, _, _ in REPLIES]
 @given(data=st.data(), line=troubled_lines() | st.binary(max_size=300), expect=st.sampled_from(EXPECTATIONS))
 @settings(max_examples=400, deadline=None)
 def test_events_do_not_depend_on_how_bytes_are_cut(data: st.DataObject, line: bytes, expect: Expect) -> None:
-    """However the port cuts the line into reads, the same comes out, every byte is accounted for, nothing raises."""
     cuts = [0, *sorted(data.draw(st.lists(st.integers(0, len(line)), max_size=20))), len(line)]
     pieces = [line[a:b] for a, b in pairwise(cuts)]
     whole = decode([line], expect)
@@ -583,7 +558,6 @@ def test_events_do_not_depend_on_how_bytes_are_cut(data: st.DataObject, line: by
 @given(st.lists(st.binary(max_size=40), max_size=10))
 @settings(deadline=None)
 def test_no_bytes_upset_the_unit(pieces: list[bytes]) -> None:
-    """Any byte is a command, known or unknown, and none is lost."""
     decoder = CommandDecoder()
     line = b"".join(pieces)
     written = b"".join(encode(command) for piece in pieces for command in decoder.feed(piece))
@@ -592,7 +566,6 @@ def test_no_bytes_upset_the_unit(pieces: list[bytes]) -> None:
 
 @pytest.mark.parametrize("unit", [b"\xff", b"\xff" + bytes(18), b"\x00\xff\x13", b"noise"])
 def test_little_is_held_however_much_comes(unit: bytes) -> None:
-    """Noise without end, even noise that looks like packets, does not fill the memory."""
     decoder = streaming_decoder()
     line = unit * (200_000 // len(unit))
     events = decoder.feed(line)
@@ -655,7 +628,6 @@ def test_the_voltage_vector_has_its_volts() -> None:
 
 
 def test_scaling_keeps_the_shape_it_is_given() -> None:
-    """A number gives a number, an array an array of doubles."""
     scaling = Scaling(rate_range_dps=100.0, accel_range_g=2.0)
     assert float(scaling.rates_dps(32767)) == pytest.approx(150.0, rel=1e-4)
     rows = scaling.accels_g(np.array([[1, 2, 3], [4, 5, 6]], np.int16))
@@ -666,7 +638,6 @@ def test_scaling_keeps_the_shape_it_is_given() -> None:
 @given(st.integers(-32768, 32767), st.integers(0, 4095), st.sampled_from([Scaling(), Scaling(100.0, 2.0)]))
 @settings(deadline=None)
 def test_units_lead_back_to_the_same_counts(word: int, temperature: int, scaling: Scaling) -> None:
-    """Converting a word to units and back changes nothing."""
     assert scaling.rate_counts(scaling.rates_dps(word)) == word
     assert scaling.accel_counts(scaling.accels_g(word)) == word
     assert scaling.temperature_counts(scaling.temperature_degc(temperature)) == temperature

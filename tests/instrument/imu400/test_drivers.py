@@ -257,7 +257,6 @@ def opened(device: str) -> Iterator[Driver]:
 @pytest.mark.parametrize("killed", [False, True], ids=["after power-up", "after a kill"])
 @pytest.mark.parametrize("driver", DRIVERS, ids=lambda driver: driver.__name__)
 def test_a_driver_by_others_is_served(driver: Callable[[Driver], None], killed: bool) -> None:
-    """Every reply and every packet that it waits for comes, whatever a client left that was killed in mid-stream."""
     with served(VirtualUnit(Still())) as device:
         if killed:
             kill_while_streaming(device)
@@ -268,7 +267,6 @@ def test_a_driver_by_others_is_served(driver: Callable[[Driver], None], killed: 
 
 
 def test_one_driver_after_the_other_is_served() -> None:
-    """All on one unit, each as the one before has left it: streaming, polled, or in mid-packet."""
     with served(VirtualUnit(Still())) as device:
         for driver in [*DRIVERS[::-1], *DRIVERS]:
             if driver is not fdas3:  # its second of waiting has been tried

@@ -22,7 +22,6 @@ def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
 
 @pytest.mark.parametrize("ping", ["keeps", "stops", "resets"])
 def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
-    """Ping only, ping that stops, ping that resets: afterwards the unit is identified, scaled and polled."""
     with unit(UnitOptions(ping=ping, version="IMU400CD-200 1.07")) as (path, made), Port(path, 38400) as port:  # type: ignore[arg-type]
         identity = handshake.open_dialogue(port, 38400)
         assert identity.serial_number == "9911750"
@@ -57,7 +56,6 @@ def test_the_line_is_moved_to_the_asked_speed_and_found_there_again() -> None:
     "version", ["AHRS400CC-100 v2", "VG700MB", "IMU300CC-100", "IMU440CA-200", "IMU400CC-200", "DMU-6X"]
 )
 def test_another_model_is_refused_by_name(version: str) -> None:
-    """Its ranges and packets differ; the error quotes what it said."""
     with (
         unit(UnitOptions(version=version)) as (path, _),
         Port(path, 38400) as port,
@@ -96,7 +94,6 @@ def test_a_probe_of_another_model_says_which_and_why_not() -> None:
 
 @pytest.mark.usefixtures("home")
 def test_a_probe_of_a_port_that_cannot_be_opened_says_why() -> None:
-    """Absent, or in use: in words, and nothing is raised."""
     absent = client.probe("/dev/ttyNONE9")
     assert not absent["answers"]
     assert "no such port" in absent["error"]

@@ -33,13 +33,11 @@ def motion(seed: int, n: int = 2000) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_motion_is_taken_for_volts(seed: int) -> None:
-    """However a unit is swung about."""
     scaled = packets(Mode.SCALED, *motion(seed))
     assert not any(is_volts(b, a) for a, b in itertools.pairwise(scaled))
 
 
 def test_a_change_to_volts_is_seen_at_once() -> None:
-    """At rest at any attitude, and in nearly all moments of wild motion."""
     rng = np.random.default_rng(1)
     down = rng.normal(size=(300, 3))
     still = rng.normal(size=(300, 3)) * 0.5, down / np.linalg.norm(down, axis=1, keepdims=True)

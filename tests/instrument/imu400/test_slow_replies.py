@@ -66,7 +66,6 @@ def identified(delay_s: float) -> tuple[Identity, int]:
 
 
 def test_a_slow_unit_is_identified_rightly_at_its_own_speed() -> None:
-    """However its late answers to pings fall among the speeds that are tried. Mostly waiting, hence all at once."""
     delays = (0.05, 0.23, 0.3, 0.45, 0.55, 0.9, 1.3, 1.8)
     with ThreadPoolExecutor(len(delays)) as pool:
         for delay, found in zip(delays, pool.map(identified, delays), strict=True):
@@ -84,7 +83,6 @@ def test_a_slow_unit_on_a_line_of_one_speed_is_found_and_measures_in_scaled_mode
 
 
 def test_a_quick_unit_is_asked_nothing_twice() -> None:
-    """Stop, ping, serial number, version, mode: no waiting for slow units is in it."""
     with Device(Habits(answers())) as device, Port(device.port, POWER_UP_BAUD) as port:
         assert dialogue(port) == KNOWN
         assert bytes(device.heard) == b"PRSvc"
@@ -103,7 +101,6 @@ def test_a_version_in_plain_text_is_read(text: bytes) -> None:
 
 @pytest.mark.parametrize("text", [b"IMU400CD-200 1.07", b"C-MIGITS"])
 def test_late_text_is_not_taken_for_the_answer_to_the_mode(text: bytes) -> None:
-    """Later than anybody waits, the version comes with its C, and the unit does not know the command for the mode."""
     with (
         slow(answers(v=text, c=b""), 0.0, {b"v": 0.8}) as path,
         Port(path, POWER_UP_BAUD) as port,
@@ -113,7 +110,6 @@ def test_late_text_is_not_taken_for_the_answer_to_the_mode(text: bytes) -> None:
 
 
 def test_a_reply_that_came_damaged_is_asked_for_once_more() -> None:
-    """A wrong sum, each time: at last it is not known, and what is asked next is answered rightly."""
     broken = answers()[b"S"][:-1] + b"\x00"
     with Device(Habits(answers(S=broken))) as device, Port(device.port, POWER_UP_BAUD) as port:
         assert dialogue(port) == Identity("", IMU400CD)
@@ -121,7 +117,6 @@ def test_a_reply_that_came_damaged_is_asked_for_once_more() -> None:
 
 
 def test_a_unit_without_auto_baud_is_named_with_the_next_step() -> None:
-    """It answers at one speed and not to `b`."""
     with (
         served(VirtualUnit(Still(), UnitOptions(auto_baud=False))) as path,
         Port(path, POWER_UP_BAUD) as port,

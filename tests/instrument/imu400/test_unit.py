@@ -102,7 +102,6 @@ def test_a_command_is_answered(command: AnyCommand, reply: AnyReply) -> None:
 
 @pytest.mark.parametrize(("command", "reply"), REPLIES)
 def test_a_reply_takes_its_line_time_and_no_more(command: AnyCommand, reply: AnyReply) -> None:
-    """A host that waits ten milliseconds and the line time has the whole reply; no bit of it comes too early."""
     host = Bench(VirtualUnit(Ramp()))
     host.send(command)
     data = encode(reply)
@@ -114,7 +113,6 @@ def test_a_reply_takes_its_line_time_and_no_more(command: AnyCommand, reply: Any
 
 @pytest.mark.parametrize("command", SILENT)
 def test_some_commands_are_met_with_silence(command: AnyCommand) -> None:
-    """A stop, a stray `a` and bytes that command nothing are not answered."""
     host = Bench(VirtualUnit(Ramp()))
     host.send(command)
     assert host.wait(1.0) == b""
@@ -122,7 +120,6 @@ def test_some_commands_are_met_with_silence(command: AnyCommand) -> None:
 
 
 def test_replies_queue_behind_each_other() -> None:
-    """A burst of commands is answered in order, without a pause or an overlap."""
     host = Bench(VirtualUnit(Ramp()))
     host.send(*(command for command, _ in REPLIES))
     replies = b"".join(encode(reply) for _, reply in REPLIES)
@@ -131,7 +128,6 @@ def test_replies_queue_behind_each_other() -> None:
 
 
 def test_what_was_understood_is_told() -> None:
-    """The caller learns of every command, for its log, the argument of `z` even when it comes later."""
     unit = VirtualUnit(Ramp())
     assert unit.receive(b"Rz", 0.0, 38400) == [Command.PING]
     assert unit.receive(b"\x00?", 0.0, 38400) == [ZeroRateSensors(0), UnknownCommand(ord("?"))]
@@ -139,7 +135,6 @@ def test_what_was_understood_is_told() -> None:
 
 @pytest.mark.parametrize("command", [*Command, ZeroRateSensors(0), UnknownCommand(0x0D)])
 def test_every_command_has_words(command: AnyCommand) -> None:
-    """A log line names the letter and what it asks for, in printable characters."""
     assert re.fullmatch(r"(.|\\.+): [ -~]+", in_words(command))
 
 
@@ -147,7 +142,6 @@ def test_every_command_has_words(command: AnyCommand) -> None:
 
 
 def test_the_unit_wakes_up_polled_in_voltage_mode() -> None:
-    """After power-up nothing comes until it is asked for, and then sensor voltages."""
     host = Bench(VirtualUnit(Ramp()))
     assert host.wait(1.0) == b""
     host.send(Command.GET_PACKET)
@@ -167,7 +161,6 @@ def test_a_stream_shows_every_reading_once() -> None:
 
 
 def test_packets_leave_on_the_units_own_grid() -> None:
-    """Each packet's last bit leaves one line time after its instant, after a minute as in the first second."""
     host = bench()
     host.now = began = 1e6
     host.send(Command.START_STREAM)
@@ -188,7 +181,6 @@ def test_waking_late_loses_nothing() -> None:
 
 
 def test_the_next_event_is_a_packets_end() -> None:
-    """A caller that sleeps until the next event gets one whole packet each time."""
     host = bench()
     host.send(Command.START_STREAM)
     for n in range(50):
@@ -202,7 +194,6 @@ def test_the_next_event_is_a_packets_end() -> None:
 
 
 def test_the_packet_begun_before_a_stop_still_arrives() -> None:
-    """After `P` the packet on the line is finished, and it is the last: a host has to wait for quiet."""
     host = bench()
     host.send(Command.START_STREAM)
     first = host.wait(0.002)
@@ -213,7 +204,6 @@ def test_the_packet_begun_before_a_stop_still_arrives() -> None:
 
 
 def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
-    """`G` during a stream lets the packet under way finish, sends one more, and leaves the unit polled."""
     host = bench()
     host.send(Command.START_STREAM)
     head = host.wait(0.002)
@@ -223,7 +213,6 @@ def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
 
 
 def test_a_reply_in_a_stream_comes_between_packets() -> None:
-    """A serial number asked for in mid-stream waits for the packet's end, and the next packet waits for it."""
     host = bench()
     host.send(Command.START_STREAM)
     head = host.wait(0.002)
@@ -235,7 +224,6 @@ def test_a_reply_in_a_stream_comes_between_packets() -> None:
 
 
 def test_a_polled_packet_shows_the_newest_instant_of_the_loop() -> None:
-    """The loop runs on whether or not anybody asks: a poll gets the reading of the last instant, and its ticks."""
     host = bench()
     host.send(Command.GET_PACKET)
     began = host.now
@@ -251,7 +239,6 @@ def test_a_polled_packet_shows_the_newest_instant_of_the_loop() -> None:
 
 
 def test_the_loop_goes_on_between_streams() -> None:
-    """A second stream goes on with the loop's own count, on the same grid."""
     host = bench()
     host.send(Command.START_STREAM)
     before = host.packets(0.5)
@@ -267,7 +254,6 @@ def test_the_loop_goes_on_between_streams() -> None:
 
 @pytest.mark.parametrize("baud", [9600, 19200, 57600])
 def test_a_slow_line_skips_readings(baud: int) -> None:
-    """A packet holds the newest reading when the line is free: slower than the loop, readings are left out."""
     host = bench()
     host.ask(Command.REQUEST_BAUD)
     host.baud = baud
@@ -283,7 +269,6 @@ def test_a_slow_line_skips_readings(baud: int) -> None:
 
 
 def test_voltage_mode_may_run_faster() -> None:
-    """Its own loop fills the line, and repeats readings of a source that counts in scaled mode's loop."""
     source = Ramp()
     host = bench(source, mode=Mode.VOLTAGE)
     host.send(Command.START_STREAM)
@@ -294,7 +279,6 @@ def test_voltage_mode_may_run_faster() -> None:
 
 
 def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None:
-    """The stream goes on in the new mode, and the source is never asked for an earlier reading."""
     source = Ramp()
     host = bench(source)
     host.send(Command.START_STREAM)
@@ -316,7 +300,6 @@ def test_words_saturate_at_sixteen_bits() -> None:
 
 
 def test_packets_end_with_the_recording() -> None:
-    """When the source has no more the stream falls silent, but commands are still answered."""
     host = bench(Ramp(length=10))
     host.send(Command.START_STREAM)
     assert numbers(host.packets(1.0)) == list(range(10))
@@ -375,7 +358,6 @@ def test_zeroing_takes_its_time_and_then_removes_the_mean() -> None:
 
 
 def test_zero_is_the_mean_of_the_readings_while_it_ran() -> None:
-    """On a ramp the mean is that of the readings averaged, no more and no fewer."""
     source = Ramp()
     host = bench(source)
     host.send(ZeroRateSensors(2))
@@ -402,7 +384,6 @@ def test_zeroing_again_replaces_the_zero_and_nought_erases_it() -> None:
 
 
 def test_no_packets_come_while_the_rates_are_zeroed() -> None:
-    """A stream pauses for the average and goes on afterwards with the loop's next reading."""
     source = Ramp()
     host = bench(source)
     host.send(Command.START_STREAM)
@@ -419,7 +400,6 @@ def test_no_packets_come_while_the_rates_are_zeroed() -> None:
 
 
 def test_the_speed_changes_in_three_steps() -> None:
-    """`B` comes at the old speed, `A` at the new one, and from then on the old one is noise."""
     host = bench()
     assert host.ask(Command.REQUEST_BAUD) == [Reply.BAUD_READY]
     host.baud = 9600
@@ -431,7 +411,6 @@ def test_the_speed_changes_in_three_steps() -> None:
 
 
 def test_a_wrong_speed_is_noise_both_ways() -> None:
-    """Bytes at a wrong speed are not understood, and no byte that arrives is the one that was sent."""
     host = bench()
     host.send(Command.START_STREAM)
     host.baud = 57600
@@ -445,7 +424,6 @@ def test_a_wrong_speed_is_noise_both_ways() -> None:
 
 
 def test_a_slightly_wrong_speed_is_understood() -> None:
-    """UARTs tolerate a few percent."""
     host = Bench(VirtualUnit(Ramp()))
     for ratio, heard in ((1.02, [Reply.PONG]), (0.98, [Reply.PONG]), (1.04, []), (0.96, [])):
         host.baud = round(38400 * ratio)
@@ -454,7 +432,6 @@ def test_a_slightly_wrong_speed_is_understood() -> None:
 
 @pytest.mark.parametrize("baud", [300, 12345, 230400])
 def test_a_speed_that_is_none_is_not_taken(baud: int) -> None:
-    """The unit stays at its speed when what it measures is not a standard one within its reach."""
     host = bench()
     host.ask(Command.REQUEST_BAUD)
     host.baud = baud
@@ -464,7 +441,6 @@ def test_a_speed_that_is_none_is_not_taken(baud: int) -> None:
 
 
 def test_the_unit_does_not_wait_for_the_new_speed_for_ever() -> None:
-    """An `a` that comes too late is a stray one."""
     host = bench()
     host.ask(Command.REQUEST_BAUD)
     host.wait(11.0)
@@ -491,7 +467,6 @@ def test_the_unit_does_not_wait_for_the_new_speed_for_ever() -> None:
 )
 @settings(max_examples=150, deadline=None)
 def test_looking_often_changes_nothing(script: list[tuple[float, bytes, int]]) -> None:
-    """Whatever a host sends and when, nothing raises, and the bytes do not depend on when they were fetched."""
     often, seldom = VirtualUnit(Ramp()), VirtualUnit(Ramp())
     fetched, now = b"", 0.0
     for pause, data, baud in script:

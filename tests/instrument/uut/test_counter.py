@@ -38,7 +38,6 @@ def watching(counter: Counter, rate_hz: float) -> CounterWatch:
 @pytest.mark.parametrize("rate_hz", RATES)
 @pytest.mark.parametrize(("counter", "meaning"), [(time_at, Meaning.TIME), (packets_at, Meaning.PACKETS)])
 def test_the_meaning_is_known_by_the_second_packet(counter: Counter, meaning: Meaning, rate_hz: float) -> None:
-    """At every rate; and a unit that is well begins nothing anew, over many wraps."""
     watch = CounterWatch(rate_hz)
     assert [watch.began_anew(counter(n, rate_hz), 1.0 / rate_hz) for n in range(2)] == [False, False]
     assert watch.meaning is meaning
@@ -49,7 +48,6 @@ def test_the_meaning_is_known_by_the_second_packet(counter: Counter, meaning: Me
 @both
 @pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.015])
 def test_packets_that_are_lost_are_no_new_beginning(counter: Counter, rate_hz: float, late_s: float) -> None:
-    """Nor a line that was held up, before them or behind them: then the next packets have come already."""
     for lost in (1, 2, 9):
         elapsed_s = (1 + lost) / rate_hz + late_s
         if elapsed_s < max(1.0, 3.5 / rate_hz):
@@ -80,7 +78,6 @@ def read_late(counter: Counter, rate_hz: float, behind: int, start: int, late_s:
 @pytest.mark.parametrize("rate_hz", [5, 20, 50, 100])
 @pytest.mark.parametrize("behind", [1, 10, 300])
 def test_a_host_that_reads_late_knows_a_reset_by_the_first_packet_in_time(behind: int, rate_hz: float) -> None:
-    """It was held up for some packets, or for minutes; where the unit went on, it finds nothing."""
     resets = [read_late(time_at, rate_hz, behind, 97 + 641 * k, 0.4) for k in range(100)]
     assert sum(resets) >= 80
     for late_s in (-1.0 / rate_hz, 0.0, 0.015, 1.0 / rate_hz):
@@ -113,7 +110,6 @@ def test_a_line_that_is_held_up_again_and_again_is_no_reset(counter: Counter, ra
 @pytest.mark.parametrize("rate_hz", [5, 20, 100])
 @pytest.mark.parametrize("away_s", [0.15, 0.3, 0.6, 0.85])
 def test_a_unit_that_began_anew_where_its_counter_would_go_on_is_known_soon(rate_hz: float, away_s: float) -> None:
-    """Its packets stay late; a line that is held up by less than a second, even for long, is in time again."""
     watch = watching(time_at, rate_hz)
     told = [watch.began_anew(time_at(10, rate_hz), away_s + 1.0 / rate_hz)]
     told += [watch.began_anew(time_at(11 + n, rate_hz), 1.0 / rate_hz) for n in range(int(5.0 * rate_hz))]
@@ -156,14 +152,12 @@ def test_nearly_all_resets_are_known_most_of_them_at_once(rate_hz: float) -> Non
 
 
 def test_a_packet_lost_after_whole_seconds_read_late_is_no_reset() -> None:
-    """The counter then stands where it stood when the host was last in time: that is no long absence."""
     watch = watching(time_at, 100.0)
     assert not any(watch.began_anew(time_at(10 + n, 100.0), None) for n in range(100))
     assert not watch.began_anew(time_at(111, 100.0), 1.02)
 
 
 def test_a_unit_that_was_away_for_long_may_be_another() -> None:
-    """Where it counts time nothing tells; where it counts packets, the count goes on or it does not."""
     assert watching(time_at, 20.0).began_anew(time_at(9 + 60, 20.0), 3.0)
     assert not watching(time_at, 20.0).began_anew(time_at(10, 20.0), 3.0)
     assert not watching(packets_at, 20.0).began_anew(packets_at(9 + 60, 20.0), 3.0)

@@ -121,7 +121,6 @@ def discarded(events: Sequence[Event]) -> bytes:
 
 @pytest.mark.parametrize(("request_", "text"), REQUESTS)
 def test_requests_are_written_and_read_as_printed(request_: Request, text: str) -> None:
-    """Both directions of each vector, byte by byte too."""
     data = bytes.fromhex(text)
     assert encode(request_) == data
     assert RequestDecoder().feed(data) == [request_]
@@ -131,14 +130,12 @@ def test_requests_are_written_and_read_as_printed(request_: Request, text: str) 
 
 @pytest.mark.parametrize(("reply", "text"), REPLIES)
 def test_replies_are_written_and_read_as_printed(reply: Reply, text: str) -> None:
-    """Both directions of each vector."""
     assert encode(reply) == bytes.fromhex(text)
     assert decoded([bytes.fromhex(text)])[0] == [reply]
 
 
 @pytest.mark.parametrize("message", OTHERS, ids=lambda message: type(message).__name__)
 def test_a_message_comes_back_from_its_bytes(message: Reply | Measurement) -> None:
-    """Also those of which no bytes are printed."""
     assert decoded([encode(message)])[0] == [message]
 
 
@@ -146,7 +143,6 @@ def test_a_message_comes_back_from_its_bytes(message: Reply | Measurement) -> No
 def test_frames_of_a_real_unit_have_their_values(
     text: str, accel: tuple[float, ...], rate: tuple[float, ...], temperatures: tuple[float, float], counter: int
 ) -> None:
-    """Scales, order and sign of all words; the status word is shown and nothing is dropped for it."""
     (packet,) = decoded([bytes.fromhex(text)])[0]
     assert isinstance(packet, PacketS1)
     assert SCALING.accels_g(packet.accels) == pytest.approx(accel, abs=1e-6)
@@ -196,13 +192,11 @@ def test_the_crc_is_that_of_the_documents() -> None:
 
 
 def test_events_do_not_depend_on_a_cut() -> None:
-    """In two pieces, cut behind any byte: the same as whole."""
     whole = decoded([STREAM])[0]
     assert not [cut for cut in range(len(STREAM)) if decoded([STREAM[:cut], STREAM[cut:]])[0] != whole]
 
 
 def test_events_come_byte_by_byte_at_their_last_byte() -> None:
-    """Each is there when its frame is whole, and never more than a frame is held."""
     decoder, ends = Decoder(), []
     for place, byte in enumerate(STREAM):
         ends += [place + 1 for _ in decoder.feed(bytes([byte]))]
@@ -213,7 +207,6 @@ def test_events_come_byte_by_byte_at_their_last_byte() -> None:
 
 
 def test_a_reader_is_told_how_many_bytes_to_wait_for() -> None:
-    """Of a stream, the next packet; of one that has begun, the rest."""
     decoder = Decoder()
     assert decoder.missing == 7
     decoder.feed(REAL_BYTES[0])
@@ -223,7 +216,6 @@ def test_a_reader_is_told_how_many_bytes_to_wait_for() -> None:
 
 
 def test_a_preamble_behind_an_0x55_is_found() -> None:
-    """Three of them in a row: the search goes on from the byte after the first one, at once."""
     decoder = Decoder()
     events = decoder.feed(b"\x55" + REAL_BYTES[0])
     assert events == [Discarded(b"\x55", bad_checksum=False), *decoded([REAL_BYTES[0]])[0]]
@@ -233,7 +225,6 @@ def test_a_preamble_behind_an_0x55_is_found() -> None:
     "noise", [b"\x55\x55", b"\x55\x55S1\xff", b"\x55\x55z1\xff\x55", b"\x55\x55\x01\x02\x03\x55\x55"]
 )
 def test_a_false_beginning_delays_no_frame(noise: bytes) -> None:
-    """Nor hides it: of an unknown type, or of a length that its type never has, it gives way to a whole frame."""
     decoder = Decoder()
     events = decoder.feed(noise + REAL_BYTES[0])
     assert kept(events) == decoded([REAL_BYTES[0]])[0]
@@ -241,7 +232,6 @@ def test_a_false_beginning_delays_no_frame(noise: bytes) -> None:
 
 
 def test_a_pause_releases_what_noise_seems_to_cover() -> None:
-    """A false beginning of a type of any length: its end never comes, the frames in it do; a true one is kept."""
     decoder = Decoder()
     assert decoder.feed(b"\x55\x55ID\xf0" + REAL_BYTES[0] + REAL_BYTES[1][:9]) == []
     assert kept(decoder.pause()) == decoded([REAL_BYTES[0]])[0]
@@ -249,7 +239,6 @@ def test_a_pause_releases_what_noise_seems_to_cover() -> None:
 
 
 def test_a_wrong_crc_is_counted_where_a_frame_was_due() -> None:
-    """Behind another one, and behind a damaged one; noise is not."""
     spoilt = REAL_BYTES[1][:-1] + b"\0"
     events, decoder = decoded([b"noise" + spoilt + REAL_BYTES[0] + spoilt + spoilt + REAL_BYTES[2]])
     assert decoder.bad_checksums == 2
@@ -267,7 +256,6 @@ def test_a_ping_may_be_bare(after: bytes) -> None:
 
 
 def test_a_payload_that_is_not_its_types_is_kept_as_it_is() -> None:
-    """A count that does not match the length, or is zero; an unknown type: nothing raises, nothing is guessed."""
     for frame in (Frame(b"SF", b"\x02\0\1\0"), Frame(b"GF", b"\0"), Frame(b"GF"), Frame(b"RE", b"\1"), Frame(b"xY")):
         assert RequestDecoder().feed(framed(frame)) == [OtherFrame(frame.type, frame.payload)]
         assert decoded([framed(frame)])[0] == [OtherFrame(frame.type, frame.payload)]
@@ -275,14 +263,12 @@ def test_a_payload_that_is_not_its_types_is_kept_as_it_is() -> None:
 
 
 def test_what_does_not_fit_its_place_is_refused() -> None:
-    """By ValueError, with what it was."""
     for message in (Version(256, 0, 0, 0, 0), Identification(2**32, ""), Identification(1, "é"), Echo(bytes(256))):
         with pytest.raises(ValueError, match=r"message|text|payload"):
             encode(message)
 
 
 def test_status_bits_have_names() -> None:
-    """Reserved ones too; none is dropped."""
     assert names_of_bits(0x0002) == ("hardware error",)
     assert names_of_bits(0x9021) == ("master fail", "reserved 5", "sensor status", "reserved 15")
     assert Bit(0x8000) == 0x8000
@@ -307,7 +293,6 @@ def test_good_frames_between_noise_are_all_found(line: list[tuple[bytes, bytes]]
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_no_bytes_raise(pieces: list[bytes]) -> None:
-    """Either end: everything that came is told, once, and little is held."""
     search, told = FrameDecoder(UutSearch(lambda frame: frame)), b""
     for piece in pieces:
         for found in [*search.feed(piece), *search.pause()]:

@@ -23,7 +23,6 @@ def legal(value: int) -> Orientation | None:
 
 
 def test_24_of_512_orientations_are_legal() -> None:
-    """Each is a rotation of its own, and its value comes back; all others are refused, and so are bits above."""
     found = {value: it for value in range(1024) if (it := legal(value)) is not None}
     assert len(found) == len({(it.axes, it.signs) for it in found.values()}) == 24
     assert max(found) < 512
@@ -39,7 +38,6 @@ def test_24_of_512_orientations_are_legal() -> None:
     [(0x0000, "+Ux +Uy +Uz"), (0x006B, "-Uy -Ux -Uz"), (0x0009, "-Ux -Uy +Uz"), (0x0062, "+Uy +Ux -Uz")],
 )
 def test_orientations_read_as_in_the_guides(value: int, text: str) -> None:
-    """By bits: a sign and two for the axis, of X, Y and Z."""
     assert Orientation.of_field(value).text == text
 
 
@@ -56,7 +54,6 @@ def test_orientations_read_as_in_the_guides(value: int, text: str) -> None:
     ],
 )
 def test_fields_are_told_in_words(values: FieldValues, text: str) -> None:
-    """Those that the unit said, whatever they hold."""
     assert text in in_words(dict(values))
 
 

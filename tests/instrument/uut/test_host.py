@@ -77,7 +77,6 @@ def stamped(clock: Clock, arrivals: list[PacketArrival]) -> list[Stamp]:
 
 @pytest.mark.parametrize("code", [5, 2])
 def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) -> None:
-    """Whatever its speed; it streams by itself before and after, with its own fields, and EEPROM is as it was."""
     fields = tuple((field, code if field == Field.BAUD else value) for field, value in IMU381ZA)
     with still(UnitOptions(fields=fields)) as name, Port(name, 38400) as port:
         host = UutHost(port, 50.0)
@@ -97,7 +96,6 @@ def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) ->
 
 
 def test_packets_are_asked_for_one_by_one() -> None:
-    """A polled unit sends nothing by itself, and each request has its own answer."""
     with still() as name, Port(name, 115200) as port:
         host = UutHost(port)
         host.open(None)
@@ -108,7 +106,6 @@ def test_packets_are_asked_for_one_by_one() -> None:
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_a_late_answer_is_not_taken_for_that_to_a_later_request(count: int) -> None:
-    """Answers that a line kept back come with a later one: each that is taken was sampled after it was asked for."""
     line = FaultyLine((LineFault(0.55, "backlog", count=count),))
     options, sampled = UnitOptions(), dict[int, int]()
     unit = VirtualUnit(Still(), options)
@@ -206,7 +203,6 @@ def test_what_a_unit_does_not_take_back_is_said() -> None:
     ids=["rate", "type"],
 )
 def test_a_unit_that_cannot_be_used_is_left_as_it_was(options: UnitOptions, rate_hz: float, message: str) -> None:
-    """Also when that is known only after its stream was stopped."""
     with still(options) as name, Port(name, 19200 if "carry" in message else 115200) as port:
         host = UutHost(port, rate_hz)
         with pytest.raises(InstrumentError, match=message):
@@ -216,7 +212,6 @@ def test_a_unit_that_cannot_be_used_is_left_as_it_was(options: UnitOptions, rate
 
 
 def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() -> None:
-    """By a unit that has one rate only: nothing comes, and its own type of packet is in force again."""
     stream = RecordedStream(encode(PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, 0)))
     fields = tuple((dict(IMU381ZA) | dict(stream.only) | {Field.RATE_DIVIDER: 0}).items())
     options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
@@ -310,7 +305,6 @@ def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.
 @pytest.mark.parametrize("step", [1, 3277])
 @pytest.mark.parametrize("losing", [range(0), range(200, 203), range(200, 240), range(200, 221)])
 def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -> None:
-    """Packets or time, whole seconds among the latter: none is invented, and those missing are within the bounds."""
     clock = Clock(transfer_s(31, 115200) * 1e9, UutHost(None).counter, period_ns=50e6)  # type: ignore[arg-type]
     stamps = stamped(clock, stream_of(step, losing))
     gaps = [stamp.gap for stamp in stamps if stamp.gap is not None]
@@ -323,7 +317,6 @@ def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -
 
 
 def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
-    """It streams at its own rate from power-up on: that is noticed, and the asked rate comes back."""
     options, events = UnitOptions(), queue.SimpleQueue[ReaderEvent]()
     reset = FaultyLine((LineFault(1.0, "reset"),))
     with (
@@ -363,7 +356,6 @@ def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> No
 
 @pytest.mark.parametrize("cut_off", range(31))
 def test_answers_amid_a_stream_are_counted_until_the_next_packet(cut_off: int) -> None:
-    """Also behind a packet that was cut off, at any byte, where the line is quiet after the answer."""
     stream = UutHost(None, 20.0).packets()  # type: ignore[arg-type]
     packet, ping = encode(PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2)), encode(Ping())
     stream.feed(packet + packet[:cut_off] + ping)

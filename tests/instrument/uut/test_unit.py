@@ -133,7 +133,6 @@ def test_it_streams_from_power_up_on() -> None:
 
 
 def test_the_counter_starts_at_zero_but_for_a_seed() -> None:
-    """Each seed has a start of its own, and always the same: two units are then told apart, and a run is repeated."""
     begun = [packets_of(Host(seed=seed).listen(0.1))[0].counter for seed in (None, None, 1, 1, 2)]
     assert begun[0] == begun[1] < 1000
     assert begun[2] == begun[3] != begun[4]
@@ -141,7 +140,6 @@ def test_the_counter_starts_at_zero_but_for_a_seed() -> None:
 
 
 def test_at_another_speed_it_is_noise_and_hears_nothing() -> None:
-    """Both ways, until the host has found the speed."""
     host = Host(baud=57600)
     host.send(SetFields(RAM, ((RATE, 0),)))
     assert all(isinstance(event, Discarded) for event in host.listen(1.0))
@@ -158,7 +156,6 @@ def test_a_factory_new_imu380_sends_at_38400_baud() -> None:
 
 
 def test_divider_zero_makes_it_quiet() -> None:
-    """The packet already begun still comes; then nothing, until there is another divider."""
     host = quiet_host()
     assert host.listen(1.0) == []
     assert host.wire.next_event() is None
@@ -171,7 +168,6 @@ def test_divider_zero_makes_it_quiet() -> None:
 
 @pytest.mark.parametrize("ping", [encode(Ping()), b"UUPK"])
 def test_a_ping_is_answered_amid_the_stream(ping: bytes) -> None:
-    """Whole or bare; no packet is lost for it, and the next ones are in time."""
     host = Host()
     before = host.listen(0.5)
     host.send(ping)
@@ -215,7 +211,6 @@ def test_requests_are_answered_as_documented(request_: Request | bytes, answers:
 
 
 def test_a_measurement_is_polled() -> None:
-    """Of either type, in any type's stream, and it begins the readings."""
     source = Ramp()
     host = Host(source)
     host.quiet()
@@ -234,7 +229,6 @@ def test_readings_begin_when_a_host_asks_for_data() -> None:
 
 
 def test_a_quiet_unit_that_is_told_a_type_is_not_asked_for_data() -> None:
-    """Its readings, and what happens on its line, begin with the stream, or with a packet that is asked for."""
     host = quiet_host()
     assert host.ask(SetFields(RAM, ((TYPE, S0),))) == [FieldsSet(RAM, (TYPE,))]
     assert not host.unit.data_asked_for
@@ -245,7 +239,6 @@ def test_a_quiet_unit_that_is_told_a_type_is_not_asked_for_data() -> None:
 
 @pytest.mark.parametrize("cut", [encode(Echo(b"A" * 250))[:10], b"U"], ids=["an echo", "a byte"])
 def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: bytes) -> None:
-    """However much follows it; what follows whole is answered then at last."""
     host = quiet_host()
     host.send(cut)
     answered = []
@@ -257,7 +250,6 @@ def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: b
 
 
 def test_slow_replies_come_between_packets() -> None:
-    """Each so much later; the stream does not wait for them."""
     host = Host(options=UnitOptions(reply_delay_s=0.7))
     host.send(Ping(), GetPacket(b"VR"))
     assert len(packets_of(host.listen(0.69))) in (68, 69)
@@ -266,7 +258,6 @@ def test_slow_replies_come_between_packets() -> None:
 
 
 def test_it_is_silent_when_there_are_no_more_readings() -> None:
-    """And still answers."""
     host = Host(Ramp(50))
     host.send(SetFields(RAM, ((RATE, 1),)))
     assert len(packets_of(host.listen(2.0))) in (50, 51)
@@ -274,7 +265,6 @@ def test_it_is_silent_when_there_are_no_more_readings() -> None:
 
 
 def test_what_is_written_takes_effect_at_the_next_power_up() -> None:
-    """What is set acts at once and is gone then; a restart is answered first."""
     host = quiet_host()
     assert host.ask(SetFields(EEPROM, ((RATE, 2),)), SetFields(RAM, ((5, 7),))) == [
         FieldsSet(EEPROM, (RATE,)),
@@ -290,7 +280,6 @@ def test_what_is_written_takes_effect_at_the_next_power_up() -> None:
 
 
 def test_a_rate_that_does_not_fit_the_line_is_refused() -> None:
-    """By rate, by speed and by type, alone and together."""
     host = quiet_host(UnitOptions(baud_codes=(2, 3, 5), fields=IMU380ZA_200))
     host.baud = 38400
     host.quiet()
@@ -314,7 +303,6 @@ def test_a_new_speed_holds_from_the_reply_on_or_from_behind_it(at_once: bool) ->
 
 
 def test_an_orientation_turns_the_packets() -> None:
-    """-Uy -Ux -Uz: from the axes that it had, of rates and specific forces alike."""
     host = quiet_host()
     (before,) = packets_of(host.ask(GetPacket(b"S1")))
     host.ask(SetFields(RAM, ((ORIENTATION, 0x006B),)))
@@ -352,7 +340,6 @@ def test_the_beginning_of_a_frame_is_forgotten() -> None:
     ],
 )
 def test_the_line_has_the_faults_that_it_has_for_other_units(fault: LineFault, lost: int) -> None:
-    """Each costs as many packets as it says, and no more."""
     host = Host(None, fault)
     host.send(SetFields(RAM, ((RATE, 1),)))
     got = len(packets_of(host.listen(2.0)))
@@ -360,7 +347,6 @@ def test_the_line_has_the_faults_that_it_has_for_other_units(fault: LineFault, l
 
 
 def test_it_falls_into_another_type_and_another_unit_takes_its_place() -> None:
-    """The faults of a unit itself."""
     host = Host(None, LineFault(0.2, "mode_change"), LineFault(0.6, "hang_up", seconds=0.2, serial_number=7))
     host.send(SetFields(RAM, ((RATE, 2),)))
     assert isinstance(host.listen(0.5)[-1], PacketS0)
@@ -384,7 +370,6 @@ def playing(raw: bytes) -> Host:
 
 @pytest.mark.parametrize("noise", [b"", b"noise\x55"])
 def test_a_stream_is_played_byte_for_byte(noise: bytes) -> None:
-    """At its own rate and no other, from its beginning, and then no more; whatever is asked meanwhile."""
     raw = stream_of(30, noise)
     host = playing(raw)
     assert host.listen(1.0) == []
@@ -448,7 +433,6 @@ def test_a_driver_of_the_imu440_finds_the_unit_and_stays_in_step() -> None:
 
 
 def test_a_cut_anywhere_in_a_request_changes_nothing() -> None:
-    """Byte by byte: the same answers."""
     data = b"".join(encode(each) for each in (Ping(), GetPacket(b"VR"), GetFields(RAM, (1, 99)), Echo(b"\x55\x55")))
     whole, slow = quiet_host(), quiet_host()
     for byte in data:
