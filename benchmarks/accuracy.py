@@ -8,7 +8,6 @@ the step as the filters do (0.2 rad of turn, 1 s); "one piece" does not. The yar
 filter adds in one step by Table 1: an error well below it does no harm.
 """
 
-import argparse
 import os
 from collections.abc import Callable
 
@@ -138,8 +137,7 @@ SIDES: dict[str, Callable[[np.ndarray, float], State]] = {
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.parse_args()
+    bench.options(__doc__)
     print(bench.describe("numpy", "scipy", "numba"))
     print("\nAttitude error deg / velocity error m/s of one step\n")
     print(f"| case | Hz | {' | '.join(SIDES)} | noise of a step |")

@@ -18,7 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from types import GenericAlias
+from typing import Any, TypeVar, get_args
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"  # measured recordings, which not every machine has
@@ -32,8 +33,8 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 def options(doc: str | None, *parts: str, **defaults: Any) -> argparse.Namespace:
     """The command line of a script whose docstring is its help: options by name, and what holds without them.
 
-    A type instead of a value: none by default. False: a switch. A list: several. A mapping: several of its names, all
-    by default. Of `parts` one is chosen, as `part`.
+    A type instead of a value: none by default, of `list[…]` several. False: a switch. A mapping: several of its names,
+    all by default. Of `parts` one is chosen, as `part`.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if parts:
@@ -44,8 +45,9 @@ def options(doc: str | None, *parts: str, **defaults: Any) -> argparse.Namespace
             parser.add_argument(flag, action="store_true")
         elif isinstance(default, Mapping):
             parser.add_argument(flag, nargs="+", choices=list(default), default=list(default))
-        elif isinstance(default, list):
-            parser.add_argument(flag, nargs="+", type=type(default[0]), default=default)
+        elif isinstance(default, list | GenericAlias):
+            of = get_args(default)[0] if isinstance(default, GenericAlias) else type(default[0])
+            parser.add_argument(flag, nargs="+", type=of, default=default if isinstance(default, list) else None)
         elif isinstance(default, type):
             parser.add_argument(flag, type=default)
         else:

@@ -16,16 +16,14 @@ memory of workers over a longer run. From these figures and nothing else the las
 logs of an hour. Wall times want a quiet machine; ratios of CPU time do with less. Values are simulated.
 """
 
-import argparse
 import json
 import os
 import statistics
 import subprocess
 import sys
-import tempfile
-import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,9 +39,7 @@ SECONDS, RATE = 60, 133
 DISTINCT = 6
 FEW = 2
 MILLION, HOUR_S, CORES = 1_000_000, 3600, (64, 512, 4096)
-LEAST = 2.0
-"""A row of a log of a minute may cost so many times its filter time."""
-TICK = os.sysconf("SC_CLK_TCK")
+LEAST = 2.0  # times its filter time is what a row of a log of a minute may cost
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -82,39 +78,18 @@ def bare(log: Path) -> tuple[float, float]:
     return statistics.median(filters), statistics.median(replays)
 
 
-def bare_in_process(log: Path) -> tuple[float, float]:
-    """The same in a process of its own."""
-    words = [sys.executable, __file__, "--bare", str(log)]
-    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
-    return float(told[0]), float(told[1])
-
-
 def cpu_of(pids: list[int]) -> float:
     """CPU seconds that running processes have used, with those of their children that have ended."""
-    total = 0
-    for pid in pids:
-        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        total += sum(int(field) for field in fields[11:15])
-    return total / TICK
+    return sum(bench.processor_s(pid, ended_children=True) for pid in pids)
 
 
 def campaign(logs: Path, results: Path, options: list[str], others: list[int]) -> Cost:
     """Run one campaign as a process; `others` are processes that work for it and go on."""
-    words = [sys.executable, "-m", "imutui", "campaign", str(logs), "-o", str(results), "--json", *options]
     before = cpu_of(others)
-    started = time.perf_counter()
-    child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert child.stdout is not None
-    printed = child.stdout.read()
-    _, status, usage = os.wait4(child.pid, 0)
-    wall_s = time.perf_counter() - started
-    if os.waitstatus_to_exitcode(status) not in (0, 1):
-        assert child.stderr is not None
-        raise SystemExit(f"{' '.join(words)} failed: {child.stderr.read().decode()}")
-    own = usage.ru_utime + usage.ru_stime  # with its workers, which it has waited for
-    told = json.loads(printed)
+    took = bench.cost([*bench.IMUTUI, "campaign", str(logs), "-o", str(results), "--json", *options], logs.parent)
+    told = json.loads(took.printed)
     size = (results / "results.json").stat().st_size / max(1, told["logs"])
-    return Cost(told["per_minute"] or 0.0, wall_s, own + cpu_of(others) - before, own, size)
+    return Cost(told["per_minute"] or 0.0, took.wall_s, took.cpu_s + cpu_of(others) - before, took.cpu_s, size)
 
 
 @contextmanager
@@ -128,7 +103,7 @@ def cluster(workers: int, folder: Path) -> Iterator[tuple[str, list[int]]]:
         started = [subprocess.Popen(line, **quiet)]  # type: ignore[call-overload]
         stack.callback(started[0].wait)
         stack.callback(started[0].kill)
-        while not place.exists():
+        while not place.exists() or not place.read_text().endswith("}"):
             time.sleep(0.05)
         address = json.loads(place.read_text())["address"]
         line = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
@@ -152,25 +127,19 @@ def by_way(way: str, workers: int, logs: Path, folder: Path) -> tuple[Cost, floa
             before = cpu_of(pids[:1])
             cost = campaign(logs, results, ["--cluster", address], pids)
             return cost, cpu_of(pids[:1]) - before
-    costs: list[Cost | None] = [None] * workers
 
-    def shard(k: int) -> None:
-        costs[k] = campaign(logs, folder / f"part{k}", ["--shard", f"{k + 1}/{workers}", "--workers", "1"], [])
+    def shard(k: int) -> Cost:
+        return campaign(logs, folder / f"part{k}", ["--shard", f"{k + 1}/{workers}", "--workers", "1"], [])
 
-    threads = [threading.Thread(target=shard, args=(k,)) for k in range(workers)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    done = [cost for cost in costs if cost is not None]
-    whole = Cost(
+    with ThreadPoolExecutor(workers) as pool:
+        done = list(pool.map(shard, range(workers)))
+    return Cost(
         sum(cost.per_minute for cost in done),
         max(cost.wall_s for cost in done),
         sum(cost.cpu_s for cost in done),
         0.0,
         done[0].row_bytes,
-    )
-    return whole, 0.0
+    ), 0.0
 
 
 def memory(logs: Path, folder: Path) -> list[tuple[float, float]]:
@@ -183,20 +152,11 @@ def memory(logs: Path, folder: Path) -> list[tuple[float, float]]:
     while child.poll() is None:
         journal = results / "rows.jsonl"
         done = journal.read_bytes().count(b'{"log":') if journal.exists() else 0
-        held = [rss for pid in children(child.pid) if (rss := resident(pid))]
+        held = [rss for pid in bench.children(child.pid) if (rss := resident(pid))]
         if done and held:
             seen.append((done / count, max(held)))
         time.sleep(0.1)
     return seen
-
-
-def children(parent: int) -> list[int]:
-    """Processes that a process has started."""
-    listed = Path(f"/proc/{parent}/task/{parent}/children")
-    try:
-        return [int(word) for word in listed.read_text().split()]
-    except OSError:
-        return []
 
 
 def resident(pid: int) -> float:
@@ -225,7 +185,7 @@ def measure(count: int, rounds: int, long: int, place: Path) -> None:
     make(logs, count)
     make(few, FEW)
     log = logs / "00000.mcap"
-    filters, replays = map(list, zip(*[bare_in_process(log)], strict=True))
+    filters, replays = map(list, zip(*[bench.apart(bare, log)], strict=True))
     rows: dict[tuple[str, int], list[tuple[float, float, float]]] = {}
     scheduler_s: list[float] = []
     client_s: list[float] = []
@@ -249,7 +209,7 @@ def measure(count: int, rounds: int, long: int, place: Path) -> None:
                 if way == "dask":
                     scheduler_s.append((scheduler - short_scheduler) / made)
                     client_s.append((cost.driver_s - short.driver_s) / made)
-        again = bare_in_process(log)
+        again = bench.apart(bare, log)
         filters.append(again[0])
         replays.append(again[1])
     filter_s = statistics.median(filters)
@@ -313,19 +273,11 @@ def estimate(filter_s: float, cost_s: float, hand_s: float, log_bytes: int, row_
 
 def main() -> None:
     """Make logs, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--logs", type=int, default=120)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--long", type=int, default=600)
-    parser.add_argument("--bare", type=Path, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.bare:
-        print(*bare(options.bare))
-        return
+    asked = bench.options(__doc__, logs=120, rounds=3, long=600)
     print(bench.describe("numpy", "numba", "distributed"))
-    print(f"\n{options.logs} logs of {SECONDS} s at {RATE} Hz, simulated; median (min..max) of {options.rounds} rounds")
-    with tempfile.TemporaryDirectory() as folder:
-        measure(options.logs, options.rounds, options.long, Path(folder))
+    print(f"\n{asked.logs} logs of {SECONDS} s at {RATE} Hz, simulated; median (min..max) of {asked.rounds} rounds")
+    with bench.folder_for() as folder:
+        measure(asked.logs, asked.rounds, asked.long, folder)
 
 
 if __name__ == "__main__":

@@ -200,18 +200,17 @@ def long(folder: Path, hours: list[float], names: list[str], repeat: int, also: 
 
 def main() -> None:
     """Measure what is asked for."""
-    defaults = {"repeat": 7, "also": str, "only": [""], "hours": [1.0, 6.0, 24.0], "keep": Path}
+    defaults = {"repeat": 7, "also": str, "only": list[str], "hours": [1.0, 6.0, 24.0], "keep": Path}
     asked = bench.options(__doc__, "sample", "parts", "long", **defaults)
-    only = [word for word in asked.only if word]
     print(bench.describe("numpy", "numba", "typer"), flush=True)
     with bench.folder_for(asked.keep) as folder:
         match asked.part:
             case "sample":
-                sample(folder, asked.repeat, asked.also, only or list(COMMANDS))
+                sample(folder, asked.repeat, asked.also, asked.only or list(COMMANDS))
             case "parts":
                 parts(folder, asked.repeat)
             case "long":
-                long(folder, asked.hours, only or list(LONG), asked.repeat, asked.also)
+                long(folder, asked.hours, asked.only or list(LONG), asked.repeat, asked.also)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,11 @@ sampled) and the line's (`--tap`: the bytes that reached the host's queue). Coun
 * stamps: departure from when each packet was sampled, one constant removed.
 """
 
-import argparse
 import csv
 import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -28,8 +26,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import bench
 import numpy as np
-from bench import describe
 from mcap.reader import make_reader
 
 from filters.simulation import FAULT_KINDS
@@ -75,15 +73,9 @@ def virtual(folder: Path, text: str) -> Iterator[Path]:
     """A link to a unit of this scenario; truth goes to `tap` and `sent.csv`."""
     (folder / "faults.toml").write_text(text)
     link = folder / "imu"
-    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin", "--link", str(link)]
-    command += [
-        "--scenario",
-        str(folder / "faults.toml"),
-        "--tap",
-        str(folder / "tap"),
-        "--sent",
-        str(folder / "sent.csv"),
-    ]
+    files = {"scenario": "faults.toml", "tap": "tap", "sent": "sent.csv"}
+    command = [*bench.IMUTUI, "virtual", "--while-stdin", "--link", str(link)]
+    command += [word for name, file in files.items() for word in (f"--{name}", str(folder / file))]
     with (folder / "virtual.log").open("w") as log:
         unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True)
         assert unit.stdin is not None
@@ -186,9 +178,9 @@ def report(folder: Path, log: Path, faults: Counter[str], seconds: float) -> Non
         "lost_packets": f"{held.lost_packets} counted as certain, {missing.size} true",
         "stamps, ms": "median {:.3f}, p99 {:.3f}, max {:.2f}".format(*np.percentile(late_ms, [50.0, 99.0, 100.0])),
     }
-    print("\n| | |\n|---|---|")
+    bench.head("", "")
     for what, said in rows.items():
-        print(f"| {what} | {said} |")
+        bench.row(what, said)
 
 
 def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> tuple[Path, float]:
@@ -201,7 +193,7 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
         recording = client.snapshot(2**62)["recording"]
         assert recording is not None
         log = Path(recording["path"])
-        stat, since = Path(f"/proc/{client.pid}/stat"), time.monotonic()
+        since = time.monotonic()
         share = 0.0
         try:
             while True:
@@ -209,9 +201,7 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
                     client.wait(5.0)
                     break
                 except TimeoutError:
-                    fields = stat.read_text().rpartition(")")[2].split()
-                    taken = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-                    share = taken / (time.monotonic() - since)
+                    share = bench.processor_s(client.pid) / (time.monotonic() - since)
                     print(f"\r{time.monotonic() - since:.0f} of {seconds:.0f} s", end="", file=sys.stderr, flush=True)
         except SessionError as error:
             print(f"\nended: {error}", file=sys.stderr)
@@ -221,20 +211,11 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
 
 def main() -> None:
     """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--every", type=float, default=6.0, help="s between faults, at least")
-    parser.add_argument("--rate", type=float, default=133.0)
-    parser.add_argument("--filter", default="none")
-    parser.add_argument("--keep", type=Path, help="folder for scenario, truth and log; else a temporary one")
-    options = parser.parse_args()
-    print(describe("mcap", "numpy", "pyserial"), flush=True)
+    options = bench.options(__doc__, minutes=60.0, seed=1, every=6.0, rate=133.0, filter="none", keep=Path)
+    print(bench.describe("mcap", "numpy", "pyserial"), flush=True)
     seconds = 60.0 * options.minutes
     text, faults = scenario(options.seed, seconds, options.every)
-    with tempfile.TemporaryDirectory() as name:
-        folder = options.keep or Path(name)
-        folder.mkdir(exist_ok=True)
+    with bench.folder_for(options.keep) as folder:
         log, share = record(folder, text, seconds, options.rate, options.filter)
         print(f"seed {options.seed}, {options.minutes:g} min, acquisition {100.0 * share:.1f} % of a processor")
         report(folder, log, faults, seconds)

@@ -9,7 +9,6 @@ Ours is the product's step as `imutui replay` runs it (attitude in closed form, 
 monitor), and the same kernel on the peers' own Euler equations. CPU time; only the ratios say something.
 """
 
-import argparse
 import os
 import statistics
 import time
@@ -206,10 +205,7 @@ def measure(p: Problem, repeat: int) -> None:
 
 def main() -> None:
     """Check that the sides agree, then time them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="length of the samples (default 60)")
-    parser.add_argument("--repeat", type=int, default=5, help="rounds (default 5)")
-    options = parser.parse_args()
+    options = bench.options(__doc__, seconds=60.0, repeat=5)
     print(bench.describe("numpy", "scipy", "numba", "llvmlite", "filterpy", "turbo-ckf"))
     runner.warm_up()
     p = problem(options.seconds)

@@ -10,11 +10,11 @@ end, seconds that a channel takes.
     python benchmarks/fleet.py [--fleets 200] [--seed 1] [--json]
 """
 
-import argparse
 import json
 import time
 from dataclasses import asdict, dataclass, field
 
+import bench
 import numpy as np
 
 from filters.fleet import components, control_chart, drift, readings
@@ -161,11 +161,7 @@ def seconds(units: int, power_ons: int) -> float:
 
 def main() -> None:
     """Simulate, judge, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fleets", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    asked = bench.options(__doc__, fleets=200, seed=1, json=False)
     rows = []
     for kind in KINDS:
         rng, tally = np.random.default_rng(asked.seed), Tally()

@@ -1,6 +1,6 @@
 """Readers and validators of logs by others, over files that came about in every way: what each of them finds.
 
-    python benchmarks/foreign_readers.py [LOG ...]
+    python benchmarks/foreign_readers.py [--logs LOG ...]
 
 Without arguments files are made on a virtual unit: finished, rotated, reconnected, recovered after kill -9. Nothing is
 installed: of rosbags, mcap, @mcap/core (node, and NPM_READERS naming a folder where `npm install` was run on
@@ -8,18 +8,11 @@ tests/foreign/package.json), `pymcap-cli doctor` and `rerun mcap check` those th
 said. With logs as arguments those are looked at.
 """
 
-import argparse
 import os
-import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from bench import describe
-
-# what is shared with the tests
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
+import bench
 from helpers import readers
 from reliability import endings, lines
 from reliability.setting import acquiring
@@ -55,7 +48,7 @@ def recovered(folder: Path) -> list[Path]:
 MADE: tuple[Callable[[Path], list[Path]], ...] = (finished, rotated, reconnected, recovered)
 
 
-def row(kind: str, path: Path) -> str:
+def cells(kind: str, path: Path) -> list[str]:
     """What all of them say of one file."""
     counts = {name: read(path) for name, read in readers.READERS.items()}
     said = [f"{sum(found.values())} messages" if found is not None else "–" for found in counts.values()]
@@ -64,28 +57,24 @@ def row(kind: str, path: Path) -> str:
     for validate in readers.VALIDATORS.values():
         verdict = validate(path)
         said.append("–" if verdict is None else f"{verdict.errors} errors, {verdict.warnings} warnings")
-    return f"| {kind} | {' | '.join(said)} |"
+    return [kind, *said]
 
 
 def main() -> None:
     """Make the files, have them read, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="*", type=Path)
-    options = parser.parse_args()
-    print(describe("mcap", "rosbags"))
-    columns = ["file", *readers.READERS, "all alike", *readers.VALIDATORS]
-    print(f"\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}", flush=True)
-    for log in options.logs:
-        print(row(log.name, log), flush=True)
-    if options.logs:
+    asked = bench.options(__doc__, logs=list[Path])
+    print(bench.describe("mcap", "rosbags"))
+    bench.head("file", *readers.READERS, "all alike", *readers.VALIDATORS)
+    for log in asked.logs or ():
+        bench.row(*cells(log.name, log))
+    if asked.logs:
         return
     for make in MADE:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
+        with bench.folder_for() as folder:
             (folder / "run").mkdir(mode=0o700)
             os.environ |= {"XDG_RUNTIME_DIR": str(folder / "run"), "XDG_CONFIG_HOME": str(folder / "config")}
             for path in make(folder):
-                print(row(make.__name__, path), flush=True)
+                bench.row(*cells(make.__name__, path))
     print("\n– : not there. `pip install pymcap-cli rerun-sdk`; node with the packages of tests/foreign/package.json.")
 
 

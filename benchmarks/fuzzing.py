@@ -8,7 +8,6 @@ failure its seed and its error are printed, and `--keep` writes the input, to be
 Exit code 1 if there was one.
 """
 
-import argparse
 import itertools
 import multiprocessing
 import re
@@ -20,25 +19,17 @@ from collections import Counter
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from filters.kalman import runner
-
-# targets and mutators are the tests'
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
+import bench
 from helpers import fuzzing
 
-MEMORY_MB = 2048
-"""Address space that a target has beyond what it begins with."""
+from filters.kalman import runner
+
+MEMORY_MB = 2048  # address space that a target has beyond what it begins with
 
 
 def main() -> int:
     """Run the campaign; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--only", nargs="+", choices=list(fuzzing.TARGETS), default=list(fuzzing.TARGETS))
-    parser.add_argument("--first", type=int, default=time.time_ns() // 1_000_000_000 * 1_000_000)
-    parser.add_argument("--keep", type=Path)
-    asked = parser.parse_args()
+    asked = bench.options(__doc__, minutes=10.0, only=fuzzing.TARGETS, first=int(time.time()) * 1_000_000, keep=Path)
     runner.warm_up()
     print(f"seeds from {asked.first} on, {asked.minutes:g} min over {len(asked.only)} targets")
     failed = 0

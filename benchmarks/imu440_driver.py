@@ -9,21 +9,15 @@ waits in the port for the answers to its five pings, 1000 bytes each, and a virt
 read: so the unit begins to stream when the driver has been compiled.
 """
 
-import argparse
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from bench import describe
-
-from filters.imu import STANDARD_GRAVITY
-
-# what is shared with the tests
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
+import bench
 from helpers.units import Still, served
 
+from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 
@@ -72,12 +66,8 @@ def compiled(xbow440: Path, serial: Path, folder: Path) -> Path:
 
 def main() -> int:
     """Run it; 0 if it found the unit and read what there is."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--xbow440", type=Path, required=True)
-    parser.add_argument("--serial", type=Path, required=True)
-    parser.add_argument("--seconds", type=int, default=5)
-    asked = parser.parse_args()
-    print(describe("numpy"))
+    asked = bench.options(__doc__, xbow440=Path, serial=Path, seconds=5)
+    print(bench.describe("numpy"))
     options = UnitOptions()
     unit = VirtualUnit(Still(), options)
     with tempfile.TemporaryDirectory() as folder:

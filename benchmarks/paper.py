@@ -14,7 +14,6 @@ monitor, which needs ten seconds of proof and counts them.
 One recording says little of convergence, which is a matter of chance; so many more units are simulated without a wire.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -238,12 +237,7 @@ def _three(values: list[float | None] | None) -> str:
 
 def main() -> None:
     """Record, replay, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=100.0, help="s of each recording (default 100)")
-    parser.add_argument("--units", type=int, default=20, help="units simulated without a wire (default 20)")
-    parser.add_argument("--noise", choices=("table1", "log"), default="table1", help="process noise of the replay")
-    parser.add_argument("--keep", type=Path, help="folder for the logs; those that it has are not made again")
-    options = parser.parse_args()
+    options = bench.options(__doc__, duration=100.0, units=20, noise="table1", keep=Path)
     print(bench.describe("numpy", "numba"))
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.keep or Path(temporary)

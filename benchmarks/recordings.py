@@ -9,7 +9,6 @@ which is "before", and a plain cubic in temperature, fitted by least squares to 
 all of it as rows of Markdown.
 """
 
-import argparse
 import itertools
 import json
 import shlex
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import bench
 import numpy as np
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -236,10 +236,7 @@ def told(row: Row, document: dict[str, Any], folder: Path) -> list[str]:
 
 def main() -> None:
     """Make the rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="*", default=[], help="rows whose name has one of these words")
-    parser.add_argument("--keep", type=Path, help="where logs and documents stay")
-    chosen = parser.parse_args()
+    chosen = bench.options(__doc__, only=list[str], keep=Path)
     if not DATA.is_dir():
         raise SystemExit("the measured recordings are not beside the repository: ../shared/data is absent")
     table = ["| recording | held out | gx | gy | gz | ax | ay | az |", "|---|---|---|---|---|---|---|---|"]

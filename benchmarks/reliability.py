@@ -8,7 +8,6 @@ of the machine that it runs on, and of what else runs there. Long ones have scri
 `acquisition.py jitter`, `fault_hour.py`, `foreign_readers.py`.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -19,12 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import bench
 import numpy as np
-from bench import describe
-
-# what happens, and how it is measured, is shared with the tests
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
 from helpers.paths import SAMPLE
 from reliability import clocks, endings, files, lines, ports, screens
 from reliability.setting import acquiring
@@ -262,18 +257,15 @@ def own_folder() -> Iterator[Path]:
 
 def main() -> None:
     """Measure all, a line each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", nargs="+", type=int, help="only these")
-    parser.add_argument("--quick", action="store_true", help="once, and shortly")
-    options = parser.parse_args()
-    print(describe("mcap", "rosbags", "textual", "pyserial"), flush=True)
-    print("\n| # | what happens | asked | measured |\n|---|---|---|---|", flush=True)
+    asked = bench.options(__doc__, rows=list[int], quick=False)
+    print(bench.describe("mcap", "rosbags", "textual", "pyserial"), flush=True)
+    bench.head("#", "what happens", "asked", "measured")
     for row in ROWS:
-        if options.rows is None or row.number in options.rows:
+        if asked.rows is None or row.number in asked.rows:
             began = time.monotonic()
             with own_folder() as folder:
-                said = row.measure(folder, options.quick)
-            print(f"| {row.number} | {row.what} | {row.bar} | {said} |", flush=True)
+                said = row.measure(folder, asked.quick)
+            bench.row(row.number, row.what, row.bar, said)
             print(f"row {row.number}: {time.monotonic() - began:.0f} s", file=sys.stderr)
 
 

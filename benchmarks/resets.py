@@ -6,20 +6,13 @@ Each acquisition's unit is reset once, at a moment drawn from the seed. "Quiet" 
 power-up on; the other one streams by itself, and is known by its counter.
 """
 
-import argparse
-import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
+import bench
 import numpy as np
-from bench import describe
-
-# what is shared with the tests
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
 from helpers.units import Still, served
 
 from imutui.instrument.faults import FaultyLine, LineFault
@@ -78,23 +71,19 @@ def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, floa
 
 def main() -> None:
     """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--times", type=int, default=48)
-    parser.add_argument("--seed", type=int, default=5)
-    options = parser.parse_args()
-    print(describe("numpy", "pyserial"), flush=True)
-    print("\n| unit, Hz | resets | asked, s: median, max | within 1 s | not known | sends again, s: median, max |")
-    print("|---|---|---|---|---|---|")
+    options = bench.options(__doc__, times=48, seed=5)
+    print(bench.describe("numpy", "pyserial"), flush=True)
+    columns = ("asked, s: median, max", "within 1 s", "not known", "sends again, s: median, max")
+    bench.head("unit, Hz", "resets", *columns)
     for kind, rate_hz in CASES:
         at_s = 2.0 + np.random.default_rng(options.seed).uniform(0.0, 1.0, options.times)
         with ThreadPoolExecutor(4) as pool:
             found = np.array(list(pool.map(lambda k: once(kind, rate_hz, at_s[k], k), range(options.times))))  # noqa: B023
         known = found[~np.isnan(found).any(axis=1)]
         (asked, back), (last, latest) = np.median(known, axis=0), known.max(axis=0)
-        print(
-            f"| {kind}, {rate_hz:g} | {options.times} | {asked:.2f}, {last:.2f} | {np.sum(known[:, 0] <= 1.0)} |"
-            f" {options.times - len(known)} | {back:.2f}, {latest:.2f} |",
-            flush=True,
+        counts = np.sum(known[:, 0] <= 1.0), options.times - len(known)
+        bench.row(
+            f"{kind}, {rate_hz:g}", options.times, f"{asked:.2f}, {last:.2f}", *counts, f"{back:.2f}, {latest:.2f}"
         )
 
 

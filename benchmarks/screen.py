@@ -1,30 +1,34 @@
 """What the live screen costs: processor and bytes a frame, against textual-plotext drawing the same data, in one run.
 
-    python benchmarks/screen.py [--seconds 8] [--sizes 80x24 120x40 200x60] [--no-ssh] [--json FILE]
+    python benchmarks/screen.py [--seconds 8] [--sizes 80x24 120x40 200x60] [--kinds plot screen] [--plots scroll ...]
 
 Two panels of three series of 665 points, a moving window of data at 133 Hz, ten frames a second, in a real terminal
 with synchronised updates. "plot" is the plot area alone, "screen" the whole live page on a running acquisition (the
 virtual instrument's): for the peer the same page with plotext's widgets in place of ours. The peer draws with its
 braille marker, its fastest that is as fine as ours, and with "hd", its finest. Processor time is that of the
-process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C; "ssh -C" what a real
-sshd and ssh moved over the loopback interface, if they are installed.
+process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C.
+
+"ssh -C": `imutui attach` under a real sshd and a real ssh -C -tt, if they are installed. Counted are the bytes that
+come back to the client on its TCP connection, by a relay between both: compression, encryption and SSH's own packets
+included; those of the first seconds, in which the whole screen is painted, apart.
 """
 
-import argparse
 import json
 import os
-import statistics
 import sys
 import tempfile
 import time
 import zlib
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench import describe, told
-from ssh_link import Link, missing
-from terminals import in_terminal
+import bench
+import numpy as np
+from helpers.loopback import CountingProxy, SshServer, Terminal, missing
+from terminals import ENVIRONMENT, in_terminal
 
+from filters.kalman import runner
 from imutui.session import client as session
 from imutui.session.plan import Plan
 
@@ -92,17 +96,24 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
     return costs
 
 
-def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | None:
-    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd."""
-    if missing():
-        return None
-    with Link() as link:
-        result = link.folder / "result.json"
-        in_terminal(link.command([sys.executable, CHILD, "screen", mode, str(seconds), str(result), NAME]), size)
-        if not result.exists():
-            return None
-        found = json.loads(result.read_text())
-        return link.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
+def through_ssh(command: list[str], plot: str, size: tuple[int, int], seconds: float) -> str:
+    """Run a program under ssh -C for some seconds; what came back."""
+    environ = ENVIRONMENT | {"IMUTUI_SCREEN_PLOT": plot, "IMUTUI_SCREEN_FPS": "10"}
+    with bench.folder_for() as folder, ExitStack() as ends:
+        server = SshServer(folder)
+        ends.callback(server.close)
+        relay = CountingProxy(server.port)
+        ends.callback(relay.close)
+        begun = time.time()
+        terminal = Terminal(server.client(relay.port, ("-C",)), command, folder, environ, size)
+        ends.callback(terminal.close)
+        terminal.wait_for("deg/s")
+        time.sleep(3.0)
+        warm = time.time()
+        time.sleep(seconds)
+        end = time.time()
+        first, rate = relay.returned(begun, warm) / 1e3, relay.returned(warm, end) / (end - warm) / 1e3
+    return f"screen {size[0]}x{size[1]} {plot:<7} through ssh -C: {rate:6.2f} kB/s (until then {first:.1f} kB)"
 
 
 def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:
@@ -116,38 +127,31 @@ def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:
 
 def main() -> None:
     """Measure all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--sizes", nargs="+", default=["80x24", "120x40", "200x60"])
-    parser.add_argument("--kinds", nargs="+", default=["plot", "screen"])
-    parser.add_argument("--no-ssh", action="store_true")
-    parser.add_argument("--repeat", type=int, default=5, help="starts of the program")
-    options = parser.parse_args()
-    sizes = [(int(w), int(h)) for w, h in (size.split("x") for size in options.sizes)]
-    print(describe("textual", "textual-plotext", "plotext", "numpy"), flush=True)
-    with tempfile.TemporaryDirectory() as logs:
-        print("first paint of `imutui`, nothing running: ", end="", flush=True)
-        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'1 Connect', options.repeat))} s")
-        client = session.start(Plan("virtual", RATE, logs=logs, name=NAME, virtual=("--seed", "1")))
+    sizes = ["80x24", "120x40", "200x60"]
+    kinds, plots = {"plot": 0, "screen": 0}, {"scroll": 0, "sweep": 0, "numbers": 0}
+    asked = bench.options(__doc__, seconds=8.0, sizes=sizes, kinds=kinds, plots=plots, repeat=5)
+    print(bench.describe("textual", "textual-plotext", "plotext", "numpy"), flush=True)
+    runner.warm_up()  # else the first screen waits for a compiler
+    with bench.folder_for() as folder:
+        starts = bench.told(first_paint([*bench.IMUTUI], b"1 Connect", asked.repeat))
+        print(f"first paint of `imutui`, nothing running: {starts} s", flush=True)
+        plan = Plan("virtual", RATE, logs=str(folder), name=NAME, record=True, virtual=("--seed", "1"))
+        client = session.start(plan)
         try:
-            attach = [sys.executable, "-m", "imutui", "attach", "--name", NAME]
-            print(
-                f"first numbers of `imutui attach`: {told(first_paint(attach, b'deg/s', options.repeat))} s", flush=True
-            )
+            attach = [*bench.IMUTUI, "attach", "--name", NAME]
+            starts = bench.told(first_paint(attach, b"deg/s", asked.repeat))
+            print(f"first numbers of `imutui attach`: {starts} s", flush=True)
             ages: list[float] = []
-            for kind in options.kinds:
-                for size in sizes:
-                    costs = compare(kind, size, options.seconds)
+            for kind in asked.kinds:
+                for size in asked.sizes:
+                    columns, rows = map(int, size.split("x"))
+                    costs = compare(kind, (columns, rows), asked.seconds)
                     ages += [age for name in OURS for age in costs[name].ages_ms]
             if ages:
-                ages.sort()
-                middle, late = statistics.median(ages), ages[int(0.99 * (len(ages) - 1))]
+                middle, late = np.percentile(ages, [50.0, 99.0])
                 print(f"newest sample when written: median {middle:.0f} ms, p99 {late:.0f} ms, {len(ages)} frames")
-            if not options.no_ssh:
-                for mode in OURS:
-                    moved = through_ssh(mode, (120, 40), options.seconds)
-                    said = "no sshd here" if moved is None else f"{moved:.2f} kB/s"
-                    print(f"screen 120x40 {mode} through ssh -C: {said}", flush=True)
+            for plot in asked.plots:
+                print(missing() or through_ssh(attach, plot, (120, 40), asked.seconds), flush=True)
         finally:
             client.stop()
 

@@ -7,55 +7,31 @@ flush and a snapshot each second of theirs. Only the thread that reads the port 
 memory, descriptors and files have grown.
 """
 
-import argparse
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-from bench import describe
-
-# what is shared with the tests
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
-from reliability.soak import Taken, soak
+import bench
+from reliability.soak import soak
 
 from imutui.session.plan import Plan
 
 
-def line(taken: Taken) -> str:
-    """A row."""
-    return (
-        f"| {taken.seconds / 3600.0:.2f} | {taken.resident_mb:.1f} | {taken.descriptors} | {taken.objects} |"
-        f" {taken.file_mb:.1f} | {taken.processor_s:.0f} |"
-    )
-
-
 def main() -> None:
-    """Run it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hours", type=float, default=24.0)
-    parser.add_argument("--rate", type=float, default=133.0)
-    parser.add_argument("--filter", default="spkf")
-    parser.add_argument("--rotate-minutes", type=float, default=0.0)
-    parser.add_argument("--folder", type=Path, help="where the files go, and stay; else a temporary one")
-    options = parser.parse_args()
-    print(describe("mcap", "numpy", "numba"), flush=True)
-    with tempfile.TemporaryDirectory() as name:
-        folder = options.folder or Path(name)
-        os.environ["XDG_CACHE_HOME"] = name
-        plan = Plan(
-            "none", options.rate, logs=str(folder), record=True, filter=options.filter,
-            rotate_minutes=options.rotate_minutes,
-        )  # fmt: skip
-        print(
-            "\n| hours | resident, MB | descriptors | objects | files, MB | processor, s |\n|---|---|---|---|---|---|"
-        )
+    """Run it, with a row an hour."""
+    asked = bench.options(__doc__, hours=24.0, rate=133.0, filter="spkf", rotate_minutes=0.0, folder=Path)
+    print(bench.describe("mcap", "numpy", "numba"), flush=True)
+    with bench.folder_for(asked.folder) as folder, tempfile.TemporaryDirectory() as cache:
+        os.environ["XDG_CACHE_HOME"] = cache
+        fields = {"logs": str(folder), "filter": asked.filter, "rotate_minutes": asked.rotate_minutes}
+        plan = Plan("none", asked.rate, record=True, **fields)
+        bench.head("hours", "resident, MB", "descriptors", "objects", "files, MB", "processor, s")
         found = []
         began = time.perf_counter()
-        for taken in soak(folder, plan, options.hours * 3600.0 + 1.0, min(3600.0, options.hours * 900.0)):
-            print(line(taken), flush=True)
+        for taken in soak(folder, plan, asked.hours * 3600.0 + 1.0, min(3600.0, asked.hours * 900.0)):
+            figures = (f"{taken.seconds / 3600.0:.2f}", f"{taken.resident_mb:.1f}", taken.descriptors, taken.objects)
+            bench.row(*figures, f"{taken.file_mb:.1f}", f"{taken.processor_s:.0f}")
             found.append(taken)
         first, last = found[0], found[-1]
         hours = (last.seconds - first.seconds) / 3600.0

@@ -11,7 +11,6 @@ a trace takes seconds. Every warning is an error.
 A case ends with a result, with words about the input (each kind is listed), or it is a defect: then the exit code is 1.
 """
 
-import argparse
 import collections
 import json
 import os
@@ -25,7 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 import bench
 import numpy as np
@@ -203,11 +201,7 @@ def kind_of(words: str) -> str:
 
 def main() -> None:
     """Trace them all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=400, help="number of seeds")
-    parser.add_argument("--seeds", type=int, nargs="*", help="these and no others")
-    chosen = parser.parse_args()
+    chosen = bench.options(__doc__, first=0, count=400, seeds=list[int])
     if not DATA.is_dir():
         sys.exit("the measured recordings are not beside the repository: ../shared/data is absent")
     stamps = stamps_of_all()

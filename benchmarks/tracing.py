@@ -1,6 +1,6 @@
 """How often the tracer is right: blind simulated logs with known truth, counted against what is required.
 
-    python benchmarks/tracing.py [--cases CLASS,...] [--count N] [--seed S] [--json FILE] [--final]
+    python benchmarks/tracing.py [--cases CLASS ...] [--count N] [--seed S] [--json FILE] [--final]
     python benchmarks/tracing.py --replay CLASS:NUMBER [--final]
 
 Every count comes with its 95 % Wilson interval. One line tells of each case that failed; `--replay` shows all that is
@@ -8,7 +8,6 @@ found in one. Cases are numbered from `--seed` on; `--final` takes the set that 
 simulated.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -436,19 +435,12 @@ def shown(name: str, case: Case, document: dict[str, Any], seconds: float) -> No
 
 def main() -> None:
     """Count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", default=",".join(cases.CLASSES), help="classes, comma between")
-    parser.add_argument("--count", type=int, help="cases of each class")
-    parser.add_argument("--seed", type=int, default=0, help="number of the first case")
-    parser.add_argument("--json", type=Path, help="where all outcomes go")
-    parser.add_argument("--final", action="store_true", help="the set for the last count")
-    parser.add_argument("--replay", metavar="CLASS:NUMBER", help="show one case")
-    arguments = parser.parse_args()
+    arguments = bench.options(__doc__, cases=cases.CLASSES, count=int, seed=0, json=Path, final=False, replay=str)
     if arguments.replay:
         shown(arguments.replay, *run(arguments.replay, arguments.final))
         return
     outcomes: dict[str, list[Outcome]] = {}
-    for kind in arguments.cases.split(","):
+    for kind in arguments.cases:
         count = arguments.count or cases.CLASSES[kind][1]
         for number in range(arguments.seed, arguments.seed + count):
             name = f"{kind}:{number}"

@@ -7,11 +7,8 @@
 One core, one process for each measurement, so that the peak of its memory is its own. Simulated readings.
 """
 
-import argparse
 import os
 import resource
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -29,8 +26,7 @@ from imutui.jobs.trace import trace as trace_logs
 
 RATE = 133.0
 REQUIRED_S = 10.0
-REQUIRED_MB = 1500.0
-"""Of a still log of 24 h, the log itself included."""
+REQUIRED_MB = 1500.0  # of a still log of 24 h, the log itself included
 _MEGA = 1e6
 
 
@@ -57,54 +53,35 @@ def still(hours: float) -> tuple[Run, ...]:
     return (Run("still", t, reading, T, zero, zero, AxisMap(), cases.forms.SITE, None, cases.COUNT),)
 
 
-def measure(what: str) -> None:
-    """Trace and print CPU time (s), readings, memory before and at the peak (MB)."""
+def measure(what: str) -> tuple[float, int, float, float]:
+    """CPU time of a trace (s), readings, memory before and at the peak (MB), of this process."""
     warm = cases.case("free", 0)
     trace(warm.runs, warm.heldout)  # compiles
-    if what.endswith(".mcap"):
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-        start = time.process_time()
-        (entry,) = trace_logs([Path(what)], TraceOptions()).document["runs"]
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-        print(time.process_time() - start, entry["samples"], before, peak)
-        return
-    runs = campaign() if what == "campaign" else still(float(what))
+    runs = () if what.endswith(".mcap") else campaign() if what == "campaign" else still(float(what))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     start = time.process_time()
-    trace(runs[:-1] or runs, runs[-1] if len(runs) > 1 else None)
-    spent = time.process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    print(spent, sum(run.t.size for run in runs), before, peak)
-
-
-def told(what: str) -> tuple[float, int, float, float]:
-    """`measure` in a process of its own."""
-    out = subprocess.run([sys.executable, __file__, "--measure", what], capture_output=True, text=True, check=True)
-    spent, count, before, peak = out.stdout.split()
-    return float(spent), int(count), float(before), float(peak)
+    if runs:
+        trace(runs[:-1] or runs, runs[-1] if len(runs) > 1 else None)
+        count = sum(run.t.size for run in runs)
+    else:
+        count = trace_logs([Path(what)], TraceOptions()).document["runs"][0]["samples"]
+    return time.process_time() - start, count, before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hours", default="1,4,12,24", help="lengths of still logs, comma between")
-    parser.add_argument("--log", help="a log to trace instead")
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.measure:
-        measure(arguments.measure)
-        return
+    asked = bench.options(__doc__, hours="1,4,12,24", log=str)
     print(bench.describe("numpy", "scipy", "numba"))
-    spent, count, _, peak = told("campaign")
+    spent, count, _, peak = bench.apart(measure, "campaign")
     verdict = "met" if spent <= REQUIRED_S else "MISSED"
     print(f"\nfour runs, {count} readings: {spent:.1f} s CPU (<= {REQUIRED_S:.0f} s: {verdict}), peak {peak:.0f} MB\n")
     print("still log   readings    CPU s   s per million   peak MB   MB per million beyond the log itself")
-    for what in [arguments.log] if arguments.log else arguments.hours.split(","):
-        spent, count, before, peak = told(what)
+    for what in [asked.log] if asked.log else asked.hours.split(","):
+        spent, count, before, peak = bench.apart(measure, what)
         million = count / _MEGA
         verdict = f" (<= {REQUIRED_MB:.0f}: {'met' if peak <= REQUIRED_MB else 'MISSED'})" if what == "24" else ""
         print(
-            f"{what if arguments.log else what + ' h':>8s} {count:12d} {spent:8.1f} {spent / million:15.2f} {peak:9.0f}"
+            f"{what if asked.log else what + ' h':>8s} {count:12d} {spent:8.1f} {spent / million:15.2f} {peak:9.0f}"
             f" {(peak - before) / million:10.0f}{verdict}",
             flush=True,
         )

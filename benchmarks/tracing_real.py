@@ -1,6 +1,6 @@
 """How often the tracer is right on measured noise: effects of known size added to recordings of units at rest.
 
-    python benchmarks/tracing_real.py [--cases CLASS,...] [--count N] [--first N] [--json FILE] [--final]
+    python benchmarks/tracing_real.py [--cases CLASS ...] [--count N] [--first N] [--json FILE] [--final]
     python benchmarks/tracing_real.py --replay CLASS:NUMBER [--final]
 
 The noise is measured (ADIS16405, 2 h 46 min at 100 Hz; MPU-6050, 11 min with host stamps), cut into runs; effects,
@@ -9,7 +9,6 @@ Cases are numbered from `--first` on; `--final` takes seeds, and the half of the
 developed on. Without the recordings (`../shared/data`) it says so and ends.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -222,14 +221,7 @@ def told(outcome: Outcome) -> str:
 
 def main() -> None:
     """Count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", default=",".join(cases.CLASSES), help="classes, comma between")
-    parser.add_argument("--count", type=int, help="cases of each class")
-    parser.add_argument("--first", type=int, default=0, help="number of the first case")
-    parser.add_argument("--json", type=Path, help="where all outcomes go")
-    parser.add_argument("--final", action="store_true", help="the set for the last count")
-    parser.add_argument("--replay", metavar="CLASS:NUMBER", help="show one case")
-    arguments = parser.parse_args()
+    arguments = bench.options(__doc__, cases=cases.CLASSES, count=int, first=0, json=Path, final=False, replay=str)
     if why := cases.missing():
         print(f"skipped: {why}")
         return
@@ -237,7 +229,7 @@ def main() -> None:
         tracing.shown(arguments.replay, *run(arguments.replay, arguments.final))
         return
     outcomes = []
-    for kind in arguments.cases.split(","):
+    for kind in arguments.cases:
         count = arguments.count or cases.CLASSES[kind][1]
         for number in range(arguments.first, arguments.first + count):
             outcomes.append(scored(*run(f"{kind}:{number}", arguments.final)))

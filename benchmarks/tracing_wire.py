@@ -8,7 +8,6 @@ processes run on the unit's time (`tests/support/unit_time`); with --real-time o
 once.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -19,8 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
+import bench
 from unit_time import acquire, acquire_in_real_time
 
 FITTED_S, HELDOUT_S = 300.0, 360.0
@@ -155,11 +153,7 @@ def row(name: str, document: dict[str, Any]) -> str:
 
 def main() -> None:
     """Run the cases and print a line for each."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
-    parser.add_argument("--real-time", action="store_true")
-    parser.add_argument("--keep", type=Path)
-    chosen = parser.parse_args()
+    chosen = bench.options(__doc__, case=CASES, real_time=False, keep=Path)
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen.case:
             place = (chosen.keep or Path(folder)) / name

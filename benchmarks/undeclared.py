@@ -26,10 +26,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import bench  # noqa: F401 - leads to what is shared with the tests
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
 import undeclared_score as score
 import undeclared_sets as sets
 from numpy.typing import NDArray
