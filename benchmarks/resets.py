@@ -22,6 +22,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
+from imutui.session import observe
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 
@@ -58,7 +59,9 @@ def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, floa
         try:
             while not reset_at or time.monotonic() - reset_at[0] < LIMIT_S:
                 time.sleep(0.005)
-                is_away = engine.call(lambda acquisition: acquisition.snapshot(2**62))["reconnecting"] is not None
+                is_away = (
+                    engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62))["reconnecting"] is not None
+                )
                 if reset_at and is_away and np.isnan(asked):
                     asked = time.monotonic() - reset_at[0]
                 if not is_away and not np.isnan(asked):

@@ -23,7 +23,7 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
-from imutui.session import end_report, exit_codes, ipc, requests
+from imutui.session import end_report, exit_codes, ipc, observe, requests
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
@@ -162,7 +162,7 @@ def carry_out(engine: Engine, request: Request) -> Reply:
     match request["ask"]:
         case "snapshot":
             since = requests.whole(request, "since", 0)
-            return {"snapshot": engine.call(lambda acquisition: acquisition.snapshot(since), late=True)}
+            return {"snapshot": engine.call(lambda acquisition: observe.snapshot(acquisition, since), late=True)}
         case "history":
             has = HistoryWish(
                 requests.whole(request, "run", 0),

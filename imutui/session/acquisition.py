@@ -4,6 +4,7 @@ Nothing here knows threads, processes or sockets: the engine's worker calls thes
 """
 
 import time
+from collections import deque
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
@@ -15,23 +16,21 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import observe, operator_guide, zeroing
+from imutui.session import operator_guide
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.line_watch import LineWatch
+from imutui.session.line_watch import LineWatch, gap_text
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
-from imutui.session.observe import AcquisitionView
-from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
-from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
+from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import Timebase
 from imutui.session.watches import ClockStepMonitor, GravityCheck, Moment, StatusWords, StreamWatch, Watch
@@ -43,14 +42,8 @@ if TYPE_CHECKING:
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
-    `plan`: what is asked.
-    `info`: metadata of its logs.
-    `clock`: from the unit's time counter to stamps.
-    `reader`: carries out what must be said to the unit.
-    `lifecycle`: where it stands.
-    `stream`: gets what is recorded, for other viewers.
-    `turner`: turns the table under a virtual unit.
-    `recorder`: of its samples and files.
+    `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `stream` gets what
+    is recorded, `turner` turns the table under a virtual unit. `observe` shows viewers what is public here.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -64,50 +57,60 @@ class Acquisition:
         stream: LiveStream | None = None,
         turner: TableTurner | None = None,
     ) -> None:
-        self._stamps = PacketStamps(clock)
-        self._reader = reader
-        self._lifecycle = lifecycle
-        self._started_ns = time.monotonic_ns()
-        self._timebase = Timebase.now()
-        self.recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
+        self._clock = clock
+        self._unstamped: deque[PacketArrival] = deque()  # they wait until the clock is sure of when they were sampled
+        self.reader = reader
+        self.lifecycle = lifecycle
+        self.started_ns = time.monotonic_ns()
+        self.timebase = Timebase.now()
+        self.recorder = Recorder(plan, info, lifecycle, self.timebase, stream)
         self._instrument = INSTRUMENTS[plan.instrument]
         scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
-        self._recent, self._statistics = (
-            RecentPackets(scaling),
-            ChannelStatistics(scaling, specification.of_model(info.instrument)),
-        )
-        self._status = StatusWords(self._instrument)
-        self._guide: operator_guide.Guide | None = None
-        self._turner = turner
-        self._zeroing: Future[str] | None = None
+        self.recent = RecentPackets(scaling)
+        self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument))
+        self.status = StatusWords(self._instrument)
+        self.guiding: operator_guide.Guide | None = None
+        self.turner = turner
+        self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
         self._line_errors = (0, 0)
-        self._last_stamp_ns = self._started_ns
-        self._line = LineWatch(info, self._timebase, self._instrument.packets_hz(plan.rate_hz))
-        self._watches: list[Watch] = [self._line, self._status, GravityCheck(self._instrument)]
-        self._watches += [ClockStepMonitor(self._timebase), *([] if stream is None else [StreamWatch(stream)])]
-        self._loss_advice = LossAdvice(info.port, info.firmware)
+        self._last_stamp_ns = self.started_ns
+        self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
+        self._watches: list[Watch] = [self.line, self.status, GravityCheck(self._instrument)]
+        self._watches += [ClockStepMonitor(self.timebase), *([] if stream is None else [StreamWatch(stream)])]
+        self.loss_advice = LossAdvice(info.port, info.firmware)
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
     def packet(self, arrival: PacketArrival) -> None:
         """Use a packet, as soon as its stamp is sure. Raises OSError if the disk is full."""
-        self._use(self._stamps.take(arrival))
+        self._unstamped.append(arrival)
+        self._use(
+            self._clock.take(
+                arrival.packet.ticks,
+                arrival.host_ns,
+                contiguous=arrival.contiguous,
+                quiet=arrival.quiet,
+                behind=arrival.behind,
+                requested_ns=arrival.requested_ns,
+            )
+        )
 
     def held_packets(self) -> None:
         """Use packets that were held long enough for others to make their stamps sure. Raises OSError."""
-        self._use(self._stamps.due(time.monotonic_ns()))
+        if self._unstamped:
+            self._use(self._clock.due(time.monotonic_ns()))
 
-    def _use(self, packets: list[StampedPacket]) -> None:
-        for one in packets:
+    def _use(self, stamps: list[Stamp]) -> None:
+        for arrival, stamp in [(self._unstamped.popleft(), stamp) for stamp in stamps]:
             # what was read while the worker was held up may be of after the end
             if not self.recorder.duration.has_all():
-                with self.recorder.event_clock.at(one.arrival.host_ns):
-                    self._use_one(one.arrival, one.stamp)
+                with self.recorder.event_clock.at(arrival.host_ns):
+                    self._use_one(arrival, stamp)
 
     def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
         packet, recorder = arrival.packet, self.recorder
         if recorder.begins_with_packet:
-            self._line.begin_recording()
+            self.line.begin_recording()
             recorder.begin_planned()
         else:
             recorder.rotate_if_full(arrival.host_ns)
@@ -118,26 +121,26 @@ class Acquisition:
         lost = pipeline.counters.lost_packets
         pipeline.packet(packet, stamp, arrival.host_ns)
         late_s = (arrival.host_ns - stamp.monotonic_ns) / 1e9
-        self._loss_advice.packet(pipeline.counters.lost_packets - lost, arrival.host_ns / 1e9, late_s)
+        self.loss_advice.packet(pipeline.counters.lost_packets - lost, arrival.host_ns / 1e9, late_s)
         self._last_stamp_ns = stamp.monotonic_ns
-        t = (stamp.monotonic_ns - self._started_ns) / 1e9
-        self._recent.add(t, packet)
-        self._status.take(packet)
+        t = (stamp.monotonic_ns - self.started_ns) / 1e9
+        self.recent.add(t, packet)
+        self.status.take(packet)
         if stamp.gap is not None:
             self._statistics.interrupt()
         self._statistics.add(t, packet)
         if arrival.requested_ns is not None:
-            self._line.polled_rate.answered(arrival.requested_ns)
-        if not self._lifecycle.streaming.is_set():
+            self.line.polled_rate.answered(arrival.requested_ns)
+        if not self.lifecycle.streaming.is_set():
             self._first_packet()
-        back = self._line.back(stamp)
+        back = self.line.back(stamp)
         if back is not None or stamp.gap is not None:
             self.event("gap", back or gap_text(stamp), WARNING)
         recorder.duration.add(stamp.monotonic_ns)
 
     def _first_packet(self) -> None:
         info = self.recorder.info
-        self._lifecycle.first_packet()
+        self.lifecycle.first_packet()
         self.event("acquisition", f"connected to {info.port}, first packet")
         unsaid = not_said(info.serial_number, info.firmware)
         if unsaid is not None:
@@ -155,44 +158,40 @@ class Acquisition:
         """Take note of a poll that was not answered."""
         self.recorder.pipeline.poll_unanswered()
         self._statistics.interrupt()
-        self._line.polled_rate.unanswered()
+        self.line.polled_rate.unanswered()
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
-        before = self._recent.rates_dps()
-        self._use(self._stamps.interrupt())
-        self._recent.interrupt()
+        before = self.recent.rates_dps()
+        self._use(self._clock.interrupt())
+        self.recent.interrupt()
         self._statistics.interrupt()
-        self._line.polled_rate.interrupt()
+        self.line.polled_rate.interrupt()
         self.recorder.begin_run()
-        pending, self._zeroing = self._zeroing, None
-        if event.seconds is None:
-            said = zeroing.unanswered(event.argument, self._instrument.zeroing_patience_s(event.argument))
-            self.event("acquisition", said, WARNING)
-            if pending is not None:
-                pending.set_exception(InputError(said))
-            return
-        said = zeroing.in_words(event.argument, event.seconds, before)
-        self.event("acquisition", said)
-        if pending is not None:
+        pending, self.zeroing = self.zeroing, None
+        said = event.in_words(before, self._instrument.zeroing_patience_s(event.argument))
+        self.event("acquisition", said, WARNING if event.seconds is None else INFORMATION)
+        if pending is not None and event.seconds is None:
+            pending.set_exception(InputError(said))
+        elif pending is not None:
             pending.set_result(said)
 
     def line_changed(self, event: LineLost | StillAway | LineReturned) -> None:
         """The line is lost, something else is waited for, or the unit is back: packets on either side stand apart."""
         match event:
             case LineLost():
-                said: str | None = self._line.lost(event)
-                if self._zeroing is not None:
+                said: str | None = self.line.lost(event)
+                if self.zeroing is not None:
                     self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
-                    self._zeroing = None
+                    self.zeroing = None
                     self.recorder.begin_run()  # whether they are zeroed is not known
             case StillAway():
-                said = self._line.still_away(event)
+                said = self.line.still_away(event)
             case LineReturned():
                 said = None  # with the first packet, which is next
-                self._use(self._stamps.interrupt(lossy=True))
-                self._line.returned(event, self._last_stamp_ns)
-                self._recent.interrupt()
+                self._use(self._clock.interrupt(lossy=True))
+                self.line.returned(event, self._last_stamp_ns)
+                self.recent.interrupt()
                 self._statistics.interrupt()
         if said is not None:
             self.event("acquisition", said, WARNING)
@@ -204,74 +203,44 @@ class Acquisition:
             self.recorder.pipeline.flush(now)
             if self.recorder.look_after_file(now):
                 self._end_recording()
-            if self._guide is not None:
-                self._guide.advance(now)
-                if self._turner is not None and self._turner.has_arrived(now):
-                    self.event("mark", self._guide.arrive(now))
+            if self.guiding is not None:
+                self.guiding.advance(now)
+                if self.turner is not None and self.turner.has_arrived(now):
+                    self.event("mark", self.guiding.arrive(now))
             moment = self._moment(now)
-            if self._line.is_to_be_asked(moment):
-                self._reader.ask_again()
+            if self.line.is_to_be_asked(moment):
+                self.reader.ask_again()
             for watch in self._watches:
                 for text, level in watch.news(moment):
                     self.event("acquisition", text, level)
 
     def _moment(self, now_ns: int) -> Moment:
-        silent_s = (now_ns - self._reader.last_packet_ns) / 1e9
-        expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
+        silent_s = (now_ns - self.reader.last_packet_ns) / 1e9
+        expected = self.zeroing is not None or not self.lifecycle.streaming.is_set()
         recorder = self.recorder
-        return Moment(silent_s, expected, self._recent.accels_g(), recorder.info, recorder.motion)
+        return Moment(silent_s, expected, self.recent.accels_g(), recorder.info, recorder.motion)
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
         # as it was when the end was asked for: since then the unit was told to be quiet
-        asked_ns = self._lifecycle.stopping_since_ns
+        asked_ns = self.lifecycle.stopping_since_ns
         then = None if asked_ns is None else self._moment(asked_ns)
-        for finding, is_said in self._line.at_the_end(time.monotonic_ns(), then):
+        for finding, is_said in self.line.at_the_end(time.monotonic_ns(), then):
             self.recorder.find(finding["exit_code"], finding["text"], is_said=is_said)
-        if self._lifecycle.ended_by:
-            self.event("acquisition", f"ended by {self._lifecycle.ended_by}")
+        if self.lifecycle.ended_by:
+            self.event("acquisition", f"ended by {self.lifecycle.ended_by}")
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
-        self._use(self._stamps.release())
+        self._use(self._clock.release())
         self.recorder.finish()
 
     def abandon_zeroing(self, message: str) -> None:
         """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
-        if self._zeroing is not None:
-            self._zeroing.set_exception(InputError(message))
+        if self.zeroing is not None:
+            self.zeroing.set_exception(InputError(message))
 
     # -- what viewers ask for -------------------------------------------------------------------------------------
-
-    def snapshot(self, since: int) -> Snapshot:
-        """State for viewers, with packets from number `since` on."""
-        now, recorder = time.monotonic_ns(), self.recorder
-        view = AcquisitionView(
-            now_ns=now,
-            started_ns=self._started_ns,
-            last_packet_ns=self._reader.last_packet_ns,
-            utc_ns=self._timebase.utc_ns(now),
-            loss_advice=self._loss_advice.brief,
-            plan=recorder.plan,
-            info=recorder.info,
-            state=self._lifecycle.state,
-            error=self._lifecycle.error,
-            findings=tuple(finding["text"] for finding in self._lifecycle.findings),
-            ended_by=self._lifecycle.ended_by,
-            zeroing=self._zeroing is not None,
-            reconnecting=self._line.snapshot(now),
-            follows_profile=isinstance(recorder.motion, Profile),
-            pipeline=recorder.pipeline,
-            recording=recorder.recording,
-            free_bytes=recorder.free_bytes(now),
-            recent=self._recent,
-            status=self._status.newest,
-            events=recorder.events,
-            guide=self._guide,
-            turns_s=None if self._turner is None else self._turner.left_s(now) or 0.0,
-            stream=None if recorder.stream is None else recorder.stream.snapshot(),
-        )
-        return observe.snapshot(view, since)
 
     def history(self, wish: HistoryWish) -> HistorySnapshot:
         """The past of the present run of samples, as far as a viewer lacks it."""
@@ -287,7 +256,7 @@ class Acquisition:
         self._statistics.begin(self._since_start_s())
 
     def _since_start_s(self) -> float:
-        return (time.monotonic_ns() - self._started_ns) / 1e9
+        return (time.monotonic_ns() - self.started_ns) / 1e9
 
     def mark(self, text: str) -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
@@ -298,7 +267,7 @@ class Acquisition:
             raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
-        self.event("mark" if self._guide is None else "remark", text)
+        self.event("mark" if self.guiding is None else "remark", text)
 
     def record(self, wish: RecordingWish) -> str:
         """Begin a recording; returns its path. What is wished but the note stays for later ones.
@@ -309,8 +278,8 @@ class Acquisition:
         if self.recorder.recording is not None:
             raise InputError(f"already recording to {self.recorder.recording.writer.path}")
         self.recorder.record(wish)
-        self._guide = None
-        self._line.begin_recording()
+        self.guiding = None
+        self.line.begin_recording()
         assert self.recorder.recording is not None
         return str(self.recorder.recording.writer.path)
 
@@ -337,7 +306,7 @@ class Acquisition:
             raise InputError("finish the recording first: r. A file has one reference and one set of effects")
         # refuses, before anything is changed, what the filter could not run with
         recorder.configure(reconfigured(recorder.plan, recorder.info, changes))
-        self._guide = None
+        self.guiding = None
         plan = recorder.plan
         source = plan.reference_file[0]
         said = f"reference {plan.reference}{f' from {source}' if source else ''}"
@@ -354,14 +323,14 @@ class Acquisition:
         self._refuse_while_zeroing()
         if self.recorder.recording is not None:
             raise InputError("finish the recording first: r. Zeroing would put a step into the file")
-        if self._lifecycle.state != "running":
-            raise InputError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
-        if self._line.is_away:
+        if self.lifecycle.state != "running":
+            raise InputError(f"the acquisition is {self.lifecycle.state}; zero the rate sensors while it runs")
+        if self.line.is_away:
             raise InputError("the unit is away; zero its rate sensors when it is back")
-        self._zeroing = Future()
+        self.zeroing = Future()
         self.event("acquisition", f"zeroing the rate sensors (argument {argument}); packets pause")
-        self._reader.zero(argument)
-        return self._zeroing
+        self.reader.zero(argument)
+        return self.zeroing
 
     def profile(self) -> ProfileDescription | None:
         """The profile that the reference comes from, if it comes from one."""
@@ -378,21 +347,21 @@ class Acquisition:
         recorder = self.recorder
         recording = recorder.recording is not None
         if do == "begin":
-            begun = operator_guide.begin_guide(recorder.motion, recorder.info.filter, self._guide, recording=recording)
+            begun = operator_guide.begin_guide(recorder.motion, recorder.info.filter, self.guiding, recording=recording)
             if not recording:
                 self.record(wish)
-            self._guide = begun
+            self.guiding = begun
             self.event("acquisition", f"guide through {recorder.plan.reference_file[0]} begins")
             return
-        if self._guide is None:
+        if self.guiding is None:
             raise InputError("no guide is under way; begin one first")
         now = time.monotonic_ns()
-        if do == "next" and self._turner is not None and self._guide.awaits(now):
-            self._turner.turn(self._guide.profile, self._guide.profile.segments[self._guide.segment], now)
+        if do == "next" and self.turner is not None and self.guiding.awaits(now):
+            self.turner.turn(self.guiding.profile, self.guiding.profile.segments[self.guiding.segment], now)
             return
-        if self._turner is not None:
-            self._turner.leave()
-        mark = self._guide.do(do, now, recording=recording)
+        if self.turner is not None:
+            self.turner.leave()
+        mark = self.guiding.do(do, now, recording=recording)
         if mark is not None:
             self.event("mark", mark)
 
@@ -403,15 +372,15 @@ class Acquisition:
         self.recorder.event(name, text, level)
 
     def _refuse_while_zeroing(self) -> None:
-        if self._zeroing is not None:
+        if self.zeroing is not None:
             raise InputError("the unit is zeroing its rate sensors; wait until it is done")
 
     def _end_recording(self) -> "ResultDocument":
         """Finish the recording; the acquisition goes on without one."""
-        self._use(self._stamps.release())
+        self._use(self._clock.release())
         result = self.recorder.end_recording()
-        if self._guide is not None:
-            if self._turner is not None:
-                self._turner.leave()
-            self._guide.recording_ended(time.monotonic_ns())
+        if self.guiding is not None:
+            if self.turner is not None:
+                self.turner.leave()
+            self.guiding.recording_ended(time.monotonic_ns())
         return result

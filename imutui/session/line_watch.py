@@ -11,7 +11,6 @@ from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import exit_codes, reconnection
 from imutui.session.event_log import INFORMATION, WARNING
-from imutui.session.packet_stamps import gap_text
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
 from imutui.session.snapshot import ReconnectingSnapshot
@@ -153,3 +152,19 @@ class LineWatch:
     def _utc(self, monotonic_ns: int) -> str:
         utc_ns = self._timebase.utc_ns(monotonic_ns)
         return f"{time.strftime('%H:%M:%S', time.gmtime(utc_ns // 1_000_000_000))}.{utc_ns // 1_000_000 % 1000:03d}"
+
+
+def gap_text(stamp: Stamp) -> str:
+    """Words for the gap before a packet, with its bounds for programs; "" if there is none.
+
+    `stamp`: of the first packet behind it.
+    """
+    gap = stamp.gap
+    if gap is None:
+        return ""
+    if gap.lost_min == gap.lost_max:
+        what = f"{gap.lost_max} packet{'' if gap.lost_max == 1 else 's'} lost in {gap.seconds:.4f} s"
+    else:
+        what = f"no packets for {gap.seconds:.4f} s; between {gap.lost_min} and {gap.lost_max} were lost"
+    bounds = f"lost_min={gap.lost_min} lost_max={gap.lost_max} uncertainty_ms={stamp.uncertainty_ns / 1e6:.3f}"
+    return f"{what} ({bounds})"

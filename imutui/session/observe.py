@@ -2,75 +2,45 @@
 
 import os
 import time
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from imutui.filter_snapshot import FilterSnapshot
+import numpy as np
+
+from filters import specification
+from filters.imu import CHANNELS
+from filters.motion.profile import Profile
+from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import observe_filter
+from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard
-from imutui.session.event_log import EventLog
 from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
-from imutui.session.operator_guide import Guide
-from imutui.session.plan import Plan
-from imutui.session.recent_packets import STATISTICS_S, RecentPackets
-from imutui.session.recording import Recording
-from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.snapshot import ReconnectingSnapshot, RecordingSnapshot, SessionState, Snapshot, StreamSnapshot
+from imutui.session.recent_packets import STATISTICS_S
+from imutui.session.recorder import Recorder
+from imutui.session.snapshot import RecordingSnapshot, Snapshot
+
+if TYPE_CHECKING:
+    from filters.kalman.runner import Estimator
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0
+_NO_UPDATE = "no update yet"
 
 
-@dataclass(frozen=True, slots=True)
-class AcquisitionView:
-    """What a snapshot is made of."""
-
-    # now_ns, started_ns, last_packet_ns: monotonic: now, when the acquisition began, when its last packet was read
-    now_ns: int
-    started_ns: int
-    last_packet_ns: int
-    utc_ns: int  # now, UTC
-    loss_advice: str  # where to look when packets are lost
-    # plan, info: as they are in force
-    plan: Plan
-    info: SessionInfo
-    # state, error: see `imutui.session.lifecycle.Lifecycle`
-    state: SessionState
-    error: str | None
-    findings: tuple[str, ...]  # what must be said at the end, so far
-    ended_by: str  # who or what asked for the end, in words
-    zeroing: bool  # whether packets pause for the unit to zero its rate sensors
-    reconnecting: ReconnectingSnapshot | None  # what is being waited for while the unit is away
-    follows_profile: bool  # whether the reference comes from a table profile
-    pipeline: SamplePipeline  # the present run of samples
-    recording: Recording | None  # what is being recorded
-    free_bytes: int | None  # free space where the present recording goes, or the next one would
-    recent: RecentPackets  # for numbers and curves
-    status: str  # the newest packet's status word in words; "" where no bit is set
-    events: EventLog  # last events and marks
-    guide: Guide | None  # where the operator is in a profile
-    # for how long a virtual unit of its own turns still to where the operator sent it; None of others
-    turns_s: float | None
-    stream: StreamSnapshot | None  # the live stream for Foxglove
-
-
-def snapshot(view: AcquisitionView, since: int) -> Snapshot:
-    """Everything a screen shows.
-
-    `view`: the acquisition, between two packets.
-    `since`: number of the first packet wanted in `series`.
-    """
-    now, info, plan, pipeline = view.now_ns, view.info, view.plan, view.pipeline
-    counters = pipeline.counters
+def snapshot(of: Acquisition, since: int) -> Snapshot:
+    """Everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    now, recorder, stands = time.monotonic_ns(), of.recorder, of.lifecycle
+    plan, info, pipeline, recording = recorder.plan, recorder.info, recorder.pipeline, recorder.recording
+    counters, away, zeroing = pipeline.counters, of.line.snapshot(now), of.zeroing is not None
+    turns_s = None if of.turner is None else of.turner.left_s(now) or 0.0
     return {
         "name": plan.name,
         "pid": os.getpid(),
-        "state": view.state,
-        "error": view.error,
-        "findings": list(view.findings),
-        "ended_by": view.ended_by,
+        "state": stands.state,
+        "error": stands.error,
+        "findings": [finding["text"] for finding in stands.findings],
+        "ended_by": stands.ended_by,
         "instrument": info.instrument,
         "serial_number": info.serial_number,
         "firmware": info.firmware,
@@ -81,50 +51,53 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "rate_hz": info.rate_hz,
         "sampling": info.sampling,
         # nothing comes from a unit that is away
-        "measured_hz": None if view.reconnecting else pipeline.rate.hz(),
-        "packet_hz": None if view.reconnecting else view.recent.rate_hz(),
+        "measured_hz": None if away else pipeline.rate.hz(),
+        "packet_hz": None if away else of.recent.rate_hz(),
         "packets": counters.packets,
         "lost_packets": counters.lost_packets,
         "lost_packets_max": counters.lost_packets_max,
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
-        "advice": {"losses": view.loss_advice, "silence": line_advice.of_silence(info.port, info.firmware)},
-        "status": view.status,
-        "silent_s": 0.0 if view.zeroing else (now - view.last_packet_ns) / 1e9,
-        "zeroing": view.zeroing,
-        "reconnecting": view.reconnecting,
-        "since_start_s": (now - view.started_ns) / 1e9,
-        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(view.utc_ns / 1e9)),
-        "recording": None if view.recording is None else _recording(view.recording, pipeline, view.free_bytes, now),
+        "advice": {"losses": of.loss_advice.brief, "silence": line_advice.of_silence(info.port, info.firmware)},
+        "status": of.status.newest,
+        "silent_s": 0.0 if zeroing else (now - of.reader.last_packet_ns) / 1e9,
+        "zeroing": zeroing,
+        "reconnecting": away,
+        "since_start_s": (now - of.started_ns) / 1e9,
+        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(of.timebase.utc_ns(now) / 1e9)),
+        "recording": _recording(recorder, now),
         "logs": plan.logs,
         "operator": info.operator,
         "place": plan.place,
         "table": plan.table,
-        "note": plan.note if view.recording is None else view.recording.info.note,
+        "note": plan.note if recording is None else recording.info.note,
         "next_note": plan.note,
         "rotate_minutes": plan.rotate_minutes,
         "rotate_mb": plan.rotate_mb,
-        "free_bytes": view.free_bytes,
+        "free_bytes": recorder.free_bytes(now),
         "min_free_bytes": DiskGuard(plan.min_free_mb).min_free_bytes,
-        "marks": view.events.marks(pipeline.started_ns),
-        "reference": {"name": plan.reference, "file": plan.reference_file[0], "profile": view.follows_profile},
+        "marks": recorder.events.marks(pipeline.started_ns),
+        "reference": {
+            "name": plan.reference,
+            "file": plan.reference_file[0],
+            "profile": isinstance(recorder.motion, Profile),
+        },
         "effects": list(effect_labels(plan.effects)),
-        "stream": view.stream,
-        "guide": None if view.guide is None else view.guide.snapshot(now, pipeline.started_ns, view.turns_s),
-        "channels": view.recent.channels(),
+        "stream": None if recorder.stream is None else recorder.stream.snapshot(),
+        "guide": None if of.guiding is None else of.guiding.snapshot(now, pipeline.started_ns, turns_s),
+        "channels": of.recent.channels(),
         "statistics_s": STATISTICS_S,
         "filter": None if pipeline.filter is None else _filter(pipeline.filter),
-        "events": view.events.events(),
-        "series": view.recent.series(since),
+        "events": recorder.events.events(),
+        "series": of.recent.series(since),
     }
 
 
-def _recording(
-    recording: Recording, pipeline: SamplePipeline, free_bytes: int | None, now_ns: int
-) -> RecordingSnapshot:
-    rate = recording.growth.bytes_per_s()
-    left_s = recording.guard.seconds_left(free_bytes, rate)
-    started, flushed = pipeline.started_ns, pipeline.flushed_ns
+def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
+    recording, pipeline = recorder.recording, recorder.pipeline
+    if recording is None:
+        return None
+    rate, started, flushed = recording.growth.bytes_per_s(), pipeline.started_ns, pipeline.flushed_ns
     return {
         "path": str(recording.writer.path),
         "bytes": recording.writer.size,
@@ -133,25 +106,121 @@ def _recording(
         "flush_age_s": (now_ns - flushed) / 1e9 if flushed is not None else None,
         "marks": pipeline.marks,
         "bytes_per_s": rate,
-        "to_full_s": left_s,
+        "to_full_s": recording.guard.seconds_left(recorder.free_bytes(now_ns), rate),
         "part": recording.parts.number,
     }
 
 
 def _filter(live: LiveFilter) -> FilterSnapshot:
-    """What a screen shows of the filter: nothing but what it waits for, until its first sample has been used."""
-    if live.estimator is None:
-        found = observe_filter.before_estimates(live.info)
-    else:
-        # not before there is an estimator, which has loaded what this loads
-        from imutui.session import observe_estimator
-
-        found = observe_estimator.snapshot(live.estimator, live.info)
-    found["waiting"] = _waiting(live)
+    """The filter; until its first sample has been used, when its code may not be loaded yet, what its settings say."""
+    info, estimator = live.info, live.estimator
+    spec = specification.of_model(info.instrument) if estimator is None else estimator.settings.spec
+    out: FilterSnapshot = {
+        "name": info.filter,
+        "reference": info.reference,
+        "t": None,
+        "samples": 0,
+        "waiting": _waiting(live),
+        "converged": False,
+        "temperature_k_per_min": None,
+        "held_since": None,
+        "departure": None,
+        "own_limits": specification.is_known(info.instrument),
+        "limits_of": spec.source,
+        "biases": [
+            {
+                "name": f"{axis} {kind}",
+                "value": None,
+                "sd3": None,
+                "unit": unit,
+                "limit": limit,
+                "change_10s": None,
+                "converged_s": None,
+                "observable": True,
+            }
+            for kind, unit, limit in (
+                ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
+                ("accel", "mg", spec.accel_bias_limit / info.g_unit * 1e3),
+            )
+            for axis in "xyz"
+        ],
+        "nis": {"mean": None, "first": None, "dof": 0, "band95": [None, None], "is_test": False, "why": _NO_UPDATE},
+        "remainder": [{"channel": channel, "ratio": None, "windows": 0} for channel in CHANNELS],
+        "effects": [],
+        "state": None,
+        "state_sd": None,
+        "alarms": [],
+        "failure": live.failure,
+        "rejected": 0,
+        "confounded": [],
+    }
+    if estimator is not None:
+        _estimates(out, estimator, info)
     if live.failure is not None:
-        found["alarms"].append(live.failure)
-        found["failure"] = live.failure
-    return found
+        out["alarms"].append(live.failure)
+    return out
+
+
+def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo) -> None:
+    """Put in what there is of estimates, in the instrument's axes and units; loads statistics, as the filter has."""
+    from imutui.logbook import departures, results
+    from imutui.verdict import sources
+
+    axes, latest = info.axes(), estimator.latest
+    out["samples"] = estimator.taken
+    out["converged"] = estimator.converged
+    out["nis"] = results.nis_fields(estimator)
+    out["remainder"] = results.remainder_fields(estimator, axes)
+    out["noise"] = sources.noisiest(results.noise_fields(estimator, axes, info.noise), info.reference)
+    out["temperature_k_per_min"] = estimator.temperature.k_per_min()
+    out["held_since"] = estimator.held_since
+    out["departure"] = departures.sentence(estimator, axes, info.g_unit)
+    out["alarms"] = estimator.alarms()
+    out["rejected"] = estimator.rejected
+    out["confounded"] = estimator.confounded()
+    change, seen = estimator.monitor.convergence().change, results.seen_axes(estimator, axes)
+    since = results.converged_since(estimator, axes)
+    for bias, is_seen, converged_s in zip(
+        out["biases"], (*seen[3:], *seen[:3]), (*since["gyro_bias"], *since["accel_bias"]), strict=True
+    ):
+        bias["observable"], bias["converged_s"] = bool(is_seen), converged_s
+    if change is not None:
+        gyro = np.rad2deg(axes.gyro_to_instrument(change[3:]))
+        accel = axes.accel_to_instrument(change[:3]) / info.g_unit * 1e3
+        for bias, moved in zip(out["biases"], (*gyro, *accel), strict=True):
+            bias["change_10s"] = float(moved) if np.isfinite(moved) else None
+    if latest is None:
+        return
+    state = results.state_fields(latest.belief.nav, axes, info.g_unit, seen)
+    sd = results.sd_fields(latest.belief.P, latest.belief.nav, axes, info.g_unit, seen)
+    out["t"] = latest.t
+    _values(out["biases"][:3], state["gyro_bias_dps"], sd["gyro_bias_dps"])
+    _values(out["biases"][3:], state["accel_bias_mg"], sd["accel_bias_mg"])
+    for field in results.effect_fields(estimator):
+        label, _, unit = field["name"].removesuffix(")").partition(" (")
+        out["effects"].append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})
+    # after the reference has ended nothing is integrated, and what stood there last is no estimate of now
+    if estimator.held_since is None and not estimator.awaits_reference:
+        out["state"] = {
+            "position_deg_m": _numbers(state["position_deg_m"]),
+            "velocity_mps": _numbers(state["velocity_mps"]),
+            "rpy_deg": state["rpy_deg"],
+        }
+        out["state_sd"] = {
+            "position_m": _numbers(sd["position_m"]),
+            "velocity_mps": _numbers(sd["velocity_mps"]),
+            "rpy_deg": sd["rpy_deg"],
+        }
+
+
+def _values(biases: list[BiasSnapshot], values: list[float | None], sds: list[float | None]) -> None:
+    for bias, value, sd in zip(biases, values, sds, strict=True):
+        bias["value"], bias["sd3"] = value, None if sd is None else 3.0 * sd
+
+
+def _numbers(values: list[float | None]) -> list[float]:
+    """Numbers of a state that is placed, which all are."""
+    return [value for value in values if value is not None]
 
 
 def _waiting(live: LiveFilter) -> str | None:
@@ -160,14 +229,11 @@ def _waiting(live: LiveFilter) -> str | None:
         if live.preparation.seconds() > _LOADING_S:
             preparing += ", the first time on this machine"
         return f"{preparing}; {live.waiting} samples wait for it"
-    if _is_aligning(live):
+    estimator = live.estimator
+    if live.info.reference in _FOUND_FROM_SAMPLES if estimator is None else estimator.reference is None:
         return "finding level from gravity: keep the unit still for the first 10 s"
-    if live.estimator is not None and live.estimator.awaits_reference:
-        return "no reference yet: navigation begins in the first dwell that is marked"
-    return "waiting for the first sample" if live.estimator is None else None
-
-
-def _is_aligning(live: LiveFilter) -> bool:
-    if live.estimator is not None:
-        return live.estimator.reference is None
-    return live.info.reference in _FOUND_FROM_SAMPLES
+    if estimator is None:
+        return "waiting for the first sample"
+    return (
+        "no reference yet: navigation begins in the first dwell that is marked" if estimator.awaits_reference else None
+    )

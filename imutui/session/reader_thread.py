@@ -11,6 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.frame_search import Discarded
@@ -50,6 +52,21 @@ class ZeroingFinished:
 
     argument: int  # as it was sent
     seconds: float | None  # until the unit said that it is done; None if it did not
+
+    def in_words(self, before_dps: np.ndarray | None, patience_s: float) -> str:
+        """What came of it, within `patience_s`; `before_dps` is what the rate sensors read before, shape (3,)."""
+        if self.seconds is None:
+            return (
+                f"the unit did not say within {patience_s:.0f} s that its rate sensors are zeroed (argument"
+                f" {self.argument}). Whether they are is not known: look at the rates when packets come again. If none"
+                " come, power it off and on, then connect again."
+            )
+        done = "erased its stored zero" if self.argument == 0 else "zeroed its rate sensors"
+        read = ""
+        if before_dps is not None:
+            x, y, z = before_dps
+            read = f"; before, they read x {x:+.4f}, y {y:+.4f}, z {z:+.4f} deg/s"
+        return f"the unit says that it has {done} ({self.seconds:.1f} s){read}. The filter begins anew."
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.port import Port
 from imutui.logbook import reader
-from imutui.session import client
+from imutui.session import client, observe
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 
@@ -80,7 +80,7 @@ def test_silence_alone_ends_nothing_and_whoever_asks_for_the_end_gets_it(home: P
     """No duration: it listens on; the process that is told to stop ends with 0, and tells the silence."""
     with falling_silent() as path, acquiring(path, home, duration_s=None) as engine:
         # longer than what counts as a silence, and looked at once a second
-        wait_until(lambda: "no packets for" in str(engine.call(lambda a: a.snapshot(2**62))["events"]), 30.0)
+        wait_until(lambda: "no packets for" in str(engine.call(lambda a: observe.snapshot(a, 2**62))["events"]), 30.0)
         assert engine.lifecycle.state == "running"
         engine.request_stop()
         assert engine.lifecycle.ended.wait(30.0)

@@ -36,7 +36,7 @@ from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.instrument.virtual_instrument import Reading, Source, VirtualInstrument
 from imutui.jobs import check
 from imutui.logbook import reader, schemas
-from imutui.session import exit_codes, reconnection
+from imutui.session import exit_codes, observe, reconnection
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 from imutui.session.requests import EndFinding
@@ -369,7 +369,7 @@ def always_late(run: Run, numbers: list[int]) -> bool:
 
 
 def looked_at(engine: Engine) -> Snapshot:
-    return engine.call(lambda acquisition: acquisition.snapshot(NO_SERIES), late=True)
+    return engine.call(lambda acquisition: observe.snapshot(acquisition, NO_SERIES), late=True)
 
 
 def recorded(run: Run) -> list[int]:

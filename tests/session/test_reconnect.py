@@ -29,7 +29,7 @@ from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
-from imutui.session import client, reconnection
+from imutui.session import client, observe, reconnection
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 
@@ -76,7 +76,7 @@ class Run:
         self.engine.start()
 
     def seen(self) -> Any:
-        return self.engine.call(lambda acquisition: acquisition.snapshot(2**62))
+        return self.engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62))
 
     def wait_until_lost(self) -> None:
         wait_until(lambda: self.seen()["reconnecting"] is not None)

@@ -16,7 +16,7 @@ from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.logbook.results import ResultDocument
-from imutui.session import live_filter
+from imutui.session import live_filter, observe
 from imutui.session.engine import Engine
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
@@ -42,7 +42,7 @@ def travelled(record: Any) -> Any:
 
 def looked_at(engine: Engine) -> Any:
     """A snapshot, after its journey, which is found to have its shape."""
-    seen = travelled(engine.call(lambda acquisition: acquisition.snapshot(0), timeout=60.0, late=True))
+    seen = travelled(engine.call(lambda acquisition: observe.snapshot(acquisition, 0), timeout=60.0, late=True))
     assert mismatches(seen, Snapshot, "snapshot") == []
     return seen
 

@@ -13,7 +13,6 @@ from imutui.instrument.imu400 import handshake, host
 from imutui.instrument.imu400.host import COUNTER, Imu400Host, check_zeroing, zeroing_patience_s
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
-from imutui.session import zeroing as words
 from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
 
 
@@ -92,7 +91,7 @@ def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(m
         after = packets(items, 10)
     assert gone.seconds is None
     assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
-    assert "power it off and on" in words.unanswered(1, 1.5)
+    assert "power it off and on" in gone.in_words(None, 1.5)
 
 
 def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:

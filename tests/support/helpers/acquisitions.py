@@ -18,7 +18,7 @@ from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
-from imutui.session import exit_codes
+from imutui.session import exit_codes, observe
 from imutui.session.engine import Engine
 from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
@@ -35,7 +35,7 @@ class Running:
         self.second = logs / "a_p2.mcap"
 
     def seen(self) -> Any:
-        return self.engine.call(lambda acquisition: acquisition.snapshot(2**62), late=True)
+        return self.engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62), late=True)
 
     def record(self, packets: int = 20) -> None:
         """Have some packets more in the present file, and onto the disk."""

@@ -20,7 +20,7 @@ from imutui.instrument.port import Port
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import reader, schemas
 from imutui.logbook.results import TIMINGS
-from imutui.session import timebase
+from imutui.session import observe, timebase
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 from reliability.setting import PERIOD_S
@@ -59,7 +59,7 @@ def clock_set(folder: Path, steps_s: tuple[float, ...]) -> ClockSet:
 
 
 def _told(engine: Engine) -> list[str]:
-    state = engine.call(lambda acquisition: acquisition.snapshot(2**62))
+    state = engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62))
     return _steps(event["text"] for event in state["events"])
 
 

@@ -21,7 +21,7 @@ from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, Mode, Packet
 from imutui.instrument.imu400.host import COUNTER
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import live_filter
+from imutui.session import live_filter, observe
 from imutui.session.acquisition import Acquisition
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import Plan
@@ -97,7 +97,7 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
             acquisition.packet(_arrival(packets[k % _KINDS], k, clock.now_ns))
             if at >= next_second:
                 acquisition.every_second()
-                acquisition.snapshot(2**62)
+                observe.snapshot(acquisition, 2**62)
                 next_second += 1.0
             if at >= next_report + every_s:
                 next_report += every_s
