@@ -33,36 +33,34 @@ class Sample:
     counts: np.ndarray  # mean counts of rates and accelerations, instrument axes, shape (6,)
     temperature: float  # mean counts of the temperature sensor
     packets: int  # how many packets it is the mean of
+    valid: bool = True  # no count is at its limit, where it says only "this or more": the filter predicts through it
 
 
 class Averager:
     """Groups packets by time, not by number: 133.3 Hz is no multiple of most rates, and packets may be lost.
 
-    `rate_hz`: asked rate. A period runs from a whole multiple of 1/rate after the first packet to the next; its sample
-      comes with the first packet after it. A period without packets gives no sample.
-    `each`: whether every packet is a sample, as at a rate of the unit's own.
+    A period runs from a whole multiple of 1/rate after the first packet to the next; its sample comes with the first
+    packet after it. A period without packets gives no sample.
     """
 
-    def __init__(self, rate_hz: float, *, each: bool = False) -> None:
-        self._each = each
+    def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
         self._first_ns: int | None = None
         self._number = 0
         self._stamps: list[int] = []
         self._counts = np.zeros(7)
+        self._valid = True
 
-    def add(self, stamp_ns: int, counts: tuple[int, ...], temperature: int) -> Sample | None:
+    def add(self, stamp_ns: int, counts: tuple[int, ...], temperature: int, *, valid: bool = True) -> Sample | None:
         """Take a packet; return the sample of the period before, when this packet is the first after it."""
-        values = np.array([*counts, temperature], float)
-        if self._each:
-            return Sample(stamp_ns, values[:6], float(values[6]), 1)
         if self._first_ns is None:
             self._first_ns = stamp_ns
         number = int((stamp_ns - self._first_ns) / self._period_ns)
         done = self._close() if number > self._number else None
         self._number = max(number, self._number)
         self._stamps.append(stamp_ns)
-        self._counts += values
+        self._counts += *counts, temperature
+        self._valid &= valid
         return done
 
     def _close(self) -> Sample | None:
@@ -72,8 +70,9 @@ class Averager:
         first = self._stamps[0]
         stamp = first + round(sum(s - first for s in self._stamps) / n)
         mean = self._counts / n
-        self._stamps, self._counts = [], np.zeros(7)
-        return Sample(stamp, mean[:6], float(mean[6]), n)
+        done = Sample(stamp, mean[:6], float(mean[6]), n, self._valid)
+        self._stamps, self._counts, self._valid = [], np.zeros(7), True
+        return done
 
 
 _RATE_SPAN_NS = 10_000_000_000
@@ -155,11 +154,10 @@ class SamplePipeline:
         self._axes = info.axes()
         self._count_limits = instrument.count_limits
         self._scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
-        self._at_limit = False
         self._uncertainty_ns = 0  # the largest since it was last written
-        self._averager = (
-            Averager(info.rate_hz, each=instrument.gives(info.rate_hz)) if info.sampling == "stream" else None
-        )
+        # of a unit that is polled, or streams at the rate that is asked, each packet is a sample
+        each = info.sampling != "stream" or instrument.gives(info.rate_hz)
+        self._averager = None if each else Averager(info.rate_hz)
 
     def packet(self, packet: DataPacket, stamp: Stamp, host_ns: int) -> None:
         """Take a packet; raises OSError if the disk does not take it."""
@@ -172,15 +170,13 @@ class SamplePipeline:
             self._flush()  # the first packet is on the disk before the filter is loaded, which takes its time
         self.counters.packets += 1
         self._count_lost(stamp)
-        if self._averager is None:
-            values = np.array(counts, float)
-            self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns, valid=not at_limit)
+        when, degrees = stamp.monotonic_ns, packet.temperature
+        if self._averager is not None:
+            sample = self._averager.add(when, counts, degrees, valid=not at_limit)
         else:
-            sample = self._averager.add(stamp.monotonic_ns, counts, packet.temperature)
-            if sample is not None:
-                self._sample(sample, host_ns, valid=not self._at_limit)
-                self._at_limit = False
-            self._at_limit |= at_limit
+            sample = Sample(when, np.array(counts, float), float(degrees), 1, not at_limit)
+        if sample is not None:
+            self._sample(sample, host_ns)
 
     def _count_lost(self, stamp: Stamp) -> None:
         self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
@@ -211,7 +207,7 @@ class SamplePipeline:
         )  # fmt: skip
         writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
 
-    def _sample(self, sample: Sample, host_ns: int, *, valid: bool) -> None:
+    def _sample(self, sample: Sample, host_ns: int) -> None:
         stamp_ns = self._timebase.utc_ns(sample.stamp_ns)
         gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
         accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
@@ -222,10 +218,9 @@ class SamplePipeline:
         self.history.add_temperature((stamp_ns - self.first_stamp_ns) / 1e9, degc)
         if self._writer is not None:
             log_ns = self._timebase.utc_ns(host_ns)
-            self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=valid)
+            self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=sample.valid)
             self._writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
-        # a count at its limit says only "this or more": the filter predicts through it
-        if self.filter is not None and valid:
+        if self.filter is not None and sample.valid:
             self._filter(self.filter.sample(stamp_ns, gyro, accel, degc), host_ns)
 
     def _filter(self, messages: Iterator[tuple[int, bytes]], host_ns: int) -> None:

@@ -28,13 +28,6 @@ def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> 
     assert n - sum(s.packets for s in samples) <= 134 / rate
 
 
-def test_at_full_rate_every_packet_is_a_sample() -> None:
-    """133 Hz asked of a unit that gives 133.3: nothing is merged."""
-    samples = feed(Averager(133.0, each=True), 1000)
-    assert len(samples) == 1000
-    assert all(s.packets == 1 for s in samples)
-
-
 def test_a_sample_is_the_mean_of_its_packets_at_their_mean_instant() -> None:
     """A ramp stays a ramp: value and instant belong together."""
     for sample in feed(Averager(20.0), 500):

@@ -11,7 +11,7 @@ from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import effects_file, results
+from imutui.logbook import effects_file, reader, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -83,6 +83,22 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
     document = finish_file(writer, pipeline, 2000 * 7_518_797)
     assert document["alarms"] == pipeline.filter.estimator.alarms()  # type: ignore[union-attr]
     return document
+
+
+@pytest.mark.parametrize(
+    ("sampling", "rate_hz", "valid"), [("polled", 133.0, "11011"), ("stream", 133.0, "11011"), ("stream", 67.0, "10")]
+)
+def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
+    tmp_path: Path, sampling: str, rate_hz: float, valid: str
+) -> None:
+    info = SessionInfo(filter="none", sampling=sampling, rate_hz=rate_hz)
+    writer = LogWriter(tmp_path / "a.mcap", info, "", START)
+    pipeline = SamplePipeline(info, Timebase(START), writer)
+    for k in range(5):
+        packet = Packet(Mode.SCALED, (32767 if k == 2 else 0, 0, 0), (0, 0, 5461), 1550, k)
+        pipeline.packet(packet, Stamp(k * 7_518_797, False), k * 7_518_797)
+    finish_file(writer, pipeline, 5 * 7_518_797)
+    assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").valid) == valid
 
 
 def untimed(document: dict[str, Any]) -> dict[str, Any]:
