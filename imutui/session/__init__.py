@@ -7,8 +7,8 @@ Its threads: `engine` starts and ends them and takes requests · `acquisition` w
 `lifecycle` where it stands · `watches` what is looked at each second, `line_watch` the line among it.
 From packets to a file: `sample_pipeline` a run of samples, means of packets ·
 `live_filter` the filter and its past · `recorder` runs and files one after the other, and when it is over ·
-`recording` a recording's files, `previous_log` what was before it · `vanished_file` whether a file is there still ·
-`disk_space` · `timebase` UTC that no clock step moves.
+`recording` a recording's files, `previous_log` what was before it · `disk_space` room, and whether a file is there
+still · `timebase` UTC that no clock step moves.
 For viewers: `snapshot` what they see, records only · `requests` what they ask · `observe` fills the snapshot, with
 `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it · `exit_codes`.

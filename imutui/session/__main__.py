@@ -60,8 +60,16 @@ def main() -> int:
         if plan.record:  # before the unit is touched
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
             DiskGuard(plan.min_free_mb).refuse(folder)
-        # the stream before the port: what it can't have is said before the unit is touched
-        with _name(plan), _stream(plan) as stream, _port(plan) as (port, turner):
+        with contextlib.ExitStack() as stack:
+            stack.callback(os.close, ipc.lock(plan.name))
+            # the stream before the port: what it can't have is said before the unit is touched
+            stream, name, turner = None, plan.port, None
+            if plan.foxglove_port:
+                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name))
+                stack.callback(stream.close)
+            if plan.port == VIRTUAL_PORT:
+                name, turner = stack.enter_context(_virtual(plan))
+            port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
             return _acquire(plan, port, stream, turner)
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
@@ -166,8 +174,8 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "history":
             has = HistoryWish(
                 requests.whole(request, "run", 0),
-                requests.instant(request, "estimates_s"),
-                requests.instant(request, "temperature_s"),
+                requests.seconds(request, "estimates_s"),
+                requests.seconds(request, "temperature_s"),
             )
             return {"history": engine.call(lambda acquisition: acquisition.history(has), late=True)}
         case "statistics":
@@ -175,11 +183,9 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             return {"statistics": engine.call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
         case "begin_statistics":
             engine.call(lambda acquisition: acquisition.begin_statistics())
-            return {}
         case "mark":
             text = requests.text(request, "text")
             engine.call(lambda acquisition: acquisition.mark(text))
-            return {}
         case "record":
             wish = requests.wish(request)
             return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
@@ -187,20 +193,16 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             note = requests.text_or_none(request, "note", NOTE_LIMIT)
             operator = requests.text_or_none(request, "operator", NAME_LIMIT)
             engine.call(lambda acquisition: acquisition.recorder.describe(note, operator))
-            return {}
         case "configure":
             changes = requests.changes(request)
             engine.call(lambda acquisition: acquisition.configure(changes))
-            return {}
         case "zero":
-            argument = requests.whole(request, "argument")
-            return {"said": engine.zero(argument)}
+            return {"said": engine.zero(requests.whole(request, "argument"))}
         case "profile":
             return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
             do, wish = requests.text(request, "do"), requests.wish(request)
             engine.call(lambda acquisition: acquisition.guide(do, wish))
-            return {}
         case "stop_recording":
             return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
         case "stop":
@@ -208,14 +210,16 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
-            limit = requests.seconds(request, "timeout_s")
+            limit = requests.seconds(request, "timeout_s", 0.0, requests.LONGEST_WAIT_S)
             return _ending(engine) if engine.lifecycle.ended.wait(limit) else {"runs": True}
-    raise InputError(f'no such request: "{str(request["ask"])[:NAME_LIMIT]}"')
+        case unknown:
+            raise InputError(f'no such request: "{str(unknown)[:NAME_LIMIT]}"')
+    return {}
 
 
 def _ending(engine: Engine) -> Reply:
-    engine.lifecycle.ended.wait()
     stands = engine.lifecycle
+    stands.ended.wait()
     return {
         "result": engine.result,
         "error": stands.error,
@@ -236,31 +240,6 @@ def _report(engine: Engine) -> EndReport:
         "findings": stands.findings,
         "result": engine.result,
     }
-
-
-@contextlib.contextmanager
-def _name(plan: Plan) -> Iterator[None]:
-    descriptor = ipc.lock(plan.name)
-    try:
-        yield
-    finally:
-        os.close(descriptor)
-
-
-@contextlib.contextmanager
-def _stream(plan: Plan) -> Iterator[LiveStream | None]:
-    if not plan.foxglove_port:
-        yield None
-        return
-    with contextlib.closing(LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name))) as stream:
-        yield stream
-
-
-@contextlib.contextmanager
-def _port(plan: Plan) -> Iterator[tuple[Port, TableTurner | None]]:
-    with contextlib.ExitStack() as stack:
-        name, turner = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else (plan.port, None)
-        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0])), turner
 
 
 @contextlib.contextmanager

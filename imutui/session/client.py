@@ -10,13 +10,13 @@ import sys
 import threading
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Unpack, cast
+from typing import TYPE_CHECKING, Unpack
 
 from imutui.history_rows import HistorySnapshot
-from imutui.session import end_report, exit_codes, failed_start, ipc
+from imutui.session import end_report, exit_codes, ipc
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
+from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
@@ -52,16 +52,12 @@ class SessionRefusalError(SessionError):
 
 
 class Client:
-    """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply.
-
-    `name`: of the acquisition.
-    `findings`: what must be said of the acquisition, once `stop` or `wait` has returned its result.
-    `ended_by_itself`: whether, by then, nobody had asked for its end.
-    `ended_by`: who or what had, in words.
-    """
+    """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply."""
 
     def __init__(self, name: str) -> None:
         self.name = name
+        # once `stop` or `wait` has returned its result: what must be said of the acquisition, whether nobody had asked
+        # for its end, and who or what had, in words
         self.findings: list[EndFinding] = []
         self.ended_by_itself = False
         self.ended_by = ""
@@ -74,20 +70,16 @@ class Client:
         return self._ask({"ask": "snapshot", "since": since})["snapshot"]
 
     def history(self, wish: HistoryWish) -> HistorySnapshot | None:
-        """What a viewer lacks of the run's past, a piece of it; None from an acquisition that keeps none.
-
-        `wish`: what the viewer has.
-        """
+        """What a viewer that has `wish` lacks of the run's past, a piece of it; None from one that keeps none."""
         try:
             return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
         except SessionRefusalError:
             return None
 
     def statistics(self, channel: int) -> StatisticsSnapshot:
-        """Allan deviation, spectrum and histogram of a channel over all packets since they were begun.
+        """Allan deviation, spectrum and histogram of a channel, 0 to 6, over all packets since they were begun.
 
-        `channel`: its number, 0 to 6.
-        Raises SessionRefusalError: from an acquisition that an older version started, which keeps none.
+        Raises SessionRefusalError of an acquisition that an older version started, which keeps none.
         """
         return self._ask({"ask": "statistics", "channel": channel})["statistics"]
 
@@ -101,18 +93,14 @@ class Client:
 
     def record(self, wish: RecordingWish | None = None) -> str:
         """Start recording; returns the file's path. The filter starts anew with the file."""
-        return self._ask({"ask": "record", "wish": _fields(wish)})["path"]
+        return self._ask({"ask": "record", "wish": asdict(wish or RecordingWish())})["path"]
 
     def describe(self, note: str | None = None, operator: str | None = None) -> None:
         """Change note and operator of the file that is being written; None leaves one as it is."""
         self._ask({"ask": "describe", "note": note, "operator": operator})
 
     def configure(self, **changes: Unpack[FilterChanges]) -> None:
-        """Change what the filter takes from now on; it starts anew. Refused while recording.
-
-        `**changes`: `reference` (a name), `reference_file` (name and text of a profile or trajectory), `effects` (text
-          of an effects file, empty for none). What is not named stays as it is.
-        """
+        """Change what the filter takes from now on; it starts anew. Refused while recording."""
         self._ask({"ask": "configure", "changes": changes})
 
     def zero(self, argument: int) -> str:
@@ -138,7 +126,7 @@ class Client:
         `do`: "begin" (records if nothing does), "next", "cancel" or "resume".
         `wish`: of the recording that "begin" begins.
         """
-        self._ask({"ask": "guide", "do": do, "wish": _fields(wish)})
+        self._ask({"ask": "guide", "do": do, "wish": asdict(wish or RecordingWish())})
 
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
@@ -167,20 +155,13 @@ class Client:
         with self._lock:
             self._drop()
 
-    def _ask_separately(self, request: Request, timeout: float) -> Reply:
+    def _ask_separately(self, request: Request, timeout: float | None) -> Reply:
         """Ask what takes its time on a connection of its own."""
-        connection = _connect(self.name)
-        try:
+        with contextlib.closing(_connect(self.name)) as connection:
             return _exchange(connection, request, timeout, self.name)
-        finally:
-            connection.close()
 
     def _ending(self, request: Request, timeout: float | None) -> "ResultDocument | None":
-        connection = _connect(self.name)
-        try:
-            reply = _exchange(connection, request, timeout, self.name)
-        finally:
-            connection.close()
+        reply = self._ask_separately(request, timeout)
         if reply.get("runs"):
             raise TimeoutError
         self._await_exit()
@@ -203,14 +184,12 @@ class Client:
                 self._socket = _connect(self.name)
             try:
                 return _exchange(self._socket, request, timeout, self.name)
-            except TimeoutError as error:
+            except (TimeoutError, SessionGoneError) as error:
                 self._drop()
-                raise SessionError(
-                    f'the acquisition "{self.name}" does not answer; it may be busy. Try again.'
-                ) from error
-            except SessionGoneError:
-                self._drop()
-                raise
+                if isinstance(error, SessionGoneError):
+                    raise
+                said = f'the acquisition "{self.name}" does not answer; it may be busy. Try again.'
+                raise SessionError(said) from error
 
     def _drop(self) -> None:
         if self._socket is not None:
@@ -248,11 +227,9 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
 def start(plan: Plan, timeout: float = 30.0) -> Client:
     """Start an acquisition in a process and session of its own; returns when its first packet has come.
 
-    `plan`: what is asked.
-    `timeout`: s.
     Raises SessionError if it could not start; the message says why and what to do next.
     """
-    missing = failed_start.missing_folders(plan)
+    missing = end_report.missing_folders(plan)
     with ipc.log_path(plan.name).open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imutui.session"],
@@ -269,7 +246,7 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
         process.stdin.close()
         answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
         if answer is None:
-            failed_start.end(process, missing)
+            end_report.end_unbegun(process, missing)
             answer = _did_not_begin(plan.name, process.pid, timeout)
         process.stdout.close()
         # the process outlives this one by design; a thread takes its exit status so that no zombie stays
@@ -297,8 +274,6 @@ def probe(port: str) -> ProbeAnswer:
     """What answers at a port, found as at the beginning of an acquisition: packets are stopped, the unit is asked.
 
     A port that an acquisition of this user has is not touched. It takes up to some seconds where nothing answers.
-
-    `port`: path, stable id, or pyserial URL.
     """
     from imutui.session import port_probe
 
@@ -382,10 +357,6 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
         raise SessionRefusalError(reply["error"])
     answer: Reply = reply
     return answer
-
-
-def _fields(wish: RecordingWish | None) -> RecordingWishFields:
-    return {} if wish is None else cast("RecordingWishFields", asdict(wish))
 
 
 def _ended_message(name: str) -> str:

@@ -1,21 +1,25 @@
 """How an acquisition ended: who or what asked for it, and its result; kept for viewers that come too late to ask.
 
-The process writes it beside its socket before that goes. A process that was killed leaves none.
+The process writes it beside its socket before that goes. A process that was killed leaves none. Here as well: how one
+is ended that did not begin in time.
 """
 
 import contextlib
 import getpass
 import json
 import os
+import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import ipc
+from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
     from imutui.session.requests import EndFinding
+
 
 _LARGEST = 1 << 20
 _SUFFIX = ".ended"
@@ -33,10 +37,7 @@ class EndReport(TypedDict):
 
 
 def write(name: str, report: EndReport) -> None:
-    """Leave the report of the acquisition of that name, which this process is; a disk that does not take it is let go.
-
-    `name`: of the acquisition.
-    """
+    """Leave the report of the acquisition of that name, which this process is, if the disk takes it."""
     path = ipc.socket_path(name).with_suffix(_SUFFIX)
     part = path.with_name(f"{path.name}.part")
     with contextlib.suppress(OSError):
@@ -80,3 +81,53 @@ def _on_terminal() -> str:
         with contextlib.suppress(OSError):
             return f" on {os.ttyname(stream).removeprefix('/dev/')}"
     return ""
+
+
+_GRACE_S = 10.0
+
+
+def missing_folders(plan: Plan) -> list[Path]:
+    """Folders that a recording would make, its own first."""
+    folder = Path(plan.output).parent if plan.output else Path(plan.logs)
+    return [one for one in (folder, *folder.parents) if not one.exists()]
+
+
+def end_unbegun(process: "subprocess.Popen[Any]", missing: list[Path]) -> None:
+    """End a process that nobody was told of: asked to, it leaves unit and file in order, else it is killed.
+
+    `missing` are folders that were not there before it.
+    """
+    process.terminate()
+    try:
+        process.wait(_GRACE_S)
+    except subprocess.TimeoutExpired:
+        logs = _open_logs(process.pid)
+        process.kill()
+        process.wait()
+        for log in logs:
+            if not _has_messages(log):
+                log.unlink(missing_ok=True)
+    for folder in missing:
+        with contextlib.suppress(OSError):  # it was not made, or something is in it
+            folder.rmdir()
+
+
+def _open_logs(pid: int) -> list[Path]:
+    """Logs that a process writes to."""
+    found = []
+    for descriptor in Path(f"/proc/{pid}/fd").glob("*"):
+        with contextlib.suppress(OSError):
+            found.append(descriptor.readlink())
+    return [path for path in found if path.suffix == ".mcap" and path.is_file()]
+
+
+def _has_messages(path: Path) -> bool:
+    """Whether anything was recorded; True of a file that can't be looked into."""
+    from imutui.logbook import scan
+    from imutui.logbook.reader import UnreadableLogError
+
+    try:
+        pieces = scan.scan(path).pieces
+    except UnreadableLogError:
+        return path.stat().st_size > 0
+    return any(piece.last_ns for piece in pieces)

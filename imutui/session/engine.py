@@ -59,12 +59,8 @@ class QueuedCall:
 class Engine:
     """Runs one acquisition from its first packet to its last.
 
-    `plan`: what is asked.
-    `host`: of a unit that is identified, set up, and sends nothing by itself.
-    `identity`: what the unit said.
-    `stream`: gets what is recorded; whoever made it closes it after the end.
-    `turner`: turns the table under the unit, if it is a virtual one of the acquisition's own.
-    `lifecycle`: where it stands.
+    `host` is of a unit that is identified, set up, and sends nothing by itself; `stream` gets what is recorded, and is
+    closed after the end by whoever made it; `turner` turns the table under a virtual unit of the acquisition's own.
     Raises InputError if the filter could not run with what is asked.
     """
 
@@ -144,10 +140,7 @@ class Engine:
     def call(self, function: Callable[[Acquisition], T], timeout: float = 30.0, *, late: bool = False) -> T:
         """Carry out a function in the worker, between two packets; returns and raises what it does.
 
-        `function`: from the acquisition to what is asked of it.
-        `timeout`: s.
-        `late`: whether it is carried out when the worker has ended, too, as one that only looks may be; others are
-          refused then.
+        One that only looks may be `late`: it is carried out when the worker has ended, too; others are refused then.
         """
         future: Future[T] = Future()
         self._queue.put(QueuedCall(function, future, late))
@@ -156,19 +149,15 @@ class Engine:
         return future.result(timeout)
 
     def zero(self, argument: int) -> str:
-        """Have the unit zero its rate sensors and wait for it; returns what came of it. Not through `call`: it waits.
+        """Have the unit zero its rate sensors and wait for it; returns what came of it. See `client.Client.zero`.
 
-        `argument`: length of the average, 0 to 255, in a unit that documents dispute; 0 erases the stored zero.
         Raises InputError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         self._instrument.check_zeroing(argument)
         return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
 
     def request_stop(self, by: str = "") -> None:
-        """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal.
-
-        `by`: who or what asks for it, in words.
-        """
+        """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal."""
         self.lifecycle.stop(by)
         self._reader.stop()
 

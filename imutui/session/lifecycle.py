@@ -10,30 +10,19 @@ if TYPE_CHECKING:
 
 
 class Lifecycle:
-    """State, error and exit code of one acquisition.
-
-    `state`: "connecting" until the first packet, then "running"; "stopping" once the end is asked for; "stopped", or
-      "failed", at the end.
-    `error`: why it failed, for the user; the first reason counts.
-    `exit_code`: of the process; 0 unless it failed.
-    `findings`: what must be said at the end of one that did not fail.
-    `stopping_since_ns`: when the end was first asked for, monotonic.
-    `ended_by`: who or what asked first, in words; empty if nobody did, or did not say.
-    `terminated`: whether a signal asked for the end, as who shuts the machine down does: it is waited for some seconds
-      only.
-    `streaming`, `ended`: set with the first packet, and when nothing more will happen.
-    """
+    """State, error and exit code of one acquisition."""
 
     def __init__(self) -> None:
+        # "connecting" until the first packet, "stopping" once the end is asked for, "stopped" or "failed" at the end
         self.state: SessionState = "connecting"
-        self.error: str | None = None
-        self.exit_code = 0
-        self.findings: list[EndFinding] = []
-        self.stopping_since_ns: int | None = None
-        self.ended_by = ""
-        self.terminated = False
-        self.streaming = threading.Event()
-        self.ended = threading.Event()
+        self.error: str | None = None  # why it failed, for the user; the first reason counts
+        self.exit_code = 0  # of the process
+        self.findings: list[EndFinding] = []  # what must be said at the end of one that did not fail
+        self.stopping_since_ns: int | None = None  # when the end was first asked for, monotonic
+        self.ended_by = ""  # who or what asked first, in words; empty if nobody did, or did not say
+        self.terminated = False  # by a signal, as a shutdown sends it: it is waited for some seconds only
+        self.streaming = threading.Event()  # the first packet has come
+        self.ended = threading.Event()  # nothing more will happen
 
     def first_packet(self) -> None:
         """The first packet has been used; a viewer may be told that the acquisition runs."""

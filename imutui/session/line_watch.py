@@ -25,13 +25,7 @@ _SILENT_PERIODS = 3.0
 
 
 class LineWatch:
-    """Follows one acquisition's line.
-
-    `info`: port, unit, sampling and rate.
-    `timebase`: monotonic to UTC.
-    `stream_hz`: packets a second that the unit sends where it streams, at most.
-    `polled_rate`: takes note of requests, answered or not, and of pauses between them.
-    """
+    """Follows one acquisition's line; `stream_hz` packets a second at most come of a unit that streams."""
 
     def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
         self._info = info
@@ -41,7 +35,7 @@ class LineWatch:
         self._silence_s = max(_SILENCE_S, _SILENT_PERIODS / polled_hz if polled_hz else 0.0)
         self._ask_again_s = reconnection.ask_again_after_s(polled_hz)
         self._is_silent = False
-        self.polled_rate = PolledRate(info.rate_hz)
+        self.polled_rate = PolledRate(info.rate_hz)  # of requests, answered or not, and of pauses between them
         self._rate_said = False
         self._away_since_ns: int | None = None  # when the last packet was read; None while the unit is there
         self._waits_for = ""
@@ -122,8 +116,7 @@ class LineWatch:
     def at_the_end(self, now_ns: int, moment: Moment | None) -> Iterator[tuple[EndFinding, bool]]:
         """What must be said when the acquisition ends, and whether that has been said before.
 
-        `now_ns`: monotonic.
-        `moment`: as it was when the end was asked for; None if that is not to be judged.
+        `moment` is as it was when the end was asked for; None if that is not to be judged.
         """
         slow = self.polled_rate.finding()
         if slow is not None:
@@ -155,10 +148,7 @@ class LineWatch:
 
 
 def gap_text(stamp: Stamp) -> str:
-    """Words for the gap before a packet, with its bounds for programs; "" if there is none.
-
-    `stamp`: of the first packet behind it.
-    """
+    """Words for the gap before a stamp's packet, with its bounds for programs; "" if there is none."""
     gap = stamp.gap
     if gap is None:
         return ""

@@ -39,25 +39,18 @@ class RunHistory:
 
     Memory is bounded, not the time that is told of. It is sent in pieces, since whoever writes a long reply would keep
     the reader of the port from its stamps.
-
-    `estimates`: gyro biases in deg/s, accelerometer biases in mg, instrument axes.
-    `temperature`: degC.
     """
 
     def __init__(self) -> None:
-        self.estimates = EstimateHistory(BIASES)
-        self.temperature = EstimateHistory(1)
+        self.estimates = EstimateHistory(BIASES)  # gyro, deg/s, then accelerometers, mg; instrument axes
+        self.temperature = EstimateHistory(1)  # degC
 
     def add_temperature(self, t: float, degc: float) -> None:
         """Take the temperature of a sample, `t` s since the first one."""
         self.temperature.add(t, np.array([degc]), np.zeros(1))
 
     def piece(self, run: int, wish: HistoryWish) -> HistorySnapshot:
-        """What a viewer lacks, as far as one reply has room for it.
-
-        `run`: identifies this run.
-        `wish`: what the viewer has.
-        """
+        """What a viewer that has `wish` lacks of this run, as far as one reply has room for it."""
         known = wish if wish.run == run else HistoryWish()
         estimates = self.estimates.rows(known.estimates_s, PIECE_ROWS)
         temperature = self.temperature.rows(known.temperature_s, PIECE_ROWS)
@@ -71,13 +64,12 @@ ESTIMATE_PERIOD_S = 0.1
 class Preparation:
     """Loading, or the first time on a machine compiling, of the filter's step; in a thread, once a process.
 
-    `effects`: whether the step for states of effects is prepared too, which is one of its own. The other one is as
-      well: effects need not add any state.
-    `ready`: set when the step can be used, or will say itself why not.
+    For `effects` the step for their states is prepared too, which is one of its own. The other one is as well: effects
+    need not add any state.
     """
 
     def __init__(self, *, effects: bool) -> None:
-        self.ready = threading.Event()
+        self.ready = threading.Event()  # the step can be used, or will say itself why not
         self._effects = effects
         self._begun_at: float | None = None
 
@@ -88,7 +80,7 @@ class Preparation:
             threading.Thread(target=self._run, name="compiler", daemon=True).start()
 
     def seconds(self) -> float:
-        """How long ago it began, s; 0 before it does."""
+        """Since it began; 0 before it does."""
         return 0.0 if self._begun_at is None else time.monotonic() - self._begun_at
 
     def _run(self) -> None:
@@ -117,16 +109,7 @@ def load() -> None:
 class LiveFilter:
     """The estimator of one run of samples, and what keeps it from stopping a recording.
 
-    `info`: settings.
-    `motion`: what the reference needs.
-    `effects`: makes the effects that join the filter.
-    `history`: takes its biases.
-    `history`: biases since the run began.
-    `estimator`: none until the first samples are used.
-    `failure`: why the filter stopped, if it did.
-    `seconds`: time that it took so far.
-    `waiting`: samples that wait for it.
-    `preparation`: of the step that it runs.
+    `motion` is what the reference needs, `effects` makes the effects that join the filter, `history` takes the biases.
     Raises InputError if the settings cannot be.
     """
 
@@ -139,10 +122,10 @@ class LiveFilter:
     ) -> None:
         self.info = info
         self.history = EstimateHistory(BIASES) if history is None else history
-        self.estimator: Estimator | None = None
-        self.failure: str | None = None
-        self.seconds = 0.0
-        self.waiting = 0
+        self.estimator: Estimator | None = None  # until the first samples are used
+        self.failure: str | None = None  # why the filter stopped
+        self.seconds = 0.0  # that it took so far
+        self.waiting = 0  # samples that wait for it
         self.preparation = PLAIN if effects is None else WITH_EFFECTS
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None

@@ -97,7 +97,7 @@ def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
     recording, pipeline = recorder.recording, recorder.pipeline
     if recording is None:
         return None
-    rate, started, flushed = recording.growth.bytes_per_s(), pipeline.started_ns, pipeline.flushed_ns
+    started, flushed = pipeline.started_ns, pipeline.flushed_ns
     return {
         "path": str(recording.writer.path),
         "bytes": recording.writer.size,
@@ -105,8 +105,8 @@ def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
         "samples": pipeline.samples,
         "flush_age_s": (now_ns - flushed) / 1e9 if flushed is not None else None,
         "marks": pipeline.marks,
-        "bytes_per_s": rate,
-        "to_full_s": recording.guard.seconds_left(recorder.free_bytes(now_ns), rate),
+        "bytes_per_s": recording.guard.bytes_per_s(),
+        "to_full_s": recording.guard.seconds_left(recorder.free_bytes(now_ns)),
         "part": recording.parts.number,
     }
 

@@ -82,11 +82,9 @@ ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | Stil
 class Reader:
     """Reads packets until told to stop.
 
-    `host`: of a unit that is identified, set up, and sends nothing by itself.
-    `poll_hz`: requests a second; None to have the unit stream.
-    `emit`: takes what happens; called in the reader's thread.
-    `known`: the unit to find again after the first packet; None to end when its line is lost.
-    `last_packet_ns`: when the last packet was read, or the last pause of packets was over, monotonic.
+    `host` is of a unit that is identified, set up, and sends nothing by itself; it is polled `poll_hz` times a second,
+    or streams. `emit` takes what happens, in the reader's thread. `known` is the unit to find again after the first
+    packet; without it all ends when the line is lost.
     """
 
     def __init__(
@@ -97,7 +95,7 @@ class Reader:
         known: KnownUnit | None = None,
     ) -> None:
         self.stopping = threading.Event()
-        self.last_packet_ns = time.monotonic_ns()
+        self.last_packet_ns = time.monotonic_ns()  # when it was read, or the last pause of packets was over
         self._host, self._port = host, host.port
         self._poll_hz = poll_hz
         self._emit = emit

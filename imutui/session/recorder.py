@@ -32,10 +32,7 @@ _LEEWAY_NS = 250_000_000
 
 
 class Duration:
-    """Follows the time of what was recorded, through all files of a recording.
-
-    `seconds`: from the first packet on; None for no end.
-    """
+    """Follows the time of what was recorded, from the first packet on, through all files of a recording."""
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
@@ -74,21 +71,8 @@ _MOST_FINDINGS = 20
 class Recorder:
     """Runs of samples, one after the other, with a file or without. Not thread-safe.
 
-    `plan`: what is asked.
-    `info`: metadata of its logs.
-    `lifecycle`: where the acquisition stands; what must be said at its end goes there.
-    `timebase`: from the monotonic clock to UTC.
-    `stream`: gets what goes into files.
-    `plan`, `info`: as they are in force.
-    `motion`: what the reference says of the motion.
-    `pipeline`: the present run.
-    `recording`: the file that it goes into, if there is one.
-    `result`: of the last recording that was finished.
-    `duration`: how long the plan asks for.
-    `events`: last events and marks.
-    `event_clock`: when what is told happened.
-    `stream`: as given.
-    `begins_with_packet`: whether the next packet begins the plan's recording.
+    `plan` and `info` are as they are in force, `motion` is what the reference says of it; `pipeline` is the present
+    run, `recording` the file that it goes into, if there is one. `stream` gets what goes into files.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -103,12 +87,12 @@ class Recorder:
         self.plan, self.info = plan, info
         self._instrument = INSTRUMENTS[plan.instrument]
         self.motion = motion_of(plan)
-        self.result: ResultDocument | None = None
+        self.result: ResultDocument | None = None  # of the last recording that was finished
         self.recording: Recording | None = None
         self.duration = Duration(plan.duration_s)
         self.events = EventLog(timebase)
         self.event_clock = EventClock()
-        self.begins_with_packet = plan.record
+        self.begins_with_packet = plan.record  # the plan's recording
         self._effects = effects_of(plan, info)
         check_live(info, self.motion, self._effects)
         self._lifecycle = lifecycle
@@ -208,7 +192,9 @@ class Recorder:
 
     def begin(self, note: str, path: Path | None) -> None:
         """Begin a recording and a run of samples in it; raises OSError."""
-        previous = None if self._has_recorded else self._previous_log()
+        previous = None
+        if not self._has_recorded:  # what this acquisition recorded before it was started anew, if that is to be told
+            previous = previous_log.find(Path(self.plan.logs), self.info, finished_too=self.plan.unattended)
         recording = Recording(self.plan, previous_log.told(self.info, previous), note, path, self.stream)
         self.recording = recording
         self.begin_run()
@@ -221,10 +207,6 @@ class Recorder:
         if self.plan.rotates != bool(self.plan.rotate_minutes or self.plan.rotate_mb):
             why = "the reference is told from one log's first sample on"
             self.event("acquisition", f"the recording stays in one file: {why}", WARNING)
-
-    def _previous_log(self) -> previous_log.PreviousLog | None:
-        """What this acquisition recorded before it was started anew, if that is to be told."""
-        return previous_log.find(Path(self.plan.logs), self.info, finished_too=self.plan.unattended)
 
     def rotate_if_full(self, now_ns: int) -> None:
         """Go on in another file, from this packet on, if the present one is as long as it may be. Raises OSError."""
@@ -239,13 +221,13 @@ class Recorder:
         recording = self.recording
         if recording is None:
             return False
-        recording.measure_growth(now_ns)
+        recording.guard.add_size(now_ns, recording.writer.size)
         if self._lifecycle.state == "running" and recording.look() is not None:
             self._rotate(recording)
             return False
         path, guard = recording.writer.path, recording.guard
         free = self._free_space.free_bytes(path.parent, now_ns)
-        short = guard.warn(guard.seconds_left(free, recording.growth.bytes_per_s()))
+        short = guard.warn(free)
         if short is not None:
             self.event("acquisition", short, WARNING)
         full = guard.stop(path, free)

@@ -16,13 +16,12 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import power_on, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import previous_log, vanished_file
-from imutui.session.disk_space import DiskGuard, GrowthRate
+from imutui.session import previous_log
+from imutui.session.disk_space import DiskGuard, VanishedFile, vanished
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import attach, default_path
 from imutui.session.plan import Plan
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.vanished_file import VanishedFile
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -73,19 +72,9 @@ class RecordingParts:
 
 
 class Recording:
-    """One recording, in one file or several; begins the first file at once.
+    """One recording, in one file or several; begins the first file at once, `path` or one named by itself.
 
-    `plan`: folder, limits, what goes along.
-    `info`: of the acquisition.
-    `note`: the operator's remark on this recording.
-    `path`: first file; None for a name made up in the plan's folder.
-    `stream`: gets every message after the file.
-    `info`: of the present file: with the recording's note, and the file that it continues.
-    `writer`: of the present file.
-    `parts`: all files so far.
-    `growth`: how fast they grow.
-    `guard`: when their disk has no room for more.
-    `vanished`: what became of the present file, if it is not where it was made any more.
+    `info` and `writer` are of the present file, `vanished` is what became of it if it is not where it was made.
     Raises FileExistsError if the file exists and the plan does not let it be replaced.
     Raises OSError if the disk does not take it, or has no room for it.
     """
@@ -101,14 +90,13 @@ class Recording:
         path = path or default_path(Path(plan.logs), plan.instrument, info.serial_number, note)
         self.guard = DiskGuard(plan.min_free_mb)
         self.guard.refuse(path.parent)
-        own = _new_id()
+        own = uuid.uuid4().hex[:16]
         self.info = replace(info, note=note, log_id=own, power_on=own)
         self._next_info = self.info
         self._plan = plan
         self._stream = stream
         self.writer = _open(path, self.info, plan, stream, overwrite=plan.overwrite)
         self.parts = RecordingParts(path, plan.rotate_minutes, plan.rotate_mb)
-        self.growth = GrowthRate()
         self.vanished: VanishedFile | None = None
 
     def is_full(self, seconds: float) -> bool:
@@ -121,9 +109,7 @@ class Recording:
         It is found once: a file that was renamed is the present one under its new name, and is finished there.
         """
         if self.vanished is None:
-            self.vanished = (
-                vanished_file.look(self.writer) if error is None else vanished_file.unreachable(self.writer, error)
-            )
+            self.vanished = vanished(self.writer, error)
             if self.vanished is not None and self.vanished.now_at is not None:
                 self.writer.path = self.vanished.now_at
         return self.vanished
@@ -136,30 +122,20 @@ class Recording:
         path = self.parts.next_path()
         if self.vanished is not None:
             path.parent.mkdir(exist_ok=True)
-            self._leave_reference()
             self.vanished = None
-        self.info = replace(self._next_info, log_id=_new_id())
+            if self._plan.reference_file[0]:
+                # it is told from the recording's first sample on, so this file can't be filtered with it
+                self._plan = replace(self._plan, filter="none", reference="gravity", reference_file=("", ""))
+                self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
+        self.info = replace(self._next_info, log_id=uuid.uuid4().hex[:16])
         self.parts.number += 1
         self.writer = _open(path, self.info, self._plan, self._stream, overwrite=False)
 
-    def _leave_reference(self) -> None:
-        # a profile or trajectory is told from the recording's first sample on, so this file can't be filtered with it
-        if self._plan.reference_file[0]:
-            self._plan = replace(self._plan, filter="none", reference="gravity", reference_file=("", ""))
-            self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
-
     def describe(self, note: str | None, operator: str | None) -> None:
         """Change what the present file, and those after it, say as note and operator; None leaves it as it is."""
-        info = self.info
-        self.info = replace(
-            info,
-            note=info.note if note is None else note,
-            operator=info.operator if operator is None else operator,
-        )
-
-    def measure_growth(self, now_ns: int) -> None:
-        """Take note of the present file's size; once a second."""
-        self.growth.add(now_ns, self.writer.size)
+        note = self.info.note if note is None else note
+        operator = self.info.operator if operator is None else operator
+        self.info = replace(self.info, note=note, operator=operator)
 
     def finish_file(self, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
         """Finish the present file; returns its result, with all parts so far if there are several. Raises OSError.
@@ -167,7 +143,8 @@ class Recording:
         One that is lost is given up: its result says that it is not finished, and it is no part.
         """
         try:
-            result = None if self._is_lost else finish_file(self.writer, pipeline, now_ns)
+            is_lost = self.vanished is not None and self.vanished.is_lost
+            result = None if is_lost else finish_file(self.writer, pipeline, now_ns)
         except OSError as error:
             if self.look(error) is None:
                 raise
@@ -181,29 +158,20 @@ class Recording:
         self._next_info = previous_log.told(replace(following, memory=memory), None)
         return self.parts.add_result(result) if result["finished"] else result
 
-    @property
-    def _is_lost(self) -> bool:
-        return self.vanished is not None and self.vanished.is_lost
-
 
 def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
     """Filter what still waits, finish the file and return its result; the pipeline goes on without a file.
 
-    `writer`: of the file.
-    `pipeline`: that writes into it.
-    `now_ns`: monotonic clock.
     Raises OSError if the disk does not take the end; the file then ends with its last flush.
     """
     pipeline.use_waiting(now_ns)
     pipeline.flush(now_ns)
-    writer.finish(_summary(result_document(pipeline, writer.path, None)), pipeline.utc_ns(now_ns))
+    document = result_document(pipeline, writer.path, None)
+    # of its result the file keeps all, and the verdict on it in a word
+    kept = {**document, "verdict": sources.of_document(document).word}
+    writer.finish(kept, pipeline.utc_ns(now_ns))
     pipeline.release_file()
     return result_document(pipeline, writer.path, writer.sha256)
-
-
-def _summary(document: "ResultDocument") -> dict[str, object]:
-    """What the file keeps of its result: all of it, and the verdict on it in a word."""
-    return {**document, "verdict": sources.of_document(document).word}
 
 
 def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
@@ -217,12 +185,7 @@ def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Resu
 
 
 def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "ResultDocument":
-    """Result of a run of samples.
-
-    `pipeline`: after its last sample.
-    `path`: its file.
-    `log_sha256`: hash of the file; None before it is finished.
-    """
+    """Result of a run of samples after its last one; `log_sha256` is None before the file is finished."""
     # loads statistics: not before a recording ends
     from imutui.logbook import results
 
@@ -256,10 +219,6 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
     if failure is not None:
         document["alarms"].append(failure)
     return document
-
-
-def _new_id() -> str:
-    return uuid.uuid4().hex[:16]
 
 
 def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, *, overwrite: bool) -> LogWriter:

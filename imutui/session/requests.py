@@ -5,9 +5,10 @@ one by one: nothing in it is taken for granted, and what is wrong has a name. A 
 carried out gets a `Refusal`.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal, NotRequired, TypedDict, cast
+from typing import TYPE_CHECKING, Any, Literal, NotRequired, TypedDict, cast
 
 from filters.errors import InputError
 from imutui.history_rows import HistorySnapshot
@@ -18,18 +19,7 @@ from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnap
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
-_LONGEST_WAIT_S = 86400.0
-
-
-class RecordingWishFields(TypedDict, total=False):
-    """Fields of `imutui.session.plan.RecordingWish`; what lacks is as the plan has it."""
-
-    note: str | None
-    operator: str | None
-    place: str | None
-    table: str | None
-    rotate_minutes: float | None
-    rotate_mb: float | None
+LONGEST_WAIT_S = 86400.0
 
 
 class FilterChanges(TypedDict, total=False):
@@ -47,49 +37,22 @@ class FilterChanges(TypedDict, total=False):
 class Request(TypedDict):
     """Any request; the fields beyond `ask` belong to the kinds that say so."""
 
-    ask: Literal[
-        "snapshot",
-        "history",
-        "statistics",
-        "begin_statistics",
-        "mark",
-        "record",
-        "describe",
-        "configure",
-        "zero",
-        "profile",
-        "guide",
-        "stop_recording",
-        "stop",
-        "wait",
-    ]
-    since: NotRequired[int]
-    """snapshot: number of the first packet wanted in the series."""
-    run: NotRequired[int]
-    """history: the run that the viewer has rows of."""
-    estimates_s: NotRequired[float | None]
-    """history: instant of the last row of estimates that the viewer has."""
-    temperature_s: NotRequired[float | None]
-    """history: instant of the last row of temperature that the viewer has."""
-    channel: NotRequired[int]
-    """statistics: number of the channel, 0 to 6."""
-    text: NotRequired[str]
-    """mark: what the operator says."""
-    wish: NotRequired[RecordingWishFields]
-    """record, guide: of the recording that begins."""
+    ask: str  # what; `imutui.session.__main__.carry_out` has which there are
+    since: NotRequired[int]  # snapshot: number of the first packet wanted in the series
+    run: NotRequired[int]  # history: the run that the viewer has rows of
+    estimates_s: NotRequired[float | None]  # history: instant of the last row of estimates that the viewer has
+    temperature_s: NotRequired[float | None]  # history: instant of the last row of temperature that the viewer has
+    channel: NotRequired[int]  # statistics: number of the channel, 0 to 6
+    text: NotRequired[str]  # mark: what the operator says
+    wish: NotRequired[Mapping[str, object]]  # record, guide: of the recording that begins, fields of `RecordingWish`
+    # describe: of the file that is being written; None leaves it as it is
     note: NotRequired[str | None]
     operator: NotRequired[str | None]
-    """describe: of the file that is being written; None leaves it as it is."""
-    changes: NotRequired[FilterChanges]
-    """configure: what the filter takes from now on."""
-    argument: NotRequired[int]
-    """zero: length of the average."""
-    do: NotRequired[str]
-    """guide: begin, next, cancel, resume."""
-    timeout_s: NotRequired[float | None]
-    """wait: how long at most; None for ever."""
-    by: NotRequired[str]
-    """stop: who asks for it, in words."""
+    changes: NotRequired[FilterChanges]  # configure: what the filter takes from now on
+    argument: NotRequired[int]  # zero: length of the average
+    do: NotRequired[str]  # guide: begin, next, cancel, resume
+    timeout_s: NotRequired[float | None]  # wait: how long at most; None for ever
+    by: NotRequired[str]  # stop: who asks for it, in words
 
 
 class EndFinding(TypedDict):
@@ -103,32 +66,19 @@ class Reply(TypedDict, total=False):
     """What is replied; which fields there are besides `ok` depends on the request."""
 
     ok: Literal[True]
-    snapshot: Snapshot
-    """snapshot: state for a screen."""
-    history: HistorySnapshot
-    """history: biases and temperature of the run, what the viewer lacks of them."""
-    statistics: StatisticsSnapshot
-    """statistics: Allan deviation, spectrum and histogram of the channel."""
-    path: str
-    """record: of the file that has begun."""
-    said: str
-    """zero: what came of it."""
-    profile: ProfileDescription | None
-    """profile: what the reference comes from; None if it comes from no table profile."""
-    result: "ResultDocument | None"
-    """stop_recording, stop, wait: of the last recording."""
-    error: str | None
-    """stop, wait: why the acquisition failed, if it did."""
-    exit_code: int
-    """stop, wait: of the acquisition's process."""
-    findings: list[EndFinding]
-    """stop, wait: what must be said of one that did not fail."""
-    by_itself: bool
-    """stop, wait: whether nobody asked for the end."""
-    ended_by: str
-    """stop, wait: who or what asked for the end, in words."""
-    runs: bool
-    """wait: true if it runs still; the other fields of an end are not there then."""
+    snapshot: Snapshot  # snapshot: state for a screen
+    history: HistorySnapshot  # history: biases and temperature of the run, what the viewer lacks of them
+    statistics: StatisticsSnapshot  # statistics: Allan deviation, spectrum and histogram of the channel
+    path: str  # record: of the file that has begun
+    said: str  # zero: what came of it
+    profile: ProfileDescription | None  # profile: what the reference comes from; None if from no table profile
+    result: "ResultDocument | None"  # stop_recording, stop, wait: of the last recording
+    error: str | None  # stop, wait: why the acquisition failed, if it did
+    exit_code: int  # stop, wait: of the acquisition's process
+    findings: list[EndFinding]  # stop, wait: what must be said of one that did not fail
+    by_itself: bool  # stop, wait: whether nobody asked for the end
+    ended_by: str  # stop, wait: who or what asked for the end, in words
+    runs: bool  # wait: true if it runs still; the other fields of an end are not there then
 
 
 class Refusal(TypedDict):
@@ -150,9 +100,13 @@ class StartReport(TypedDict):
 # -- fields of a request that may be anything -------------------------------------------------------------------------
 
 
+def _field(request: Request, name: str) -> object:
+    return cast("Mapping[str, object]", request).get(name)
+
+
 def text(request: Request, name: str) -> str:
     """A text that the request must have; raises InputError if it has none."""
-    value = cast("Mapping[str, object]", request).get(name)
+    value = _field(request, name)
     if not isinstance(value, str):
         raise InputError(f"the request's `{name}` is no text")
     return value
@@ -160,47 +114,36 @@ def text(request: Request, name: str) -> str:
 
 def text_or_none(request: Request, name: str, limit: int) -> str | None:
     """A text on one line, cut to a length; None if it lacks. Raises InputError if it is something else."""
-    value = cast("Mapping[str, object]", request).get(name)
-    if value is not None and not isinstance(value, str):
-        raise InputError(f"the request's `{name}` is no text")
-    return None if value is None else one_line(value, limit)
+    return None if _field(request, name) is None else one_line(text(request, name), limit)
 
 
 def whole(request: Request, name: str, default: int | None = None) -> int:
     """A whole number; raises InputError if it is none, or lacks and there is no default."""
-    value = cast("Mapping[str, object]", request).get(name, default)
+    value = _field(request, name) if name in request else default
     if isinstance(value, bool) or not isinstance(value, int) or not -(2**63) <= value < 2**63:
         raise InputError(f"the request's `{name}` is no whole number")
     return value
 
 
-def seconds(request: Request, name: str) -> float | None:
-    """A time to wait at most; None for ever. Raises InputError if it is neither."""
-    value = cast("Mapping[str, object]", request).get(name)
+def seconds(request: Request, name: str, least: float = -math.inf, most: float = math.inf) -> float | None:
+    """A finite time within bounds, s; None if it lacks. Raises InputError if it is something else."""
+    value: Any = _field(request, name)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= _LONGEST_WAIT_S:
-        raise InputError(f"the request's `{name}` is no time from 0 to {_LONGEST_WAIT_S:g} s")
-    return float(value)
-
-
-def instant(request: Request, name: str) -> float | None:
-    """A time, s; None if it lacks. Raises InputError if it is none."""
-    value = cast("Mapping[str, object]", request).get(name)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"the request's `{name}` is no time in seconds")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or not least <= value <= most:
+        bounds = f" from {least:g} to {most:g} s" if math.isfinite(most) else " in seconds"
+        raise InputError(f"the request's `{name}` is no time{bounds}")
     return float(value)
 
 
 def wish(request: Request) -> RecordingWish:
     """What is wished of a recording; raises InputError with the field that is unknown or does not fit."""
-    fields, known = _table(request, "wish"), RecordingWishFields.__annotations__
-    unknown = sorted(set(fields) - known.keys())
+    fields, known = _table(request, "wish"), [field.name for field in dataclasses.fields(RecordingWish)]
+    unknown = sorted(set(fields) - set(known))
     if unknown:
         raise InputError(f"`{unknown[0][:NAME_LIMIT]}` is unknown in `wish`; known: {', '.join(known)}")
-    return RecordingWish(**cast("RecordingWishFields", fields))
+    return RecordingWish(**fields)
 
 
 def changes(request: Request) -> FilterChanges:
@@ -218,8 +161,8 @@ def changes(request: Request) -> FilterChanges:
     return cast("FilterChanges", fields)
 
 
-def _table(request: Request, name: str) -> Mapping[str, object]:
-    fields = cast("Mapping[str, object]", request).get(name, {})
+def _table(request: Request, name: str) -> dict[str, Any]:
+    fields = _field(request, name) if name in request else {}
     if not isinstance(fields, dict):
         raise InputError(f"the request's `{name}` is no JSON object")
     return fields

@@ -112,20 +112,9 @@ class SampleRate:
 
 
 class SamplePipeline:
-    """Packets in; raw packets, samples and estimates out, to the file if there is one.
+    """Packets in; raw packets, samples and estimates out, to the file (`writer`) if there is one.
 
-    `info`: of this run.
-    `timebase`: monotonic to UTC.
-    `writer`: none when not recording.
-    `motion`: what the filter's reference needs.
-    `effects`: makes the effects that join the filter.
-    `instrument`: what the packets are of.
-    `samples`, `marks`: how many so far.
-    `rate`: of the samples.
-    `history`: biases and temperature since the run began.
-    `filter`: none if nothing is filtered.
-    `started_ns`, `flushed_ns`: when the first packet was sampled, and when all was last seen onto the disk, monotonic.
-    `first_stamp_ns`: sampling instant of the first sample, UTC.
+    `motion` is what the filter's reference needs, `effects` makes the effects that join the filter.
     Raises InputError if the filter's settings cannot be.
     """
 
@@ -141,12 +130,11 @@ class SamplePipeline:
         self.info = info
         self._description: dict[str, str] = {}
         self.counters = LineCounters()
-        self.samples = 0
-        self.marks = 0
+        self.samples = self.marks = 0
         self.rate = SampleRate()
-        self.started_ns: int | None = None
-        self.flushed_ns: int | None = None
-        self.first_stamp_ns: int | None = None
+        self.started_ns: int | None = None  # when the first packet was sampled, monotonic
+        self.flushed_ns: int | None = None  # when all was last seen onto the disk, monotonic
+        self.first_stamp_ns: int | None = None  # sampling instant of the first sample, UTC
         self.history = RunHistory()
         self.filter = LiveFilter(info, motion, effects, self.history.estimates) if info.filter != "none" else None
         self._writer = writer

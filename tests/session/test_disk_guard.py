@@ -12,7 +12,7 @@ from helpers.processes import wait_until
 from imutui.jobs.check import check
 from imutui.logbook import checksum_file
 from imutui.session import exit_codes
-from imutui.session.disk_space import DiskGuard, GrowthRate
+from imutui.session.disk_space import DiskGuard
 from imutui.session.plan import RecordingWish
 
 MB = 1_000_000
@@ -102,18 +102,17 @@ def test_no_limit_is_no_guard(home: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_time_left_is_until_the_limit_and_half_an_hour_is_said_once() -> None:
     """Not until the last byte; unknown before the growth is."""
-    guard, growth = DiskGuard(200.0), GrowthRate()
-    assert guard.seconds_left(300 * MB, growth.bytes_per_s()) is None
+    guard = DiskGuard(200.0)
+    assert guard.seconds_left(300 * MB) is None
     for second in range(11):
-        growth.add(second * 1_000_000_000, second * 100_000)
-    rate = growth.bytes_per_s()
-    assert guard.seconds_left(300 * MB, rate) == pytest.approx(1000.0)
-    assert guard.seconds_left(100 * MB, rate) == 0.0
-    assert guard.seconds_left(None, rate) is None
+        guard.add_size(second * 1_000_000_000, second * 100_000)
+    assert guard.seconds_left(300 * MB) == pytest.approx(1000.0)
+    assert guard.seconds_left(100 * MB) == 0.0
+    assert guard.seconds_left(None) is None
     assert guard.warn(None) is None
-    assert guard.warn(1801.0) is None
-    assert guard.warn(1799.0) == "the disk has room for 30 min more; free some space"
-    assert guard.warn(1700.0) is None
+    assert guard.warn(round(380.1 * MB)) is None
+    assert guard.warn(round(379.9 * MB)) == "the disk has room for 30 min more; free some space"
+    assert guard.warn(370 * MB) is None
     assert guard.stop(Path("logs/a.mcap"), 200 * MB) is None
     assert guard.stop(Path("logs/a.mcap"), None) is None
     assert "a.mcap is finished" in (guard.stop(Path("logs/a.mcap"), 200 * MB - 1) or "")

@@ -7,7 +7,7 @@ import pytest
 from helpers.processes import started
 
 from imutui.logbook import summary
-from imutui.session import client, failed_start
+from imutui.session import client, end_report
 from imutui.session.plan import VIRTUAL_PORT, Plan
 
 # as an acquisition that is held up for ever with its file just made, or with something in it
@@ -33,15 +33,15 @@ def test_a_file_without_a_message_is_not_left_and_one_with_a_message_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: str
 ) -> None:
     """Nor are the folders that were made for it; what was there before stays."""
-    monkeypatch.setattr(failed_start, "_GRACE_S", 0.1)
+    monkeypatch.setattr(end_report, "_GRACE_S", 0.1)
     log = tmp_path / "made" / "for it" / "a.mcap"
-    missing = failed_start.missing_folders(Plan(VIRTUAL_PORT, output=str(log)))
+    missing = end_report.missing_folders(Plan(VIRTUAL_PORT, output=str(log)))
     assert missing == [log.parent, log.parent.parent]
     with started([sys.executable, "-c", HELD_UP, str(log), messages]) as process:
         assert process.stdout is not None
         assert process.stdout.readline()
         assert log.exists()
-        failed_start.end(process, missing)
+        end_report.end_unbegun(process, missing)
     if messages == "none":
         assert list(tmp_path.iterdir()) == []
     else:

@@ -16,7 +16,7 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, reader, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
-from imutui.session.disk_space import FreeSpace, GrowthRate
+from imutui.session.disk_space import DiskGuard, FreeSpace
 from imutui.session.metadata import effects_of
 from imutui.session.plan import Plan
 from imutui.session.recording import Recording, RecordingParts
@@ -118,14 +118,14 @@ def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
 
 def test_the_rate_of_growth_is_told_through_all_files() -> None:
     """Nothing in the first 10 s; a new file begins at zero and the rate does not."""
-    growth = GrowthRate()
+    growth = DiskGuard(0.0)
     for second in range(10):
-        growth.add(second * S, 1000 * second)
+        growth.add_size(second * S, 1000 * second)
         assert growth.bytes_per_s() is None
-    growth.add(10 * S, 10_000)
+    growth.add_size(10 * S, 10_000)
     assert growth.bytes_per_s() == pytest.approx(1000.0)
     for second in range(11, 200):
-        growth.add(second * S, 2000 * (second - 10))
+        growth.add_size(second * S, 2000 * (second - 10))
     assert growth.bytes_per_s() == pytest.approx(2000.0)
 
 

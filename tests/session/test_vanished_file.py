@@ -24,8 +24,8 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import checksum_file, reader, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import client, exit_codes, vanished_file
-from imutui.session.disk_space import disk_message
+from imutui.session import client, exit_codes
+from imutui.session.disk_space import disk_message, vanished
 from imutui.session.plan import Plan
 
 PROFILE = """
@@ -193,8 +193,8 @@ def test_a_file_that_is_gone_is_never_said_to_hold_anything(tmp_path: Path) -> N
     writer.imu(0, 0, np.zeros(3), np.zeros(3))
     writer.flush()
     assert "holds everything up to its last flush" in disk_message(writer, full)
-    assert vanished_file.look(writer) is None
-    assert vanished_file.unreachable(writer, full) is None
+    assert vanished(writer) is None
+    assert vanished(writer, full) is None
     writer.path.unlink()
     assert "not there any more" in disk_message(writer, full)
 
