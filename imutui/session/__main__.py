@@ -197,7 +197,8 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             changes = requests.changes(request)
             engine.call(lambda acquisition: acquisition.configure(changes))
         case "zero":
-            return {"said": engine.zero(requests.whole(request, "argument"))}
+            argument = requests.whole(request, "argument")
+            return {"said": engine.zero(argument)}
         case "profile":
             return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
