@@ -56,6 +56,7 @@ DEFAULTS: dict[str, Value] = {
     "screen.theme": "",
 }
 
+# settings that are one of a few values
 ALLOWED: dict[str, tuple[Value, ...]] = {
     "paths.file_mode": ("0600", "0640", "0644", "0660", "0664", "0666"),
     "instrument.accel_sign": (-1, 1),
@@ -66,8 +67,7 @@ ALLOWED: dict[str, tuple[Value, ...]] = {
     "screen.plot": ("auto", "scroll", "sweep", "numbers"),
     "screen.glyphs": ("auto", "braille", "block", "ascii"),
 }
-"""Settings that are one of a few values."""
-
+# numbers that have a smallest value; what else they may be is known where they are used
 LEAST: dict[str, float] = {
     "paths.min_free_mb": 0.0,
     "acquisition.rotate_minutes": 0.0,
@@ -77,8 +77,6 @@ LEAST: dict[str, float] = {
     "filter.seed": 0,
     "screen.fps": 0.0,
 }
-"""Numbers that have a smallest value; what else they may be is known where they are used."""
-
 
 FILE = "imutui.toml"
 _PREFIX = "IMUTUI_"
@@ -102,18 +100,13 @@ class File:
     read: bool
 
 
+@dataclass(frozen=True, slots=True)
 class Config:
-    """Effective settings.
+    """Effective settings."""
 
-    `settings`: key to `Setting`.
-    `warnings`: unknown keys in files: said, not refused, since the file may serve another version.
-    `files`: where settings were looked for, the one that wins last.
-    """
-
-    def __init__(self, settings: dict[str, Setting], warnings: list[str], files: tuple[File, ...] = ()) -> None:
-        self.settings = settings
-        self.warnings = warnings
-        self.files = files
+    settings: dict[str, Setting]
+    warnings: list[str]  # unknown keys in files: said, not refused, since the file may serve another version
+    files: tuple[File, ...] = ()  # where settings were looked for, the one that wins last
 
     def text(self, key: str) -> str:
         """Value of a text setting."""
@@ -145,10 +138,8 @@ class Config:
 
 
 def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None) -> Config:
-    """Read all sources.
+    """Read all sources; ./imutui.toml is looked for in `folder`, the working folder unless given.
 
-    `environment`: environment variables.
-    `folder`: where ./imutui.toml is looked for; the working folder unless given.
     Raises InputError if a file is no TOML, or a value does not fit its key.
     """
     settings = {key: Setting(value, "default") for key, value in DEFAULTS.items()}
@@ -161,10 +152,10 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
             if key in DEFAULTS:
                 settings[key] = Setting(_fit(key, value, str(path)), str(path))
             else:
-                warnings.append(f"{path}: unknown setting `{key}`{_meant(key)}")
+                warnings.append(f"{path}: unknown setting `{key}`{_meant(key, DEFAULTS)}")
     for name in environment:
         if name.startswith(_SECTIONS) and name not in _VARIABLES:
-            warnings.append(f"environment: unknown setting {name}{_meant_variable(name)}")
+            warnings.append(f"environment: unknown setting {name}{_meant(name, _VARIABLES)}")
     for name, key in _VARIABLES.items():
         if name in environment:
             settings[key] = Setting(_fit(key, environment[name], name), name)
@@ -172,10 +163,7 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
 
 
 def parse_pairs(pairs: list[str]) -> dict[str, Value]:
-    """Settings written as `key=value`.
-
-    Raises InputError if one is not written so, is unknown, or does not fit.
-    """
+    """Settings written as `key=value`; raises InputError if one is not written so, is unknown, or does not fit."""
     out: dict[str, Value] = {}
     for pair in pairs:
         key, separator, value = pair.partition("=")
@@ -197,16 +185,13 @@ def _file(path: Path) -> dict[str, Any] | None:
         raise InputError(f"{path}: {error.strerror}") from error
     out: dict[str, Any] = {}
     for section, values in tree.items():
-        if isinstance(values, dict):
-            out |= {f"{section}.{key}": value for key, value in values.items()}
-        else:
-            out[section] = values
+        out |= {f"{section}.{key}": v for key, v in values.items()} if isinstance(values, dict) else {section: values}
     return out
 
 
 def _fit(key: str, value: Any, source: str) -> Value:
     if key not in DEFAULTS:
-        raise InputError(f"{source}: unknown setting `{key}`{_meant(key)}; known: {', '.join(DEFAULTS)}")
+        raise InputError(f"{source}: unknown setting `{key}`{_meant(key, DEFAULTS)}; known: {', '.join(DEFAULTS)}")
     kind = type(DEFAULTS[key])
     if (fitted := _as(kind, value)) is None:
         raise InputError(f'{source}: `{key}` is "{value}", not {_KINDS[kind]}')
@@ -237,15 +222,7 @@ def _as(kind: type, value: Any) -> Value | None:
     return int(number) if kind is int else number
 
 
-def _meant(key: str) -> str:
-    """What an unknown key may have been meant for."""
-    return _nearest(key, DEFAULTS)
-
-
-def _meant_variable(name: str) -> str:
-    return _nearest(name, _VARIABLES)
-
-
-def _nearest(word: str, known: Iterable[str]) -> str:
+def _meant(word: str, known: Iterable[str]) -> str:
+    """What an unknown key or variable may have been meant for."""
     near = difflib.get_close_matches(word, list(known), 1, 0.8)
     return f"; did you mean `{near[0]}`?" if near else ""

@@ -77,18 +77,17 @@ from typing import Any, cast
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
 from filters.motion.profile import Profile
-from filters.simulation import Effect, PowerOn, Scenario, Temperature
+from filters.simulation import FAULT_KINDS, Effect, Fault, Personality, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
 from imutui import outside_file, toml_text
 from imutui.logbook import named_profiles, reference_file
-from imutui.scenario_wire import fault_of, personality_of
-from imutui.toml_text import is_number
-from imutui.toml_values import known, number, table_of, tables_of, triple, whole
+from imutui.toml_text import Table, is_number, tables_of
 
 _DPS = math.pi / 180.0
 _MG = 1e-3 * STANDARD_GRAVITY
 _SQRT_HOUR = 60.0
 _MOST_POWER_ONS = 1000
+_SIMULATED = "VIRTUAL SIM"
 
 # a number in the file and what it is multiplied with, by the field of ImuSpec
 _NOISE = {
@@ -97,6 +96,16 @@ _NOISE = {
     "gyro_bandwidth_hz": ("gyro_bandwidth", 1.0),
     "accel_bandwidth_hz": ("accel_bandwidth", 1.0),
 }
+_TOP = (
+    *("seed", "profile", "power_ons", "biases", "noise", "temperature", "site", "instrument"),
+    *("effect", "power_on", "fault", "unit", "line"),
+)
+_SITE = ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2")
+_UNIT = (
+    *("version", "version_plain_text", "ping", "power_up_mode", "auto_baud"),
+    *("reply_delay_s", "clock_skew_ppm"),
+)
+_PINGS, _MODES = ("keeps", "stops", "resets"), ("voltage", "scaled")
 
 
 class ScenarioError(InputError):
@@ -104,10 +113,10 @@ class ScenarioError(InputError):
 
 
 def load_profile(path: Path) -> Profile:
-    """Motion of a table from a file.
+    """Motion of a table from a TOML file, or, by its suffix, a CSV with a heading `t, outer, middle, inner` (s, deg).
 
-    `path`: TOML, or CSV with a heading `t, outer, middle, inner` (s, deg) by its suffix. A TOML file may name a CSV, as
-      `samples = "angles.csv"` relative to it, in place of segments, and so give it `sign`, `align`, `offset_sd_s`.
+    A TOML file may name a CSV, as `samples = "angles.csv"` relative to it, in place of segments, and so give it `sign`,
+    `align`, `offset_sd_s`.
     Raises ScenarioError if it can't be read, or something in it does not fit.
     """
     if path.suffix.lower() == ".csv":
@@ -116,11 +125,10 @@ def load_profile(path: Path) -> Profile:
 
 
 def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
-    """Scenario from a TOML file.
+    """Scenario from a TOML file; a profile that it names is looked for beside it.
 
-    `path`: the file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and
-      so does the name of a ready-made one.
-    `plain`: a unit without any of it: its axes and specification count where the file does not say; None: an IMU400CD.
+    A profile stands for a plain unit on that table, and so does the name of a ready-made one. Of `plain`, a unit
+    without any of it, axes and specification count where the file does not say; None: an IMU400CD.
     Raises ScenarioError if it can't be read, or something in it does not fit.
     """
     usual = Scenario() if plain is None else plain
@@ -156,7 +164,7 @@ def _profile(document: Mapping[str, Any], path: Path) -> Profile:
     try:
         if "samples" not in document:
             return reference_file.from_document(cast("reference_file.ProfileDocument", document))
-        known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
+        Table(document, ("samples", "sign", "align", "offset_sd_s"), "a profile with `samples`")
         if not isinstance(document["samples"], str):
             raise InputError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
         # what comes beside the samples is what comes beside segments: checked by the one who knows
@@ -186,42 +194,27 @@ def _csv_profile(path: Path) -> Profile:
 
 # ----------------------------------------------------------------------------------------------------------- scenarios
 
-_TOP = (
-    "seed",
-    "profile",
-    "power_ons",
-    "biases",
-    "noise",
-    "temperature",
-    "site",
-    "instrument",
-    "effect",
-    "power_on",
-    "fault",
-    "unit",
-    "line",
-)
-
 
 def _scenario(document: Mapping[str, Any], path: Path, usual: Scenario) -> Scenario:
-    known(document, _TOP, "in a scenario")
-    biases = table_of(document, "biases")
-    known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
+    top = Table(document, _TOP, "a scenario", where="")
+    biases = Table.inside(document, "biases", ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"))
     return Scenario(
-        seed=whole(document, "seed", 0, "") if "seed" in document else 0,
-        spec=_spec(table_of(document, "noise"), usual.spec),
-        accel_bias=triple(biases, "accel_mg", _MG, "[biases]: "),
-        gyro_bias=triple(biases, "gyro_dps", _DPS, "[biases]: "),
-        accel_bias_run_sd=number(biases, "accel_run_mg", "[biases]: ", 0.0, least=0.0) * _MG,
-        gyro_bias_run_sd=number(biases, "gyro_run_dps", "[biases]: ", 0.0, least=0.0) * _DPS,
-        temperature=_temperature(document["temperature"], "") if "temperature" in document else Temperature(),
+        seed=top.whole("seed", 0) if "seed" in top else 0,
+        spec=_spec(Table.inside(document, "noise", _NOISE), usual.spec),
+        accel_bias=biases.triple("accel_mg", _MG),
+        gyro_bias=biases.triple("gyro_dps", _DPS),
+        accel_bias_run_sd=biases.number("accel_run_mg", 0.0, least=0.0) * _MG,
+        gyro_bias_run_sd=biases.number("gyro_run_dps", 0.0, least=0.0) * _DPS,
+        temperature=_temperature(document["temperature"], "") if "temperature" in top else Temperature(),
         profile=_profile_of(document, path),
         effects=tuple(_effect(table, f"effect {n}: ") for n, table in enumerate(tables_of(document, "effect"), 1)),
-        power_ons=_power_ons(document),
-        faults=tuple(fault_of(table, f"fault {n}: ") for n, table in enumerate(tables_of(document, "fault"), 1)),
-        personality=personality_of(table_of(document, "unit"), table_of(document, "line")),
-        site=_site(table_of(document, "site")),
-        axes=_axes(table_of(document, "instrument"), usual.axes),
+        power_ons=_power_ons(top, document),
+        faults=tuple(_fault(table, f"fault {n}") for n, table in enumerate(tables_of(document, "fault"), 1)),
+        personality=_personality(
+            Table.inside(document, "unit", _UNIT), Table.inside(document, "line", ("usb_bursts_s",))
+        ),
+        site=_site(Table.inside(document, "site", _SITE)),
+        axes=_axes(Table.inside(document, "instrument", ("accel_sign", "mount")), usual.axes),
     )
 
 
@@ -251,13 +244,8 @@ def _profile_named(name: str, folder: Path) -> Profile:
     return load_profile(file)
 
 
-def _spec(table: Mapping[str, Any], usual: ImuSpec) -> ImuSpec:
-    known(table, tuple(_NOISE), "in [noise]")
-    fields = {
-        field: number(table, key, "[noise]: ", least=0.0) * unit
-        for key, (field, unit) in _NOISE.items()
-        if key in table
-    }
+def _spec(table: Table, usual: ImuSpec) -> ImuSpec:
+    fields = {field: table.number(key, least=0.0) * unit for key, (field, unit) in _NOISE.items() if key in table}
     return replace(usual, **fields)  # type: ignore[arg-type] # all of these are numbers
 
 
@@ -268,7 +256,8 @@ def _temperature(value: Any, where: str) -> Temperature:
             " or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)"
         )
     if "constant_degc" in value:
-        return Temperature(((0.0, number(value, "constant_degc", f"{where}[temperature]: ")),))
+        constant = Table(value, value, "", where=f"{where}[temperature]: ").number("constant_degc")
+        return Temperature(((0.0, constant),))
     history = value["history"]
     pairs = (
         isinstance(history, list)
@@ -298,9 +287,9 @@ def _effect(table: Mapping[str, Any], where: str) -> Effect:
         raise InputError(f"{where}{error}") from error
 
 
-def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
-    given = tuple(_power_on(table, f"power_on {n}: ") for n, table in enumerate(tables_of(document, "power_on"), 1))
-    count = whole(document, "power_ons", 1, "") if "power_ons" in document else max(len(given), 1)
+def _power_ons(top: Table, document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
+    given = tuple(_power_on(table, f"power_on {n}") for n, table in enumerate(tables_of(document, "power_on"), 1))
+    count = top.whole("power_ons", 1) if "power_ons" in top else max(len(given), 1)
     if count > _MOST_POWER_ONS:
         raise InputError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
     if count < len(given):
@@ -308,36 +297,77 @@ def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
     return given + (PowerOn(),) * (count - len(given))
 
 
-def _power_on(table: Mapping[str, Any], where: str) -> PowerOn:
-    known(table, ("seed", "accel_mg", "gyro_dps", "temperature"), f"in {where.removesuffix(': ')}")
+def _power_on(values: Mapping[str, Any], which: str) -> PowerOn:
+    table = Table(values, ("seed", "accel_mg", "gyro_dps", "temperature"), which)
     return PowerOn(
-        seed=whole(table, "seed", 0, where) if "seed" in table else None,
-        temperature=_temperature(table["temperature"], where) if "temperature" in table else None,
-        accel_bias=triple(table, "accel_mg", _MG, where),
-        gyro_bias=triple(table, "gyro_dps", _DPS, where),
+        seed=table.whole("seed", 0) if "seed" in table else None,
+        temperature=_temperature(values["temperature"], f"{which}: ") if "temperature" in table else None,
+        accel_bias=table.triple("accel_mg", _MG),
+        gyro_bias=table.triple("gyro_dps", _DPS),
     )
 
 
-def _site(table: Mapping[str, Any]) -> Site:
-    known(table, ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2"), "in [site]")
-    if not table:
+def _site(table: Table) -> Site:
+    if not len(table):
         return PAPER_SITE
-    where = "[site]: "
-    gravity = number(table, "gravity_mps2", where) if "gravity_mps2" in table else None
-    if set(table) == {"gravity_mps2"}:
-        assert gravity is not None
+    gravity = table.number("gravity_mps2") if "gravity_mps2" in table else None
+    if gravity is not None and len(table) == 1:
         return replace(PAPER_SITE, gravity=gravity)
-    latitude, longitude, height = (number(table, key, where) for key in ("latitude_deg", "longitude_deg", "height_m"))
+    latitude, longitude, height = (table.number(key) for key in _SITE[:3])
     if not -90.0 <= latitude <= 90.0:
-        raise InputError(f"{where}`latitude_deg` is {latitude:g}, not within ±90")
+        raise table.wrong("latitude_deg", "not within ±90")
     return Site.at(latitude, longitude, height, gravity)
 
 
-def _axes(table: Mapping[str, Any], usual: AxisMap) -> AxisMap:
-    known(table, ("accel_sign", "mount"), "in [instrument]")
-    sign, mount = table.get("accel_sign", usual.accel_sign), table.get("mount", "x,y,z")
+def _axes(table: Table, usual: AxisMap) -> AxisMap:
+    sign = table.number("accel_sign", usual.accel_sign)
     if sign not in (-1, 1):
-        raise InputError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
-    if not isinstance(mount, str):
-        raise InputError(f'[instrument]: `mount` is {mount!r}, not a text such as "x,-y,-z"')
-    return AxisMap(parse_mount(mount), int(sign))
+        raise table.wrong("accel_sign", "not -1 or 1")
+    mount = table.text("mount", "x,y,z", 'not a text such as "x,-y,-z"')
+    return AxisMap(parse_mount(str(mount)), int(sign))
+
+
+# ------------------------------------------------------------------------------------------------------------ the wire
+
+
+def _personality(unit: Table, line: Table) -> Personality:
+    usual, version = Personality(), unit.text("version", None)
+    if version is not None and _SIMULATED not in version:
+        raise unit.wrong("version", f"with {_SIMULATED} in it nobody takes its readings for measured")
+    fields: dict[str, Any] = {
+        "version": version,
+        "version_plain_text": unit.yes("version_plain_text", usual.version_plain_text),
+        "ping": unit.choice("ping", _PINGS, usual.ping),
+        "power_up_mode": unit.choice("power_up_mode", _MODES, usual.power_up_mode),
+        "auto_baud": unit.yes("auto_baud", usual.auto_baud),
+        "reply_delay": unit.number("reply_delay_s", usual.reply_delay),
+        "clock_skew_ppm": unit.number("clock_skew_ppm", usual.clock_skew_ppm),
+        "usb_bursts": line.number("usb_bursts_s", usual.usb_bursts),
+    }
+    try:
+        return Personality(**fields)
+    except InputError as error:
+        raise InputError(f"[unit] or [line]: {error}") from error
+
+
+def _fault(values: Mapping[str, Any], which: str) -> Fault:
+    kind = values.get("kind")
+    if not isinstance(kind, str) or kind not in FAULT_KINDS:
+        raise InputError(f"{which}: `kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
+    measure = FAULT_KINDS[kind]
+    more = ("power", "serial_number") if kind == "hang_up" else ()
+    keys = [key for key in ("at_s", "kind", measure, *more) if key]
+    table = Table(values, keys, f"{which}: {kind}", where=f"{which}: ")
+    at = table.number("at_s", least=0.0)
+    if not measure:
+        return Fault(at, kind)
+    if measure == "count":
+        return Fault(at, kind, count=table.whole("count", 1))
+    seconds = table.number("seconds", least=0.0)
+    if seconds == 0.0:
+        raise table.wrong("seconds", "not a positive number")
+    serial_number = table.whole("serial_number", 0) if "serial_number" in table else None
+    try:
+        return Fault(at, kind, seconds=seconds, power=table.yes("power"), serial_number=serial_number)
+    except InputError as error:
+        raise InputError(f"{which}: {error}") from error

@@ -35,7 +35,6 @@ EVERYWHERE = {"filters.errors"} | {
         "outside_file",
         "plain_text",
         "toml_text",
-        "toml_values",
     )
 }
 """What any module of imutui may import: they know the standard library, and numpy, and each other, only."""
@@ -46,7 +45,6 @@ FLOORS = {
     "imutui.estimate_history": set(),
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),
-    "imutui.toml_values": set(),
     "imutui.outside_file": set(),
     "imutui.defects": set(),
     "filters": GROUND,
@@ -77,8 +75,7 @@ FLOORS = {
     },
     "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_wire"},
-    "imutui.scenario_wire": {"filters"},
+    "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }
 

@@ -272,7 +272,7 @@ def test_a_wrong_scenario_is_refused_by_file_key_and_value(tmp_path: Path, text:
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n", ["at least 2"]),
         ("a.toml", "segment = 3", ["`segment` is missing"]),
         ("a.toml", 'samples = "b.csv"', ["b.csv", "can't be read"]),
-        ("a.toml", 'samples = "b.csv"\nslew_dps = 3', ["`slew_dps` is unknown with `samples`"]),
+        ("a.toml", 'samples = "b.csv"\nslew_dps = 3', ["`slew_dps` is unknown in a profile with `samples`"]),
         ("a.toml", 'samples = "b.csv"\nalign = "gps"', ["`align`", "gps"]),
     ],
 )

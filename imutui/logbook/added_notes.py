@@ -7,11 +7,13 @@ time and the user's name; the last note and the last operator count, and the ear
 import getpass
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from filters.errors import InputError
-from imutui import outside_file, toml_text, toml_values
+from imutui import outside_file, toml_text
 from imutui.logbook import atomic_file
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, in_line, one_line, quoted
 
@@ -46,13 +48,13 @@ def read(log: Path) -> tuple[AddedNote, ...]:
     if not path.is_file():
         return ()
     try:
-        entries = toml_values.tables_of(toml_text.parse(outside_file.read(path, _LIMIT)), "added")
+        entries = toml_text.tables_of(toml_text.parse(outside_file.read(path, _LIMIT)), "added")
         return tuple(_entry(entry) for entry in entries[-_MOST:])
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from error
 
 
-def _entry(entry: toml_values.Table) -> AddedNote:
+def _entry(entry: Mapping[str, Any]) -> AddedNote:
     said = {key: entry.get(key) for key in ("utc", "by", "note", "operator")}
     wrong = next((key for key, value in said.items() if value is not None and not isinstance(value, str)), None)
     if wrong is not None:
