@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imutui.cli.exit_codes import USAGE, fail, say
-from imutui.config import Config
+from imutui.config import DEFAULTS, Config
 from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
@@ -17,48 +17,17 @@ if TYPE_CHECKING:
     from imutui.logbook.session_info import SessionInfo
 
 
-_SETTINGS = {
-    "rate_hz": "acquisition.rate_hz",
-    "sampling": "acquisition.sampling",
-    "baud": "acquisition.baud",
-    "operator": "acquisition.operator",
-    "place": "acquisition.place",
-    "table": "acquisition.table",
-    "rotate_minutes": "acquisition.rotate_minutes",
-    "rotate_mb": "acquisition.rotate_mb",
-    "file_mode": "paths.file_mode",
-    "min_free_mb": "paths.min_free_mb",
-    "foxglove_port": "foxglove.port",
-    "foxglove_host": "foxglove.host",
-    "accel_sign": "instrument.accel_sign",
-    "mount": "instrument.mount",
-    "gyro_sign": "instrument.gyro_sign",
-    "g_unit": "instrument.g_unit",
-    "rate_range_dps": "instrument.rate_range_dps",
-    "accel_range_g": "instrument.accel_range_g",
-    "filter": "filter.name",
-    "reference": "filter.reference",
-    "measurements": "filter.measurements",
-    "seed": "filter.seed",
-    "kappa": "filter.kappa",
-    "noise": "filter.noise",
-}
-"""Fields of a plan, and of a session, that are settings of the same meaning."""
+# fields of a plan, and of a session, that are settings of the same meaning: their names are the keys' but for these
+_RENAMED = {"foxglove.port": "foxglove_port", "foxglove.host": "foxglove_host", "filter.name": "filter"}
+_OTHERS = ("paths.logs", "site.", "screen.")
+_SETTINGS = {_RENAMED.get(key, key.partition(".")[2]): key for key in DEFAULTS if not key.startswith(_OTHERS)}
+# fields of a plan that are the instrument's own where nobody chose
 _OF_INSTRUMENT = ("rate_hz", "baud", "accel_sign", "rate_range_dps", "accel_range_g")
-"""Fields of a plan that are the instrument's own where nobody chose."""
+# fields of an imported recording's session that the configuration tells
 _OF_SESSION = (
-    "accel_sign",
-    "mount",
-    "gyro_sign",
-    "g_unit",
-    "filter",
-    "reference",
-    "measurements",
-    "seed",
-    "kappa",
-    "noise",
+    *("accel_sign", "mount", "gyro_sign", "g_unit"),
+    *("filter", "reference", "measurements", "seed", "kappa", "noise"),
 )
-"""Fields of an imported recording's session that the configuration tells."""
 
 
 def _values(config: Config, names: "Iterable[str]") -> dict[str, Any]:

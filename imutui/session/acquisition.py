@@ -5,6 +5,7 @@ Nothing here knows threads, processes or sockets: the engine's worker calls thes
 
 import time
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import Timebase
-from imutui.session.watches import ClockStepMonitor, GravityCheck, Moment, StatusWords, StreamWatch, Watch
+from imutui.session.watches import ClockStepMonitor, GravityCheck, Moment, News, StatusWords
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -75,8 +76,10 @@ class Acquisition:
         self._line_errors = (0, 0)
         self._last_stamp_ns = self.started_ns
         self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
-        self._watches: list[Watch] = [self.line, self.status, GravityCheck(self._instrument)]
-        self._watches += [ClockStepMonitor(self.timebase), *([] if stream is None else [StreamWatch(stream)])]
+        watches = self.line, self.status, GravityCheck(self._instrument), ClockStepMonitor(self.timebase)
+        self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
+        if stream is not None:
+            self._news.append(lambda _: [(said, WARNING)] if (said := stream.look()) else [])
         self.loss_advice = LossAdvice(info.port, info.firmware)
 
     # -- what comes from the reader -------------------------------------------------------------------------------
@@ -101,11 +104,15 @@ class Acquisition:
             self._use(self._clock.due(time.monotonic_ns()))
 
     def _use(self, stamps: list[Stamp]) -> None:
-        for arrival, stamp in [(self._unstamped.popleft(), stamp) for stamp in stamps]:
-            # what was read while the worker was held up may be of after the end
-            if not self.recorder.duration.has_all():
-                with self.recorder.event_clock.at(arrival.host_ns):
+        events = self.recorder.events
+        try:
+            for arrival, stamp in [(self._unstamped.popleft(), stamp) for stamp in stamps]:
+                # what was read while the worker was held up may be of after the end
+                if not self.recorder.duration.has_all():
+                    events.handled_ns = arrival.host_ns
                     self._use_one(arrival, stamp)
+        finally:
+            events.handled_ns = None
 
     def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
         packet, recorder = arrival.packet, self.recorder
@@ -162,14 +169,16 @@ class Acquisition:
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
-        before = self.recent.rates_dps()
+        before = self.recent.mean()
         self._use(self._clock.interrupt())
         self.recent.interrupt()
         self._statistics.interrupt()
         self.line.polled_rate.interrupt()
         self.recorder.begin_run()
         pending, self.zeroing = self.zeroing, None
-        said = event.in_words(before, self._instrument.zeroing_patience_s(event.argument))
+        said = event.in_words(
+            None if before is None else before[:3], self._instrument.zeroing_patience_s(event.argument)
+        )
         self.event("acquisition", said, WARNING if event.seconds is None else INFORMATION)
         if pending is not None and event.seconds is None:
             pending.set_exception(InputError(said))
@@ -198,8 +207,8 @@ class Acquisition:
 
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
-        now = time.monotonic_ns()
-        with self.recorder.event_clock.at(now):
+        self.recorder.events.handled_ns = now = time.monotonic_ns()  # what comes meanwhile is written behind it
+        try:
             self.recorder.pipeline.flush(now)
             if self.recorder.look_after_file(now):
                 self._end_recording()
@@ -210,15 +219,18 @@ class Acquisition:
             moment = self._moment(now)
             if self.line.is_to_be_asked(moment):
                 self.reader.ask_again()
-            for watch in self._watches:
-                for text, level in watch.news(moment):
+            for news in self._news:
+                for text, level in news(moment):
                     self.event("acquisition", text, level)
+        finally:
+            self.recorder.events.handled_ns = None
 
     def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self.reader.last_packet_ns) / 1e9
         expected = self.zeroing is not None or not self.lifecycle.streaming.is_set()
-        recorder = self.recorder
-        return Moment(silent_s, expected, self.recent.accels_g(), recorder.info, recorder.motion)
+        recorder, mean = self.recorder, self.recent.mean()
+        accels_g = None if mean is None else mean[3:6] / 1e3
+        return Moment(silent_s, expected, accels_g, recorder.info, recorder.motion)
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
@@ -304,8 +316,7 @@ class Acquisition:
         recorder = self.recorder
         if recorder.recording is not None:
             raise InputError("finish the recording first: r. A file has one reference and one set of effects")
-        # refuses, before anything is changed, what the filter could not run with
-        recorder.configure(reconfigured(recorder.plan, recorder.info, changes))
+        recorder.configure(*reconfigured(recorder.plan, recorder.info, changes))
         self.guiding = None
         plan = recorder.plan
         source = plan.reference_file[0]

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 _REPORT_S = 0.5
 _NICENESS = 5
 _LAST_MESSAGES_S = 0.3
+# messages that wait for a viewer that is slow, ten seconds at the full rate; then its oldest are left out
 _BACKLOG = 4096
-"""Messages that wait for a viewer that is slow, ten seconds at the full rate; then its oldest are left out."""
 _TRANSFORMS = TOPICS.index(schemas.TRANSFORMS)
 _RAW = TOPICS.index(schemas.RAW)
 

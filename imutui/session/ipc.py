@@ -29,12 +29,10 @@ from imutui.session.snapshot import NO_SERIES
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
-MAX_REQUEST = 1 << 20
-"""Bytes of the longest request; a table profile or an effects file may be in it."""
+MAX_REQUEST = 1 << 20  # bytes of the longest request; a table profile or an effects file may be in it
 
 MAX_VIEWERS = 64
-RESERVED = 8
-"""Places beyond those of viewers, for requests that are soon over."""
+RESERVED = 8  # places beyond those of viewers, for requests that are soon over
 _SOON_OVER = ("stop", "stop_recording", "mark", "describe")
 _FULL = f"{MAX_VIEWERS} viewers are connected already, which is the most; close one"
 _QUEUE_FULL_S = 0.01
@@ -146,22 +144,17 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-class _SocketAddress:
+@contextlib.contextmanager
+def _address(path: Path) -> Iterator[str]:
     """A path short enough for a socket address, whatever the folder: reached through an open descriptor if need be."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._descriptor: int | None = None
-
-    def __enter__(self) -> str:
-        if len(os.fsencode(self._path)) < _MAX_ADDRESS:
-            return str(self._path)
-        self._descriptor = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        return f"/proc/self/fd/{self._descriptor}/{self._path.name}"
-
-    def __exit__(self, *_: object) -> None:
-        if self._descriptor is not None:
-            os.close(self._descriptor)
+    if len(os.fsencode(path)) < _MAX_ADDRESS:
+        yield str(path)
+        return
+    descriptor = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{descriptor}/{path.name}"
+    finally:
+        os.close(descriptor)
 
 
 def connect(name: str, timeout: float) -> socket.socket:
@@ -169,7 +162,7 @@ def connect(name: str, timeout: float) -> socket.socket:
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.settimeout(timeout)
     try:
-        with _SocketAddress(socket_path(name)) as address:
+        with _address(socket_path(name)) as address:
             _connect(connection, address, timeout)
     except OSError:
         connection.close()
@@ -196,10 +189,8 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
     Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
     heard, at most `MAX_VIEWERS` at a time; beyond them are `RESERVED` places for requests that are soon over, where
-    whoever has asked for nothing for the longest makes room for the next one.
-
-    `name`: of the acquisition, whose lock this process holds.
-    `answer`: from request to reply, both JSON objects; called in a thread for each viewer.
+    whoever has asked for nothing for the longest makes room for the next one. `answer` is called in a thread for each
+    viewer; this process holds the lock of the acquisition's name.
     """
 
     daemon_threads = True
@@ -216,7 +207,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         self.idle = threading.Condition()
         path = socket_path(name)
         path.unlink(missing_ok=True)
-        with _SocketAddress(path) as address:
+        with _address(path) as address:
             super().__init__(address, _Handler)
         path.chmod(0o600)
 
@@ -309,11 +300,7 @@ class _Handler(socketserver.StreamRequestHandler):
 
 
 def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
-    """Reply to whatever came as a line.
-
-    `line`: should be a request.
-    `answer`: see `Server`.
-    """
+    """Reply to whatever came as a line, which should be a request."""
     try:
         reply = answer(_request(line))
     except (InputError, OSError) as error:

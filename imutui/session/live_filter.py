@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 
 BIASES = 6
-PIECE_ROWS = 100
-"""Rows in a piece; about a millisecond of writing."""
+PIECE_ROWS = 100  # rows in a piece; about a millisecond of writing
 
 
 class RunHistory:

@@ -19,13 +19,11 @@ from imutui.logbook import schemas
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.snapshot import StreamSnapshot
 
-WAITING_LIMIT = 4096
-"""Messages that wait for the serving process: ten seconds at the full rate, and about 2 MB."""
+WAITING_LIMIT = 4096  # messages that wait for the serving process: ten seconds at the full rate, and about 2 MB
+# what precedes the bytes of each message: number of its topic, in the order of `schemas.TYPES`, and log time, ns
 MESSAGE = struct.Struct("<BQ")
-"""What precedes the bytes of each message: number of its topic, in the order of `schemas.TYPES`, and log time, ns."""
 TOPICS = tuple(schemas.TYPES)
-MESSAGE_LIMIT = 1 << 17
-"""Bytes of one message at most, with what precedes it."""
+MESSAGE_LIMIT = 1 << 17  # bytes of one message at most, with what precedes it
 _START_S = 30.0
 _LAST_S = 0.5
 _END_S = 3.0

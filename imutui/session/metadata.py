@@ -6,7 +6,7 @@ import os
 import re
 import socket
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -94,26 +94,14 @@ def _effects_sha256(plan: Plan) -> str:
     return effects_file.digest(plan.effects.encode())
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """What an acquisition's filter takes: the plan that asks for it, the metadata that tell it, and what it needs."""
-
-    plan: Plan
-    info: SessionInfo
-    motion: Profile | Trajectory | None
-    effects: MakeEffects | None
-
-
 _CSV = (reference_file.ATTACHMENTS[1], "text/csv")
 _WITHOUT_FILE = ("level", "gravity", "turned")
 
 
-def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup:
-    """Setup with another reference or other effects, checked as at the start.
+def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple[Plan, SessionInfo]:
+    """Plan and metadata with another reference or other effects; raises InputError if something is not known.
 
-    `plan`, `info`: as they are.
-    `changes`: a reference that needs no file lays the present one aside, and a file says itself which reference it is.
-    Raises InputError if something is not known, or the filter could not run with it.
+    A reference that needs no file lays the present one aside, and a file says itself which reference it is.
     """
     known = FilterChanges.__annotations__
     unknown = sorted(set(changes) - known.keys())
@@ -132,12 +120,8 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup
                 f'effects join the filter "spkf" only, and this acquisition runs "{plan.filter}". Connect again with'
                 " the filter spkf, or replay the recording with --effects"
             )
-    motion = motion_of(plan)
     info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
-    info = replace(info, effects_sha256=_effects_sha256(plan), filter=filter_of(plan, motion))
-    make = effects_of(plan, info)
-    check_live(info, motion, make)
-    return Setup(plan, info, motion, make)
+    return plan, replace(info, effects_sha256=_effects_sha256(plan), filter=filter_of(plan, motion_of(plan)))
 
 
 def _kind(name: str, text: str) -> str:

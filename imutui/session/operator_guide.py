@@ -14,24 +14,15 @@ from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from imutui.logbook import reference_file
 from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescription, SegmentDescription
 
-GO: GuideState = "go"
-HOLD: GuideState = "hold"
-DONE: GuideState = "done"
-CANCELLED: GuideState = "cancelled"
-
 
 class Guide:
-    """One way through a profile.
-
-    `profile`: what is to be done.
-    `state`: "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
-    `segment`: the present one, from 0; after the last, the last.
-    """
+    """One way through a profile."""
 
     def __init__(self, profile: Profile) -> None:
         self.profile = profile
-        self.state: GuideState = GO
-        self.segment = 0
+        # "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
+        self.state: GuideState = "go"
+        self.segment = 0  # the present one; after the last, the last
         self._hold_s = hold_seconds(profile)
         self._begun: list[int | None] = [None] * len(profile.segments)
         self._until_ns = 0
@@ -56,33 +47,32 @@ class Guide:
     @property
     def under_way(self) -> bool:
         """Whether it waits for the operator or holds."""
-        return self.state in (GO, HOLD)
+        return self.state in ("go", "hold")
 
     def awaits(self, now_ns: int) -> bool:
         """Whether the operator is on the way to a segment."""
         self.advance(now_ns)
-        return self.state == GO
+        return self.state == "go"
 
     def arrive(self, now_ns: int) -> str:
-        """Take it that the operator has arrived, and hold.
+        """Take it that the operator has arrived, and hold; returns the mark to write.
 
-        Returns the mark to write.
         Raises InputError if nobody is on the way.
         """
         self.advance(now_ns)
-        if self.state == HOLD:
+        if self.state == "hold":
             raise InputError(
                 f"segment {self.segment + 1} is under way for another {self._left_s(now_ns):.0f} s; wait, or cancel"
             )
         self._refuse_unless_under_way()
-        self.state = HOLD
+        self.state = "hold"
         self._begun[self.segment] = now_ns
         self._until_ns = now_ns + round(self._hold_s[self.segment] * 1e9)
         return f"segment {self.segment + 1}"
 
     def advance(self, now_ns: int) -> None:
         """Go on to the next segment if the present one has had its time."""
-        if self.state == HOLD and now_ns >= self._until_ns:
+        if self.state == "hold" and now_ns >= self._until_ns:
             self._go_on()
 
     def cancel(self, now_ns: int) -> str | None:
@@ -94,56 +84,50 @@ class Guide:
         """
         self.advance(now_ns)
         self._refuse_unless_under_way()
-        was, self.state = self.state, CANCELLED
-        if was == GO:
+        was, self.state = self.state, "cancelled"
+        if was == "go":
             return None
         # it has not been done, so whoever resumes does it again
         self._begun[self.segment] = None
         return f"segment {self.segment + 1} ends"
 
     def resume(self) -> None:
-        """Go on after a cancellation, with the first segment that has not been done.
-
-        Raises InputError if it was not cancelled.
-        """
-        if self.state != CANCELLED:
+        """Go on after a cancellation, with the first segment not done; raises InputError if it was not cancelled."""
+        if self.state != "cancelled":
             raise InputError(f"the guide is not cancelled but in state {self.state}; there is nothing to resume")
-        self.state = GO
+        self.state = "go"
         self._go_on()
 
     def recording_ended(self, now_ns: int) -> None:
         """Take note that what it guides is recorded no more: what was under way is cancelled, what is done stays so."""
         self.advance(now_ns)
         if self.under_way:
-            self.state = CANCELLED
+            self.state = "cancelled"
 
     def _go_on(self) -> None:
         left = [k for k, begun in enumerate(self._begun) if begun is None]
-        self.state = GO if left else DONE
+        self.state = "go" if left else "done"
         self.segment = left[0] if left else len(self._begun) - 1
 
     def _refuse_unless_under_way(self) -> None:
         if not self.under_way:
-            next_step = "resume it" if self.state == CANCELLED else "begin again in a new recording"
+            next_step = "resume it" if self.state == "cancelled" else "begin again in a new recording"
             raise InputError(f"the guide is {self.state}; {next_step}")
 
     def _left_s(self, now_ns: int) -> float:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
     def snapshot(self, now_ns: int, started_ns: int | None, turns_s: float | None = None) -> GuideSnapshot:
-        """What viewers see.
+        """What viewers see; `started_ns` is when the run of samples began, if it has.
 
-        `now_ns`: monotonic clock.
-        `started_ns`: when the run of samples began, on the same clock, if it has.
-        `turns_s`: for how long a virtual unit turns still to where the operator sent it; None of one that the operator
-          turns.
+        `turns_s`: for how long a virtual unit turns still to where the operator sent it.
         """
         self.advance(now_ns)
         return {
             "state": self.state,
             "segment": self.segment,
             "count": len(self._begun),
-            "left_s": self._left_s(now_ns) if self.state == HOLD else None,
+            "left_s": self._left_s(now_ns) if self.state == "hold" else None,
             "begun": [
                 None if t is None or started_ns is None else max(0.0, (t - started_ns) / 1e9) for t in self._begun
             ],
@@ -151,15 +135,9 @@ class Guide:
         }
 
 
-def _seconds_since(started_ns: int | None, at_ns: int | None) -> float | None:
-    return None if at_ns is None or started_ns is None else max(0.0, (at_ns - started_ns) / 1e9)
-
-
 def begin_guide(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
-    """Guide through the profile of an acquisition.
+    """Guide through the profile of an acquisition, which may be recording already.
 
-    `motion`: what its reference needs, if anything.
-    `recording`: whether something is being recorded, which then began before this guide.
     Raises InputError if there is nothing to be guided through, or not now; the message says what next.
     """
     if not isinstance(motion, Profile):
@@ -186,13 +164,7 @@ def hold_seconds(profile: Profile) -> list[float]:
 
 
 def describe(profile: Profile, name: str, text: str = "") -> ProfileDescription:
-    """A profile for viewers.
-
-    `profile`: what is to be done.
-    `name`: of its file.
-    `text`: its content.
-    Returns fields of a segment that do not apply are None.
-    """
+    """A profile for viewers, with its file's name and text; fields of a segment that do not apply are None."""
     segments = [
         _describe_segment(segment, seconds)
         for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)

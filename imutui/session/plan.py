@@ -19,16 +19,12 @@ POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
 SAMPLINGS = ("stream", "polled")
 _LONGEST_S = 10 * 366 * 86400.0
 LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
-FILE_MODE = "0640"
-"""Permissions of logs, unless configured."""
-MIN_FREE_MB = 200.0
-"""Megabytes that recording leaves free, unless configured."""
-VIRTUAL_PORT = "virtual"
-"""Port name that starts a virtual instrument of the acquisition's own."""
+FILE_MODE = "0640"  # permissions of logs, unless configured
+MIN_FREE_MB = 200.0  # megabytes that recording leaves free, unless configured
+VIRTUAL_PORT = "virtual"  # port name that starts a virtual instrument of the acquisition's own
 
 
-INSTRUMENT_NAMES = tuple(INSTRUMENTS)
-"""What files of all units begin with."""
+INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,8 +256,7 @@ class Plan:
 
 
 DEMO_RATE_HZ = 20.0
-DEMO = "demo"
-"""Name and note of the demo's acquisition."""
+DEMO = "demo"  # name and note of the demo's acquisition
 
 
 def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:

@@ -13,8 +13,7 @@ from pathlib import Path
 from imutui.logbook import summary
 from imutui.logbook.session_info import SessionInfo
 
-PROCESS, COMPUTER = "process", "computer"
-"""What was started anew since the recording before."""
+PROCESS, COMPUTER = "process", "computer"  # what was started anew since the recording before
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 _LOOKED_AT = 100

@@ -53,8 +53,8 @@ class ZeroingFinished:
     argument: int  # as it was sent
     seconds: float | None  # until the unit said that it is done; None if it did not
 
-    def in_words(self, before_dps: np.ndarray | None, patience_s: float) -> str:
-        """What came of it, within `patience_s`; `before_dps` is what the rate sensors read before, shape (3,)."""
+    def in_words(self, before: np.ndarray | None, patience_s: float) -> str:
+        """What came of it, within `patience_s`; `before` is what all channels read before."""
         if self.seconds is None:
             return (
                 f"the unit did not say within {patience_s:.0f} s that its rate sensors are zeroed (argument"
@@ -63,8 +63,8 @@ class ZeroingFinished:
             )
         done = "erased its stored zero" if self.argument == 0 else "zeroed its rate sensors"
         read = ""
-        if before_dps is not None:
-            x, y, z = before_dps
+        if before is not None:
+            x, y, z = before[:3]
             read = f"; before, they read x {x:+.4f}, y {y:+.4f}, z {z:+.4f} deg/s"
         return f"the unit says that it has {done} ({self.seconds:.1f} s){read}. The filter begins anew."
 
@@ -202,10 +202,10 @@ class Reader:
         if self._known is not None and not self.stopping.is_set():
             found = reconnection.find_again(self._host, self._known, self.stopping, self._emit, streams=streams)
             if found is not None:
-                self._found = found.words
+                identity, self._found = found
                 # one that had not said who it is may have done so now
-                version = found.identity.version or self._known.identity.version
-                self._known = replace(self._known, identity=replace(found.identity, version=version))
+                version = identity.version or self._known.identity.version
+                self._known = replace(self._known, identity=replace(identity, version=version))
         self._has_line = not self.stopping.is_set()
 
     def _ask_silent_unit(self) -> None:
@@ -294,7 +294,7 @@ class Reader:
             self._set_up_soon()
             return
         if self._found is not None:
-            self._emit(LineReturned(self.last_packet_ns, host_ns, self._found))
+            self._emit(LineReturned(self._found))
             self._found = None
         self.last_packet_ns, self._last = host_ns, packet
         if not behind:

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from filters import imu
 from imutui.instrument.counts import DataPacket, Scaling
+from imutui.session.channel_statistics import NAMES, UNITS
 from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
-CHANNELS = (*imu.CHANNELS, "T")
-UNITS = ("deg/s", "deg/s", "deg/s", "mg", "mg", "mg", "degC")
 STATISTICS_S = 10.0
 _SERIES_S = 30.0
 _CAPACITY = 8192
@@ -15,16 +13,12 @@ _MAX_ROWS = 4000
 
 
 class RecentPackets:
-    """Keeps the last minute of packets.
-
-    `scaling`: ranges of the unit.
-    """
+    """Keeps the last minute of packets."""
 
     def __init__(self, scaling: Scaling) -> None:
         self._scaling = scaling
         self._t = np.zeros(_CAPACITY)
-        self._values = np.zeros((_CAPACITY, 7))
-        self._counts = np.zeros(7, int)
+        self._counts = np.zeros((_CAPACITY, 7), int)
         self.count = 0
         self._interrupted_at = 0
         self._interrupted = False
@@ -33,11 +27,10 @@ class RecentPackets:
         """Take note that the next packets do not belong with those before: statistics begin anew with them."""
         self._interrupted = True
 
-    def _recent(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values that statistics are made of: the last 10 s, as far as they belong together."""
-        t, values = self._last(self.count - self._interrupted_at)
-        recent = t >= (t[-1] if t.size else 0.0) - STATISTICS_S
-        return t[recent], values[recent]
+    def _recent(self) -> np.ndarray:
+        """Places of what statistics are made of: the last 10 s, as far as they belong together."""
+        slots = self._last(self.count - self._interrupted_at)
+        return slots[self._t[slots] >= self._t[slots[-1]] - STATISTICS_S] if slots.size else slots
 
     def add(self, t: float, packet: DataPacket) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
@@ -45,30 +38,31 @@ class RecentPackets:
             self._interrupted_at, self._interrupted = self.count, False
         slot = self.count % _CAPACITY
         self._t[slot] = t
-        values = self._values[slot]
-        values[:3] = self._scaling.rates_dps(packet.rates)
-        values[3:6] = self._scaling.accels_g(packet.accels) * 1e3
-        values[6] = self._scaling.temperature_degc(packet.temperature)
-        self._counts[:] = *packet.rates, *packet.accels, packet.temperature
+        self._counts[slot] = *packet.rates, *packet.accels, packet.temperature
         self.count += 1
 
-    def _last(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        n = min(n, self.count, _CAPACITY)
-        slots = np.arange(self.count - n, self.count) % _CAPACITY
-        return self._t[slots], self._values[slots]
+    def _last(self, n: int) -> np.ndarray:
+        return np.arange(self.count - min(n, self.count, _CAPACITY), self.count) % _CAPACITY
+
+    def _values(self, slots: np.ndarray) -> np.ndarray:
+        counts, values = self._counts[slots], np.empty((slots.size, 7))
+        values[:, :3] = self._scaling.rates_dps(counts[:, :3])
+        values[:, 3:6] = self._scaling.accels_g(counts[:, 3:6]) * 1e3
+        values[:, 6] = self._scaling.temperature_degc(counts[:, 6])
+        return values
 
     def channels(self) -> list[ChannelSnapshot]:
         """Newest counts and value of each channel, and mean, sd, least and largest over the last 10 s."""
-        _, recent = self._recent()
+        recent = self._values(self._recent())
         if not len(recent):
             return []
         mean = recent.mean(axis=0)
         sd = recent.std(axis=0, ddof=1) if len(recent) > 1 else np.full(7, np.nan)
-        low, high = recent.min(axis=0), recent.max(axis=0)
+        low, high, newest = recent.min(axis=0), recent.max(axis=0), self._counts[(self.count - 1) % _CAPACITY]
         return [
             {
                 "name": name,
-                "counts": int(self._counts[i]),
+                "counts": int(newest[i]),
                 "value": float(recent[-1, i]),
                 "unit": unit,
                 "mean": float(mean[i]),
@@ -76,28 +70,23 @@ class RecentPackets:
                 "min": float(low[i]),
                 "max": float(high[i]),
             }
-            for i, (name, unit) in enumerate(zip(CHANNELS, UNITS, strict=True))
+            for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
         ]
 
-    def rates_dps(self) -> np.ndarray | None:
-        """Mean of the rate sensors over the last 10 s, deg/s, shape (3,); None without packets."""
-        _, recent = self._recent()
-        return np.asarray(recent[:, :3].mean(axis=0)) if len(recent) else None
-
-    def accels_g(self) -> np.ndarray | None:
-        """Mean of the accelerometers over the last 10 s, g, shape (3,); None without packets."""
-        _, recent = self._recent()
-        return np.asarray(recent[:, 3:6].mean(axis=0)) / 1e3 if len(recent) else None
+    def mean(self) -> np.ndarray | None:
+        """Mean of each channel over the last 10 s, in `UNITS`, shape (7,); None without packets."""
+        recent = self._values(self._recent())
+        return np.asarray(recent.mean(axis=0)) if len(recent) else None
 
     def rate_hz(self) -> float | None:
         """Packets a second over the last 10 s."""
-        t, _ = self._recent()
+        t = self._t[self._recent()]
         return float((t.size - 1) / (t[-1] - t[0])) if t.size > 2 else None
 
     def series(self, since: int) -> SeriesSnapshot:
         """Packets from number `since` on, at most the last 30 s."""
-        t, values = self._last(min(self.count - max(since, 0), _MAX_ROWS))
-        if t.size:
-            keep = t >= t[-1] - _SERIES_S
-            t, values = t[keep], values[keep]
-        return {"next": self.count, "t": np.round(t, 4).tolist(), "values": np.round(values, 5).tolist()}
+        slots = self._last(min(self.count - max(since, 0), _MAX_ROWS))
+        if slots.size:
+            slots = slots[self._t[slots] >= self._t[slots[-1]] - _SERIES_S]
+        rows = np.round(self._values(slots), 5)
+        return {"next": self.count, "t": np.round(self._t[slots], 4).tolist(), "values": rows.tolist()}

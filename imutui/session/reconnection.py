@@ -64,18 +64,7 @@ class StillAway:
 class LineReturned:
     """The same unit is back and was set up as before; its first packet follows."""
 
-    # from_ns, to_ns: when the last packet before and the first one after were read, monotonic
-    from_ns: int
-    to_ns: int
     found: str  # how it was found, in words
-
-
-@dataclass(frozen=True, slots=True)
-class FoundUnit:
-    """The unit that was found: what it says of itself, and how it was found, in words."""
-
-    identity: Identity
-    words: str
 
 
 class DifferentUnitError(InstrumentError):
@@ -91,11 +80,7 @@ class AmidStream:
     """Finds out soon whether a unit that was to stream has stopped, without stopping one whose line is held up.
 
     It is asked what it answers and sends on. One that answers twice, and sends no packet before, between and after, was
-    reset; a line that is held up brings packets with the answers, or nothing.
-
-    `host`: of the unit.
-    `packets`: what comes from it.
-    `known`: the unit; None if it is not asked anything.
+    reset; a line that is held up brings packets with the answers, or nothing. A unit that is not known is not asked.
     """
 
     def __init__(self, host: Host, packets: PacketStream, known: KnownUnit | None) -> None:
@@ -136,11 +121,8 @@ class AmidStream:
 def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:
     """Ping a unit that nothing comes from, until something does; returns it, up to the next quiet.
 
-    That may be the answer of a unit that was reset; or packets from before, where it was the line that had stalled.
-
-    `host`: its port is open, and left as it is.
-    `known`: it has its speed still, or that of power-up.
-    `stopping`: ends the wait.
+    That may be the answer of a unit that was reset, and has its speed still or that of power-up; or packets from
+    before, where it was the line that had stalled.
     Raises PortError if the line goes away, or its name leads to another device by now.
     """
     port = host.port
@@ -173,15 +155,12 @@ def _hear(port: Port) -> bytes:
 
 def find_again(
     host: Host, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
-) -> FoundUnit | None:
+) -> tuple[Identity, str] | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
-    `host`: its port is opened anew if it was closed, or its name leads to another device by now.
-    `known`: which unit, and its speed.
-    `stopping`: ends the wait.
-    `tell`: told what is being waited for, whenever that has changed.
-    `streams`: whether the unit sends by itself, if it kept its power.
-    Returns none if the wait was ended.
+    The host's port is opened anew if it was closed, or its name leads to another device by now. `tell` is told what is
+    being waited for, whenever that has changed; `streams`: whether the unit sends by itself, if it kept its power.
+    Returns what the unit says of itself and, in words, how it was found; None if `stopping` ended the wait.
     """
     port = host.port
     told: StillAway | None = None
@@ -194,7 +173,7 @@ def find_again(
                 port.reopen(known.baud)
             kept_power |= streams and bool(port.read(_FEW))
             identity = _set_up(host, known, thorough=unanswered % _ALL_SPEEDS_EVERY == _ALL_SPEEDS_EVERY - 1)
-            return FoundUnit(identity, _in_words(known, identity, kept_power=kept_power if streams else None))
+            return identity, _in_words(known, identity, kept_power=kept_power if streams else None)
         except PortAbsentError:
             away = StillAway(f"{port.lasting_name} to come back", refused=False)
         except PortError as error:

@@ -17,11 +17,11 @@ from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import INFORMATION, WARNING, EventLog
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
-from imutui.session.metadata import Setup, check_live, effects_of, motion_of
+from imutui.session.metadata import check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.timebase import EventClock, Timebase
+from imutui.session.timebase import Timebase
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -84,17 +84,13 @@ class Recorder:
         timebase: Timebase,
         stream: LiveStream | None = None,
     ) -> None:
-        self.plan, self.info = plan, info
+        self._take(plan, info)
         self._instrument = INSTRUMENTS[plan.instrument]
-        self.motion = motion_of(plan)
         self.result: ResultDocument | None = None  # of the last recording that was finished
         self.recording: Recording | None = None
         self.duration = Duration(plan.duration_s)
         self.events = EventLog(timebase)
-        self.event_clock = EventClock()
         self.begins_with_packet = plan.record  # the plan's recording
-        self._effects = effects_of(plan, info)
-        check_live(info, self.motion, self._effects)
         self._lifecycle = lifecycle
         self._timebase = timebase
         self.stream = stream
@@ -107,9 +103,8 @@ class Recorder:
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        now, text = self.event_clock.now_ns(), one_line(text, NOTE_LIMIT)
-        self.events.add(name, text, now)
-        self.pipeline.event(name, text, now, level)
+        text = one_line(text, NOTE_LIMIT)
+        self.pipeline.event(name, text, self.events.add(name, text), level)
 
     def find(self, exit_code: int, text: str, *, is_said: bool = False) -> None:
         """Take note of what must be said at the end, and say it now unless it is said already. Raises OSError."""
@@ -136,10 +131,18 @@ class Recorder:
         if not self._has_recorded:
             self.duration.begin()
 
-    def configure(self, setup: Setup) -> None:
-        """Take another reference or other effects; the filter begins anew with them."""
-        self.plan, self.info, self.motion, self._effects = setup.plan, setup.info, setup.motion, setup.effects
+    def configure(self, plan: Plan, info: SessionInfo) -> None:
+        """Take another reference or other effects; the filter begins anew with them.
+
+        Raises InputError, before anything is changed, if it could not run with them.
+        """
+        self._take(plan, info)
         self.begin_run()
+
+    def _take(self, plan: Plan, info: SessionInfo) -> None:
+        motion, effects = motion_of(plan), effects_of(plan, info)
+        check_live(info, motion, effects)
+        self.plan, self.info, self.motion, self._effects = plan, info, motion, effects
 
     def why_over(self, now_ns: int) -> str | None:
         """That the plan's duration is over, or the disk's room, in words; None if neither is."""

@@ -20,14 +20,12 @@ from numpy import fft
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
-LENGTHS = (64, 256, 1024, 4096, 16384)
-"""Samples of a segment."""
+LENGTHS = (64, 256, 1024, 4096, 16384)  # samples of a segment
 BANDS = 200
 _ENOUGH = 8
-_FIRST_BIN = 2
-"""Below it the mean that was taken away is missing."""
+_FIRST_BIN = 2  # below it the mean that was taken away is missing
+# correlation of the power of bins beside each other, white noise through a Hann window
 _NEIGHBOUR, _NEXT = 4.0 / 9.0, 1.0 / 36.0
-"""Correlation of the power of bins beside each other, white noise through a Hann window."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,10 @@ from typing import Literal, NotRequired, TypedDict
 
 from imutui.filter_snapshot import FilterSnapshot
 
-NO_SERIES = 2**62
-"""Number of a packet that never comes: a snapshot from it on is one without a series."""
+NO_SERIES = 2**62  # number of a packet that never comes: a snapshot from it on is one without a series
 
+# of an acquisition; "ended" is a viewer's word for one that does not answer any more
 SessionState = Literal["connecting", "running", "stopping", "stopped", "failed", "ended"]
-"""Of an acquisition; "ended" is a viewer's word for one that does not answer any more."""
 GuideState = Literal["go", "hold", "done", "cancelled"]
 
 
@@ -97,8 +96,8 @@ class GuideSnapshot(TypedDict):
     count: int
     left_s: float | None
     begun: list[float | None]
+    # for how long a virtual unit of its own turns still to where the operator sent it; None of others
     turns_s: NotRequired[float | None]
-    """For how long a virtual unit of its own turns still to where the operator sent it; None of others."""
 
 
 class ChannelSnapshot(TypedDict):
@@ -199,8 +198,8 @@ class ProfileDescription(TypedDict):
     """A table profile, for a viewer: `name` of its file, how it is joined to the log, its segments in order."""
 
     name: str
+    # what its file says at the top: what it is for, what else is to be done; an older one tells nothing
     about: NotRequired[list[str]]
-    """What its file says at the top: what it is for, what else is to be done; an older one tells nothing."""
     align: str
     segments: list[SegmentDescription]
 

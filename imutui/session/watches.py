@@ -1,11 +1,11 @@
-"""What is looked at once a second, each by a watch that says what is new: one interface, and a table in `acquisition`.
+"""What is looked at once a second: each watch has a method `news`, and `acquisition` has the list of them.
 
 A watch takes packets, or judges an end, by methods of its own; `line_watch` is the one with the most to say.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,6 @@ from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.event_log import WARNING
-from imutui.session.live_stream import LiveStream
 from imutui.session.timebase import Timebase, utc_minus_monotonic_ns
 
 _MOST_TOLD = 20
@@ -27,8 +26,7 @@ _STEP_NS = 100_000_000
 _ALONG = 0.8
 _TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
-News: TypeAlias = Iterable[tuple[str, int]]
-"""Sentences with the levels of their events."""
+News: TypeAlias = Iterable[tuple[str, int]]  # sentences with the levels of their events
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +41,8 @@ class Moment:
     motion: Profile | Trajectory | None
 
 
-class Watch(Protocol):
-    """Something that is looked at once a second."""
-
-    def news(self, moment: Moment, /) -> News:
-        """What is new since the last look."""
-
-
 class StatusWords:
-    """What a unit's packets say of the unit itself: told, and never a reason to drop readings.
-
-    `instrument`: knows what their bits mean.
-    """
+    """What a unit's packets say of the unit itself: told, and never a reason to drop readings."""
 
     def __init__(self, instrument: Instrument) -> None:
         self._instrument = instrument
@@ -85,24 +73,8 @@ class StatusWords:
             yield f"the unit's status word (BIT) is {said}; readings count whatever it says", WARNING
 
 
-class StreamWatch:
-    """Notices when the stream for Foxglove ends by itself."""
-
-    def __init__(self, stream: LiveStream) -> None:
-        self._stream = stream
-
-    def news(self, _: Moment, /) -> News:
-        """What the stream says of its end, once."""
-        said = self._stream.look()
-        if said is not None:
-            yield said, WARNING
-
-
 class ClockStepMonitor:
-    """Notices when the system's clock is set.
-
-    `timebase`: that of the acquisition, which keeps to the clock as it was at the start.
-    """
+    """Notices when the system's clock is set; `timebase` keeps to the clock as it was at the start."""
 
     def __init__(self, timebase: Timebase) -> None:
         self._timebase = timebase
@@ -119,7 +91,7 @@ class ClockStepMonitor:
 class GravityCheck:
     """Looks once, after the first second, whether gravity reads where it should on a table that begins level.
 
-    `instrument`: only of one that turns its own axes something is said: of others the filter's alarms say enough.
+    Only of an instrument that turns its own axes something is said: of others the filter's alarms say enough.
     """
 
     def __init__(self, instrument: Instrument) -> None:
@@ -148,11 +120,9 @@ def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mou
     """What to say of a unit that should lie level and reads as if it did not; None of one that reads as it should.
 
     Of one that lies on a side, and whose own configuration does not explain it, nothing is said: it may be a tilt that
-    is meant.
-
-    `accels_g`: what the accelerometers read at rest, g, instrument axes and sign, shape (3,).
-    `axes`: to body axes, of which Z points down, as the operator says that the unit is mounted.
-    `own_mount`: axes of its case in those of its packets, as its own configuration has them; "" if it does not say.
+    is meant. `accels_g` is what the accelerometers read at rest, instrument axes and sign, shape (3,); `axes` leads to
+    body axes, of which Z points down, as the operator says that the unit is mounted; `own_mount` has the axes of its
+    case in those of its packets, as its own configuration has them, "" if it does not say.
     """
     z = float(axes.accel_to_body(accels_g)[2])
     if z < -_ALONG:
