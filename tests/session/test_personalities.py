@@ -6,9 +6,12 @@ The acquisition runs in this process, on pseudo-terminals, many at a time: most 
 """
 
 import re
+import threading
+import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -44,6 +47,7 @@ from imutui.session.snapshot import NO_SERIES, Snapshot
 
 LIMIT_S = 60.0
 _AT_ONCE = 6
+_HELD_UP_S, _ATTEMPTS = 0.03, 5
 _WHILE_NS, _FEWEST = int(0.1e9), 3
 
 
@@ -384,18 +388,51 @@ def recorded(run: Run) -> list[int]:
     return numbers
 
 
-def test_a_host_lives_with_every_personality(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing crashes or is invented, what is missing is what was lost, what cannot go well is said. All at once."""
-    monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 1.0)  # a unit that was reset is asked sooner than usual
+@contextmanager
+def longest_hold_up() -> Iterator[list[float]]:
+    """For how long this process did not get the processor, at most, s: what a busy machine does to unit and host."""
+    longest, over = [0.0], threading.Event()
 
-    def went(name: str) -> str:
+    def watch() -> None:
+        before = time.monotonic()
+        while not over.wait(0.005):
+            now = time.monotonic()
+            longest[0], before = max(longest[0], now - before), now
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield longest
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_a_host_lives_with_every_personality(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing crashes or is invented, what is missing is what was lost, what cannot go well is said. All at once.
+
+    A unit that was held up for more than half of its counter's wrap was another one than asked: it is run again, alone.
+    """
+    monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 1.0)  # a unit that was reset is asked sooner than usual
+    void = list[str]()
+
+    def went(name: str, attempt: int = 0) -> str:
         it = PERSONALITIES[name]
-        try:
-            it.check(acquired(it, home / name))
-        except Exception:  # noqa: BLE001 - of all, what went wrong with which
-            return f"--- a unit that {name}:\n{traceback.format_exc()}"
+        with longest_hold_up() as longest:
+            try:
+                it.check(acquired(it, home / f"{name} {attempt}"))
+            except Exception:  # noqa: BLE001 - of all, what went wrong with which
+                text = f"--- a unit that {name} (held up for {longest[0]:.3f} s):\n{traceback.format_exc()}"
+            else:
+                return ""
+        if longest[0] < _HELD_UP_S or attempt == _ATTEMPTS:
+            return text
+        void.append(name)
         return ""
 
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         wrong = [text for text in pool.map(went, PERSONALITIES) if text]
+    for attempt in range(1, _ATTEMPTS + 1):
+        again, void[:] = void[:], []
+        wrong += [text for name in again if (text := went(name, attempt))]
     assert not wrong, "\n".join(wrong)
