@@ -123,12 +123,10 @@ def written(folder: Path, text: str, name: str = "scenario.toml") -> Path:
 
 
 def test_a_profile_in_a_file_is_the_profile(tmp_path: Path) -> None:
-    """TOML with segments."""
     assert load_profile(written(tmp_path, PROFILE)) == Profile(SEGMENTS, align="gyro")
 
 
 def test_a_csv_is_a_profile_of_samples(tmp_path: Path) -> None:
-    """Columns in seconds and degrees; a TOML beside it can give signs and alignment."""
     csv = written(tmp_path, "t, outer, middle, inner\n10, 0, 90, 0\n11, 0, 90, 5\n\n12.5, 0, 90, 10\n", "a.csv")
     samples = ((0.0, 90 * DEG, 0.0), (0.0, 90 * DEG, 5 * DEG), (0.0, 90 * DEG, 10 * DEG))
     assert load_profile(csv) == Profile((Sampled((10.0, 11.0, 12.5), samples),))
@@ -137,7 +135,6 @@ def test_a_csv_is_a_profile_of_samples(tmp_path: Path) -> None:
 
 
 def test_a_scenario_in_a_file_is_the_scenario(tmp_path: Path) -> None:
-    """Every table lands where it belongs, in SI; the profile is found beside the file."""
     written(tmp_path, PROFILE, "motion/tumble.toml")
     s = load_scenario(written(tmp_path, FULL))
     assert (s.seed, s.profile) == (7, Profile(SEGMENTS, align="gyro"))
@@ -169,7 +166,6 @@ def test_a_scenario_in_a_file_is_the_scenario(tmp_path: Path) -> None:
 
 
 def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
-    """Still, level, Table 1, the paper's site: what the virtual instrument is without one."""
     s = load_scenario(written(tmp_path, ""))
     assert (s.seed, s.profile, s.effects, s.site, s.spec) == (0, None, (), PAPER_SITE, IMU400CD_200)
     plain, from_file = (SimulatedReadings(scenario) for scenario in (Scenario(), s))
@@ -178,7 +174,6 @@ def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
 
 
 def test_what_a_scenario_says_of_the_unit_is_what_the_unit_is(tmp_path: Path) -> None:
-    """Its options, and a line that hands on in bursts though it has no faults."""
     path = written(tmp_path, '[unit]\npower_up_mode = "scaled"\nreply_delay_s = 0.5\n[line]\nusb_bursts_s = 0.016\n')
     made = on_the_line(Asked(path))
     options = made.options(7)
@@ -194,7 +189,6 @@ def test_gravity_alone_changes_the_papers_site(tmp_path: Path) -> None:
 
 
 def test_a_profile_may_stand_in_the_scenario(tmp_path: Path) -> None:
-    """As [[profile.segment]]."""
     text = '[profile]\nalign = "marks"\n[[profile.segment]]\nkind = "dwell"\nangles_deg = [0, 0, 45]\nseconds = 5\n'
     assert load_scenario(written(tmp_path, text)).profile == Profile((Dwell((0.0, 0.0, 45 * DEG), 5.0),), align="marks")
 
@@ -252,7 +246,6 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "words"), WRONG)
 def test_a_wrong_scenario_is_refused_by_file_key_and_value(tmp_path: Path, text: str, words: list[str]) -> None:
-    """The message says where, what, and what may be there."""
     path = written(tmp_path, text)
     with pytest.raises(ScenarioError) as caught:
         load_scenario(path)
@@ -277,7 +270,6 @@ def test_a_wrong_scenario_is_refused_by_file_key_and_value(tmp_path: Path, text:
     ],
 )
 def test_a_wrong_profile_is_refused_by_file_and_place(tmp_path: Path, name: str, text: str, words: list[str]) -> None:
-    """Row and content of a CSV, key and value of a TOML."""
     with pytest.raises(ScenarioError) as caught:
         load_profile(written(tmp_path, text, name))
     assert all(word in str(caught.value) for word in words), str(caught.value)
@@ -321,7 +313,6 @@ count = 5
 
 
 def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
-    """Biases of the second power-on, a slope with temperature, a gap and a lost packet, recorded like a real unit's."""
     written(home, WIRE, "s.toml")
     wish = ("--duration", "4", "--rate", "133", "--filter", "none", "-o", "a.mcap", "--json")
     with virtual("--scenario", "s.toml", "--power-on", "1", "--sent", "sent.csv") as port:
@@ -363,7 +354,6 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
 def test_a_wrong_call_ends_in_words(
     home: Path, capsys: pytest.CaptureFixture[str], arguments: dict[str, Any], code: int, words: str
 ) -> None:
-    """Exit 3 for a file that can't be used, 2 for flags that don't go together."""
     written(home, "speed = 3", "bad.toml")
     written(home, "power_ons = 2", "good.toml")
     with pytest.raises(typer.Exit) as caught:
@@ -373,7 +363,6 @@ def test_a_wrong_call_ends_in_words(
 
 
 def test_dropouts_and_jitter_of_a_scenario_reach_the_line(tmp_path: Path) -> None:
-    """The line loses what the unit lost, and holds back what its clock holds back."""
     text = """
     [[effect]]
     name = "dropout"
@@ -408,7 +397,6 @@ def test_a_seed_on_the_command_line_wins_over_the_files(home: Path) -> None:
 def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without such a file the name is that profile's."""
     monkeypatch.chdir(tmp_path)
     name = Path(named_profiles.ready_made()[0].name)
     ready_made = load_scenario(name).profile

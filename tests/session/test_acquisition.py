@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import unit_time
+from helpers.acquisitions import replayed, untimed
 from helpers.commands import imutui, imutui_process
 from helpers.places import own_places
 from helpers.processes import LIMIT_S, wait_until
@@ -25,7 +26,6 @@ from helpers.tap import packets_of
 from helpers.units import virtual
 
 from imutui.logbook import reader
-from imutui.logbook.results import TIMINGS
 from imutui.session import client, ipc
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
@@ -97,16 +97,7 @@ def plan(home: Path, **fields: Any) -> Plan:
     return Plan(**({"port": "virtual", "logs": str(home / "logs"), "record": True} | fields))
 
 
-def replayed(log: str | Path, code: int = 0) -> dict[str, Any]:
-    return dict(json.loads(imutui("replay", str(log), "--json", check=code).stdout))
-
-
-def without_timings(document: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key not in TIMINGS}
-
-
 def test_live_and_replayed_results_are_equal(home: Path) -> None:
-    """Every field but the timings, at every way of sampling; the measured rate is the asked one. All at once."""
     cases = ((133.0, "stream", 4.0), (20.0, "stream", 4.0), (20.0, "polled", 4.0), (1.0, "polled", 6.0))
 
     def recorded(rate: float, sampling: str, seconds: float) -> dict[str, Any]:
@@ -116,7 +107,7 @@ def test_live_and_replayed_results_are_equal(home: Path) -> None:
 
     with ThreadPoolExecutor(len(cases)) as pool:
         for case, live in zip(cases, pool.map(recorded, *zip(*cases, strict=True)), strict=True):
-            assert without_timings(live) == without_timings(replayed(live["log"], code=1)), case
+            assert untimed(live) == replayed(live["log"], code=1), case
             if case[1] == "polled":  # a poll that a busy machine is late for is late or left out; most are not
                 period = np.median(np.diff(reader.read(Path(live["log"])).seconds()))
                 assert period == pytest.approx(1.0 / case[0], rel=0.15), case
@@ -130,7 +121,6 @@ def test_live_and_replayed_results_are_equal(home: Path) -> None:
 def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     home: Path, recording: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Recorded counts are the bytes the virtual unit sent, in order, none missing; live equals replayed."""
     source = recording("aceinna_imu381_s1_static.npz")
     with unit_time.virtual("--from", str(source), "--tap", str(home / "sent")) as (port, environment):
         for name in ("PYTHONPATH", "IMUTUI_TEST_UNIT_TIME"):
@@ -142,7 +132,7 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     assert [(*p.counts, p.temperature, p.ticks) for p in log.raw] == packets_of(home / "sent")[: len(log.raw)]
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
     assert len(log.raw) >= 30 * 133
-    assert without_timings(live) == without_timings(replayed(live["log"]))
+    assert untimed(live) == replayed(live["log"])
     assert live["unobservable"] == ["accel_bias_x", "accel_bias_y"]
     assert live["kind"] == "unknown"
     with np.load(source) as measured:
@@ -151,7 +141,6 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
 
 
 def test_a_demo_recovers_known_biases(home: Path) -> None:
-    """The main job, whole: exit 0, biases within 3 sd of the truth, sds below 0.6 mg and 0.05 deg/s, a finished log."""
     with unit_time.own():
         result = json.loads(imutui("demo", "--headless", "--seconds", "30", "--seed", "7", "--json").stdout)
     for key, limit in (("accel_bias_mg", 0.6), ("gyro_bias_dps", 0.05)):
@@ -163,13 +152,10 @@ def test_a_demo_recovers_known_biases(home: Path) -> None:
     assert result["truth"].keys() == result["final"].keys()
     assert result["kind"] == "simulated"
     assert reader.read(Path(result["log"])).finished
-    assert without_timings(replayed(result["log"])) == {
-        k: v for k, v in without_timings(result).items() if k != "truth"
-    }
+    assert replayed(result["log"]) == {k: v for k, v in untimed(result).items() if k != "truth"}
 
 
 def test_a_recording_is_started_marked_and_finished_from_outside(start: Start) -> None:
-    """Commands in other processes see the acquisition, mark it and end it; the marks are in the file."""
     connection = start(record=False, rate_hz=20.0)
     assert "not recording" in imutui_process("status").stdout
     assert imutui("mark", "too early", check=4).stderr.count("recorded") == 1
@@ -196,7 +182,6 @@ def test_a_recording_is_started_marked_and_finished_from_outside(start: Start) -
 
 
 def test_each_recording_of_an_acquisition_is_a_log_of_its_own(start: Start) -> None:
-    """Stopping and starting again makes two files; each replays to its own live result."""
     connection = start(rate_hz=50.0)
     results = []
     for _ in range(2):
@@ -206,11 +191,10 @@ def test_each_recording_of_an_acquisition_is_a_log_of_its_own(start: Start) -> N
     connection.stop()
     assert len({r["log"] for r in results}) == 2
     for result in results:
-        assert without_timings(result) == without_timings(replayed(result["log"], code=1))
+        assert untimed(result) == replayed(result["log"], code=1)
 
 
 def test_one_acquisition_a_name(start: Start) -> None:
-    """A second of the same name is refused with what to do; another name runs beside it."""
     plain = {"rate_hz": 20.0, "filter": "none"}
     first = start(**plain)
     with pytest.raises(SessionError, match="imutui attach"):
@@ -225,7 +209,6 @@ def test_one_acquisition_a_name(start: Start) -> None:
 
 
 def test_nobody_else_may_talk_to_it(watched: client.Client) -> None:
-    """Folder and socket are the user's alone."""
     assert stat.S_IMODE(ipc.folder().stat().st_mode) == 0o700
     assert stat.S_IMODE(ipc.socket_path("default").stat().st_mode) == 0o600
 
@@ -246,7 +229,6 @@ def test_a_folder_with_a_long_path_holds_a_socket_too(
 
 
 def test_a_viewer_that_sends_nonsense_harms_nobody(watched: client.Client) -> None:
-    """Bytes that are no request get an error for an answer; the acquisition and other viewers go on."""
     for nonsense in (
         b"\xff\x00 nonsense\n",
         b"[]\n",
@@ -263,7 +245,6 @@ def test_a_viewer_that_sends_nonsense_harms_nobody(watched: client.Client) -> No
 
 
 def test_the_series_is_handed_out_once(watched: client.Client) -> None:
-    """Asking since the last answer's end gives the packets after it: no gap, no repeat."""
     first = watched.snapshot(0)["series"]
     wait_until(lambda: watched.snapshot(2**62)["series"]["next"] > first["next"] + 50)
     second = watched.snapshot(first["next"])["series"]
@@ -289,7 +270,6 @@ def summary(log: reader.Log) -> dict[str, Any]:
 
 
 def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: Path, start: Start) -> None:
-    """Joined, the files hold what the unit sent, count for count; each replays to its own live result."""
     asked = {"rate_hz": 133.0, "duration_s": 4.5, "rotate_minutes": 1.25 / 60.0, "note": "long"}
     live = start(home / "sent", **asked).wait(120.0)
     assert live is not None
@@ -309,14 +289,13 @@ def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: P
         again = replayed(path, code=1)
         kept = summary(log)
         assert kept.pop("verdict") == sources.of_document(again).word
-        assert without_timings(again) | {"log_sha256": None} == without_timings(kept)
+        assert untimed(again) | {"log_sha256": None} == untimed(kept)
         assert again["lost_packets"] == again["bad_checksums"] == 0
     assert "continued in" in logs[0].events[-1].text
     assert f"continues {paths[0].name}" in " ".join(event.text for event in logs[1].events)
 
 
 def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path) -> None:
-    """Exit 0 without a filter; the result names all files, and each says who, where and with which table."""
     flags = ("--operator", "ana", "--place", "cellar", "--table", "AC-120", "--rotate-minutes", "0.025")
     record = ("record", "--port", "virtual", "--filter", "none", "--rate", "20", "--duration", "4", "--json")
     with unit_time.own():
@@ -331,10 +310,6 @@ def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path
 
 
 def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_next(home: Path, start: Start) -> None:
-    """Operator, place, table and rotation by size; the next recording has them too, but not its note.
-
-    What was emptied is empty: neither a note of the plan's nor an operator comes back.
-    """
     connection = start(record=False, rate_hz=20.0, place="cellar", note="demo", filter="none")
     wish = RecordingWish(note="first", operator="ana", table="AC-120", rotate_mb=0.03)
     first = Path(connection.record(wish))
@@ -364,7 +339,6 @@ def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_
 
 
 def test_a_folder_that_cannot_be_made_costs_the_recording_and_nothing_else(watched: client.Client) -> None:
-    """The wish is refused in words; the acquisition goes on."""
     with pytest.raises(SessionError, match="Choose another folder"):
         watched.record(RecordingWish(operator="ana"))
     state = watched.snapshot(2**62)
@@ -374,7 +348,6 @@ def test_a_folder_that_cannot_be_made_costs_the_recording_and_nothing_else(watch
 
 @pytest.mark.parametrize(("sampling", "filtered"), [("stream", "spkf"), ("polled", "none")])
 def test_zeroed_rate_sensors_read_zero_and_nothing_counts_as_lost(start: Start, sampling: str, filtered: str) -> None:
-    """Not while recording; snapshots go on meanwhile, means are zero within their noise, and a recording follows."""
     connection = start(rate_hz=50.0, sampling=sampling, filter=filtered)
     with pytest.raises(SessionError, match="finish the recording first: r"):
         connection.zero(10)
@@ -411,14 +384,13 @@ def test_zeroed_rate_sensors_read_zero_and_nothing_counts_as_lost(start: Start, 
     live = connection.stop_recording()
     assert live["log"] == path
     if filtered != "none":
-        assert without_timings(live) == without_timings(replayed(path, code=1))
+        assert untimed(live) == replayed(path, code=1)
         assert live["gaps"] == []
     assert np.max(np.diff(reader.read(Path(path)).seconds())) < 0.1, "nothing of before is in it, and nothing lacks"
     connection.stop()
 
 
 def test_an_acquisition_that_ends_does_not_wait_for_the_unit_to_zero(start: Start) -> None:
-    """Who waits for the zeroing is told that it ended."""
     connection = start(record=False, rate_hz=20.0, filter="none")
     told: list[str] = []
 
@@ -436,7 +408,6 @@ def test_an_acquisition_that_ends_does_not_wait_for_the_unit_to_zero(start: Star
 
 
 def test_the_filter_takes_another_reference_and_effects_between_recordings(start: Start) -> None:
-    """Refused while recording and where the filter could not run; else all is in the next file, and it replays."""
     connection = start(rate_hz=50.0)
     with pytest.raises(SessionError, match="finish the recording first: r"):
         connection.configure(reference="gravity")
@@ -469,7 +440,7 @@ def test_the_filter_takes_another_reference_and_effects_between_recordings(start
     live = connection.stop_recording()
     assert live["reference"] == "profile"
     assert len(live["effects"]) == 1
-    assert without_timings(live) == without_timings(replayed(path, code=1))
+    assert untimed(live) == replayed(path, code=1)
     # a profile that is found in the whole log: recorded with it and without a filter, which is back with level
     connection.configure(reference_file=("t.toml", "# turn it\n" + PROFILE.replace("marks", "gyro")))
     state = connection.snapshot(2**62)
@@ -485,14 +456,12 @@ def test_the_filter_takes_another_reference_and_effects_between_recordings(start
 
 
 def test_effects_need_the_filter_that_takes_them(watched: client.Client) -> None:
-    """With another, or with none, they are refused with the way out."""
     with pytest.raises(SessionError, match=r'"spkf" only.*--effects'):
         watched.configure(effects=EFFECTS)
     assert watched.snapshot(2**62)["effects"] == []
 
 
 def test_the_guide_leads_through_a_profile_and_every_viewer_sees_it(start: Start) -> None:
-    """It records, marks segments for the filter, holds, is cancelled and resumed; the marks in the file tell it all."""
     connection = start(record=False, rate_hz=20.0)
     with pytest.raises(SessionError, match="load one as the reference first"):
         connection.guide("begin")
@@ -536,11 +505,10 @@ def test_the_guide_leads_through_a_profile_and_every_viewer_sees_it(start: Start
         ("mark", "segment 2"),
         ("mark", "segment 2 ends"),
     ]
-    assert without_timings(live) == without_timings(replayed(path, code=1))
+    assert untimed(live) == replayed(path, code=1)
 
 
 def test_a_guided_recording_is_as_wished_and_the_next_can_be_level_again(start: Start) -> None:
-    """What the operator said goes into the guided file; without the profile the next recording is as one before it."""
     connection = start(record=False, rate_hz=20.0, filter="none")
     connection.configure(reference_file=("tumble.toml", PROFILE))
     with pytest.raises(SessionError, match="rotate_minutes"):
@@ -563,7 +531,6 @@ def test_a_guided_recording_is_as_wished_and_the_next_can_be_level_again(start: 
 
 
 def test_a_port_that_an_acquisition_has_is_not_probed(watched: client.Client) -> None:
-    """It says who has it, and no packet is lost."""
     before = watched.snapshot(2**62)
     found = client.probe(before["port"])
     assert not found["answers"]
@@ -572,7 +539,6 @@ def test_a_port_that_an_acquisition_has_is_not_probed(watched: client.Client) ->
 
 
 def test_status_tells_room_parts_reference_and_guide(start: Start) -> None:
-    """In lines for people, and as JSON."""
     connection = start(rate_hz=20.0, rotate_minutes=1.5 / 60.0, filter="none")
     wait_until(lambda: connection.snapshot(2**62)["recording"]["part"] > 1)
     text = imutui("status").stdout

@@ -21,7 +21,6 @@ def feed(averager: Averager, n: int, drop: Collection[int] = ()) -> list[Sample]
 
 @pytest.mark.parametrize("rate", [0.1, 1.0, 20.0, 50.0, 100.0, 120.0])
 def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> None:
-    """Over 40 s the samples come at the asked rate, and hold all packets but those of the open period."""
     n = int(40e9 / PERIOD_NS)
     samples = feed(Averager(rate), n)
     assert abs(len(samples) - 40 * rate) <= 2
@@ -29,14 +28,12 @@ def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> 
 
 
 def test_a_sample_is_the_mean_of_its_packets_at_their_mean_instant() -> None:
-    """A ramp stays a ramp: value and instant belong together."""
     for sample in feed(Averager(20.0), 500):
         assert np.allclose(sample.counts, sample.stamp_ns / PERIOD_NS)
         assert sample.temperature == pytest.approx(1000 + sample.stamp_ns / PERIOD_NS)
 
 
 def test_a_period_without_packets_gives_no_sample() -> None:
-    """A hole stays a hole, and the grid of periods goes on behind it."""
     whole, holed = feed(Averager(20.0), 200), feed(Averager(20.0), 200, drop=set(range(40, 80)))
     assert len(whole) - len(holed) == 6
     assert whole[-1].stamp_ns == holed[-1].stamp_ns

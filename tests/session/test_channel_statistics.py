@@ -85,7 +85,6 @@ def test_a_random_walk_rises_with_the_root_of_time() -> None:
 
 
 def test_a_gap_makes_no_noise() -> None:
-    """Stretches of one value each, far apart: nothing is compared across the interruption."""
     running, spectrum = RunningAllan(1), RunningSpectrum(1)
     for level in (0, 5000, -5000):
         for part in (running, spectrum):
@@ -201,7 +200,6 @@ def test_statistics_begin_anew() -> None:
 
 
 def test_a_packet_and_a_look_are_cheap() -> None:
-    """Well below what a processor has for a packet; a look holds up the others for milliseconds."""
     statistics = ChannelStatistics(SCALING)
     told = packets(white(1, 4096))
     began = time.process_time()

@@ -19,7 +19,6 @@ from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 
 
 def test_the_demo_leaves_the_configuration_of_real_units_out() -> None:
-    """Where and by whom is the configuration's; mounting and signs are the virtual unit's own."""
     plan = demo(Plan("/dev/x", 133.0, logs="/data", operator="ana", mount="x,-y,-z", accel_sign=1), seed=3)
     assert (plan.port, plan.rate_hz, plan.record, plan.logs, plan.operator) == (
         VIRTUAL_PORT,
@@ -64,7 +63,6 @@ def has_ended(pid: int) -> bool:
 
 
 def test_a_virtual_unit_ends_when_nobody_looks_on_with_its_file_finished(home: Path) -> None:
-    """Neither process is left, and the file says why it ends; until then, whoever comes back finds it."""
     connection = acquired(home, VIRTUAL_PORT, unwatched_s=3.0)
     assert connection.snapshot()["ends_unwatched_s"] == 3.0
     path = Path((connection.snapshot()["recording"] or {})["path"])

@@ -36,7 +36,6 @@ class Disk:
 
 @mounts
 def test_a_disk_that_others_fill_ends_the_recording_above_zero(home: Path) -> None:
-    """The file is finished, with its sum, and said to be so; exit code 5; then a new one is refused and leaves none."""
     with mounted(home / "disk", "4m") as disk:
         fields = {"logs": str(disk / "logs"), "output": str(disk / "logs" / "a.mcap"), "min_free_mb": 2.0}
         with acquiring(home, **fields) as run:
@@ -60,7 +59,6 @@ def test_a_disk_that_others_fill_ends_the_recording_above_zero(home: Path) -> No
 def test_a_recording_is_refused_in_words_before_the_unit_is_touched(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Exit code 5; folder, free space, limit and what to do; no folder is made."""
     monkeypatch.setenv("IMUTUI_PATHS_MIN_FREE_MB", "1e9")
     done = imutui("record", "--port", "/dev/no-such-port", "--filter", "none", check=5)
     assert done.stderr.count("\n") == 1
@@ -70,7 +68,6 @@ def test_a_recording_is_refused_in_words_before_the_unit_is_touched(
 
 
 def test_a_viewers_recording_ends_and_the_acquisition_goes_on(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another one is refused until there is room again; the finding stays on the screen."""
     disk = Disk(monkeypatch, 500.0)
     with acquiring(home, record=False) as run:
 
@@ -92,7 +89,6 @@ def test_a_viewers_recording_ends_and_the_acquisition_goes_on(home: Path, monkey
 
 
 def test_no_limit_is_no_guard(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`paths.min_free_mb` 0: the disk may fill up, as its owner wants."""
     Disk(monkeypatch, 0.0)
     with acquiring(home, min_free_mb=0.0) as run:
         run.record()
@@ -101,7 +97,6 @@ def test_no_limit_is_no_guard(home: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_time_left_is_until_the_limit_and_half_an_hour_is_said_once() -> None:
-    """Not until the last byte; unknown before the growth is."""
     guard = DiskGuard(200.0)
     assert guard.seconds_left(300 * MB) is None
     for second in range(11):

@@ -13,7 +13,6 @@ from imutui.instrument.uut.unit_options import UnitOptions
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_a_unit_that_streamed_streams_again(number: signal.Signals, code: int, home: Path) -> None:
-    """`record` is interrupted just after the unit was told to be quiet."""
     options = UnitOptions(reply_delay_s=0.5)
     unit = VirtualUnit(Still(), options)
     heard: list[str] = []

@@ -32,7 +32,6 @@ signal.pause()
 def test_a_file_without_a_message_is_not_left_and_one_with_a_message_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: str
 ) -> None:
-    """Nor are the folders that were made for it; what was there before stays."""
     monkeypatch.setattr(end_report, "_GRACE_S", 0.1)
     log = tmp_path / "made" / "for it" / "a.mcap"
     missing = end_report.missing_folders(Plan(VIRTUAL_PORT, output=str(log)))
@@ -49,7 +48,6 @@ def test_a_file_without_a_message_is_not_left_and_one_with_a_message_is(
 
 
 def test_a_start_that_times_out_is_ended_in_order(home: Path) -> None:
-    """By SIGTERM: its unit is left as it was found, no process goes on, no file and no folder is there."""
     with pytest.raises(client.SessionError, match="did not begin within 0 s"):
         client.start(Plan(VIRTUAL_PORT, logs=str(home / "logs"), record=True), timeout=0.0)
     assert not (home / "logs").exists()

@@ -31,7 +31,6 @@ def runtime(patch: pytest.MonkeyPatch, folder: Path | None) -> None:
 def test_a_name_taken_in_one_environment_is_seen_in_every_other(
     home: Path, other: Path, monkeypatch: pytest.MonkeyPatch, ours: str | None, theirs: str | None
 ) -> None:
-    """With XDG_RUNTIME_DIR, without it, and with another one: one list of names, one socket, no name twice."""
     runtime(monkeypatch, home / ours if ours else None)
     descriptor = ipc.lock("table")
     here = ipc.socket_path("table")
@@ -62,7 +61,6 @@ def test_links_to_folders_that_went_away_are_cleared(home: Path, other: Path, mo
 
 
 def test_a_cache_that_cannot_be_written_costs_only_the_link(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a runtime folder of its own, an acquisition needs no cache."""
     (home / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "file"))
     descriptor = ipc.lock("alone")

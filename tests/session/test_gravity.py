@@ -55,7 +55,6 @@ def test_a_level_case_with_turned_axes_is_told_how_to_name_them(orientation: Ori
 
 @pytest.mark.parametrize("mount", ["x,y,z", "-y,x,z", "x,z,-y"])
 def test_a_unit_that_lies_upside_down_is_told_whatever_its_mounting(mount: str) -> None:
-    """The mounting that is named is the one asked for, turned over; of a tilt that may be meant nothing is said."""
     axes = AxisMap(parse_mount(mount), accel_sign=1)
     accels_g = axes.mount.T @ np.array([-0.01, 0.006, 0.9986])
     for own_mount, said in (
@@ -79,7 +78,6 @@ def dwelling(outer: float, align: str = "none") -> Profile:
     ids=["level", "begins level", "begins elsewhere", "begins when it is said"],
 )
 def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile | None, is_told: bool) -> None:
-    """Of a unit that turns its own axes; of another one nothing is said here."""
     info = SessionInfo(accel_sign=1, reference="level" if motion is None else "profile", own_mount=OVER.mount)
     upside_down = np.array([0.0, 0.0, 1.0])
     before, then = (Moment(0.0, False, accels_g, info, motion) for accels_g in (None, upside_down))
@@ -91,7 +89,6 @@ def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile 
 
 
 def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
-    """As it was found, before anything was set; with it the reason for gravity the other way up, and what to say."""
     fields = tuple((f, OVER.field if f == Field.ORIENTATION else 4 if f == 1 else v) for f, v in IMU381ZA)
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM", fields=fields)
     log = tmp_path / "over.mcap"

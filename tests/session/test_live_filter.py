@@ -33,7 +33,6 @@ def prepared() -> None:
 
 
 def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
-    """Nothing is estimated before the step is there, nothing is lost, and the estimates are those of a replay."""
     session = SessionInfo(rate_hz=20.0)
     prepared()
     live = LiveFilter(session)
@@ -57,7 +56,6 @@ def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
 
 
 def test_who_is_told_to_go_waits_for_no_compiler_and_says_what_is_left_out() -> None:
-    """The samples are recorded all the same; with the step ready nothing is given up."""
     prepared()
     live = LiveFilter(SessionInfo(rate_hz=20.0))
     gyro, accel = samples(30)
@@ -102,7 +100,6 @@ def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
     ],
 )
 def test_what_a_filter_cannot_do_live_is_refused_with_the_reason(fields: dict[str, object], words: str) -> None:
-    """Before the instrument is touched, in words; without a filter all of it may be recorded."""
     plan = Plan("virtual", **fields)  # type: ignore[arg-type]
     session = SessionInfo(noise=plan.noise, reference=plan.reference)
     with pytest.raises(ValueError, match=words):

@@ -96,8 +96,7 @@ def in_file(path: Path) -> list[Message]:
 
 
 def test_a_viewer_gets_what_the_file_gets(home: Path, stream: LiveStream) -> None:
-    """Topics, definitions, bytes and log times; rosbags decodes the samples with the definition that came along."""
-    with acquiring(home, stream) as running, Viewer(port_of(stream)) as viewer:
+    with acquiring(home, stream=stream) as running, Viewer(port_of(stream)) as viewer:
         wait_until(lambda: len(viewer.of(schemas.IMU)) > 20 and bool(viewer.of(schemas.TRANSFORMS)))
         running.a_second_passes()
         wait_until(lambda: running.seen()["stream"]["viewers"] == 1)
@@ -123,7 +122,6 @@ def test_a_viewer_gets_what_the_file_gets(home: Path, stream: LiveStream) -> Non
 
 
 def test_a_server_that_hangs_costs_its_viewers_messages_and_nobody_else(stream: LiveStream) -> None:
-    """What waits is bounded, the oldest goes, it is counted; when the process is back the newest come."""
     os.kill(stream.pid, signal.SIGSTOP)
     data = bytes(1000)
     for k in range(3 * WAITING_LIMIT):
@@ -150,7 +148,6 @@ def stuck_viewer(port: int, channels: Iterable[int]) -> Iterator[None]:
 
 
 def test_a_viewer_that_hangs_is_told_of_and_holds_up_nobody(stream: LiveStream) -> None:
-    """One that reads nothing loses messages; the other one gets all of them."""
     port, sent = port_of(stream), 0
     with Viewer(port) as good, stuck_viewer(port, good.channels):
         wait_until(lambda: stream.look() is None and stream.snapshot()["viewers"] == 2)
@@ -164,8 +161,7 @@ def test_a_viewer_that_hangs_is_told_of_and_holds_up_nobody(stream: LiveStream) 
 
 
 def test_a_server_that_dies_ends_the_stream_and_not_the_recording(home: Path, stream: LiveStream) -> None:
-    """It is told once, as an event; packets go on into the file."""
-    with acquiring(home, stream) as running:
+    with acquiring(home, stream=stream) as running:
         os.kill(stream.pid, signal.SIGKILL)
         running.record(60)
         running.a_second_passes()
@@ -187,7 +183,6 @@ def test_a_stream_ends_with_the_socket_of_its_acquisition(stream: LiveStream) ->
 def test_a_stream_that_cannot_be_is_refused_before_the_unit_is_touched(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A port in use: exit 4; no such address; a library that is not there: exit 2 and what to type."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         done = imutui("record", "--port", "/dev/none", "--foxglove", str(port), check=4)
@@ -201,7 +196,6 @@ def test_a_stream_that_cannot_be_is_refused_before_the_unit_is_touched(
 
 
 def test_record_streams_and_status_says_so(home: Path) -> None:
-    """Asked for in the configuration; the stream ends with the acquisition, and its port is free again."""
     port = free_port()
     (home / "imutui.toml").write_text(f"[foxglove]\nport = {port}\n")
     line = command_line("record", "--port", "virtual", "--filter", "none", "--name", "streamed")

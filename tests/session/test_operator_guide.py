@@ -16,7 +16,6 @@ PROFILE = Profile(
 
 
 def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
-    """On the way nothing ends by itself; a dwell is held for its seconds, a motion for its ramps as well; then done."""
     one = Guide(PROFILE)
     marks = []
     now = 0
@@ -37,7 +36,6 @@ def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
 
 
 def test_what_was_cancelled_half_done_is_done_again() -> None:
-    """A segment cancelled while it is held is marked as ended, and is the first one after resuming."""
     one = Guide(PROFILE)
     one.arrive(0)
     one.arrive(5 * S)
@@ -63,7 +61,6 @@ def test_what_was_cancelled_half_done_is_done_again() -> None:
     ],
 )
 def test_what_cannot_be_done_now_is_refused_with_what_can(steps: tuple[str, ...], words: str) -> None:
-    """The message says what next, and the state stays."""
     one = Guide(PROFILE)
     for step in steps[:-1]:
         one.do(step, 0, recording=True)
@@ -74,7 +71,6 @@ def test_what_cannot_be_done_now_is_refused_with_what_can(steps: tuple[str, ...]
 
 
 def test_the_end_of_the_recording_cancels_what_is_under_way_only() -> None:
-    """A guide that is done stays done; one under way cannot be resumed in another file."""
     done = Guide(Profile(PROFILE.segments[:1], align="marks"))
     done.arrive(0)
     done.recording_ended(5 * S)
@@ -100,7 +96,6 @@ def test_a_profile_that_goes_by_its_own_clock_has_no_guide_unless_nothing_is_fil
 
 
 def test_segments_are_described_as_the_operator_sets_them() -> None:
-    """Degrees of the table's own axes, and the whole time of a motion with its ramps."""
     sampled = Sampled((10.0, 12.0, 13.0), ((0.0, 0.0, 0.0),) * 3)
     (recorded,) = operator_guide.describe(Profile((sampled,)), "angles.csv")["segments"]
     assert (recorded["kind"], recorded["seconds"]) == ("sampled", 3.0)

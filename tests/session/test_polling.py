@@ -165,7 +165,6 @@ def test_what_is_reported_as_lost_is_what_was_sent_less_what_came() -> None:
 
 
 def test_a_silence_costs_one_request_and_whoever_comes_back_in_another_mode_is_told_again() -> None:
-    """Nothing is asked for while nothing answers; a unit that was reset meanwhile measures in scaled mode again."""
     with polling(20.0, None, LineFault(0.3, "silence", seconds=1.0)) as polled:
         wait_until(lambda: polled.silent)
         polled.port.write(b"r")
@@ -194,7 +193,6 @@ def asked(before: bytes = b"") -> Iterator[tuple[int, Poller, "Future[Answer | N
 
 
 def test_a_packet_that_waits_when_a_request_is_sent_is_not_its_answer() -> None:
-    """It was there before: it is dropped as noise."""
     with asked(before=packet(3)) as (line, poller, found):
         os.write(line, packet(7))
         answer = found.result(10.0)
@@ -204,7 +202,6 @@ def test_a_packet_that_waits_when_a_request_is_sent_is_not_its_answer() -> None:
 
 
 def test_a_packet_that_stutters_is_whole_in_the_end() -> None:
-    """It stops after half of its bytes for longer than answers take, and goes on: it is the answer."""
     with asked() as (line, _, found):
         os.write(line, packet(7)[:9])
         assert os.read(line, 1) == b"c"
@@ -226,7 +223,6 @@ def test_half_a_packet_is_lost_once_the_unit_says_something_else_alone() -> None
 
 
 def test_a_rate_that_polling_cannot_keep_is_said_everywhere(home: Path) -> None:
-    """100 Hz over 9600 baud: `record` says 50 Hz and exits with 1; so do `status`, /diagnostics and `check`."""
     record = ("--rate", "100", "--sampling", "polled", "--baud", "9600", "--filter", "none", "-o", "a.mcap")
     with (
         served(HardOfHearing()) as path,
@@ -248,7 +244,6 @@ def status() -> str:
 
 
 def test_lost_polls_and_silences_are_no_rate_that_is_not_kept() -> None:
-    """One in five lost, and ten seconds of silence: so many were asked for as should be."""
     rate = PolledRate(20.0)
     for k in range(200):
         if k % 5 == 2:
@@ -259,7 +254,6 @@ def test_lost_polls_and_silences_are_no_rate_that_is_not_kept() -> None:
 
 
 def test_every_second_request_left_out_is_a_rate_that_is_not_kept() -> None:
-    """Measured and asked rate are named; with very few requests nothing is said."""
     rate = PolledRate(100.0)
     for k in range(5):
         rate.answered(k * 20_000_000)
@@ -269,7 +263,6 @@ def test_every_second_request_left_out_is_a_rate_that_is_not_kept() -> None:
 
 
 def test_one_stall_is_no_rate_that_is_not_kept_and_many_are() -> None:
-    """A late answer is a gap; a unit whose answers take half a second is not polled at 20 Hz."""
     rate = PolledRate(20.0)
     for k in range(40):
         rate.answered(k * 50_000_000 + (k >= 20) * 700_000_000)

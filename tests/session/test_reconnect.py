@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.acquisitions import acquiring, replayed, untimed
 from helpers.commands import imutui
 from helpers.processes import wait_until
 from helpers.terminal_server import TerminalServer
@@ -21,15 +22,12 @@ from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import Identity
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, encode
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
-from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.logbook import reader
-from imutui.logbook.results import TIMINGS
-from imutui.session import client, observe, reconnection
-from imutui.session.engine import Engine
+from imutui.session import client, reconnection
 from imutui.session.plan import Plan
 
 SERIAL = 9911750
@@ -61,63 +59,9 @@ def plugged_in(link: Path, made: Callable[..., Any] = unit, **options: Any) -> I
             link.unlink()
 
 
-class Run:
-    """An acquisition in this process.
-
-    `plan`: what is asked.
-    `port`: of the unit.
-    """
-
-    def __init__(self, plan: Plan, port: Port) -> None:
-        self.port = port
-        host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
-        self.engine = Engine(plan, host, host.open(plan.baud))
-        self.engine.start()
-
-    def seen(self) -> Any:
-        return self.engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62))
-
-    def wait_until_lost(self) -> None:
-        wait_until(lambda: self.seen()["reconnecting"] is not None)
-
-    def more_packets(self, count: int = 20) -> None:
-        before = self.seen()["packets"]
-        wait_until(lambda: self.seen()["packets"] >= before + count)
-
-    def stop(self) -> dict[str, Any]:
-        """Result document."""
-        self.engine.request_stop()
-        assert self.engine.lifecycle.ended.wait(30.0)
-        assert self.engine.lifecycle.error is None
-        return dict(self.engine.result or {})
-
-    def end(self) -> tuple[list[str], Any]:
-        """Stop it; returns the events of its file, and the file's content."""
-        log = reader.read(Path(self.stop()["log"]), raw=True)
-        assert log.finished
-        assert not log.damage
-        return [event.text for event in log.events], log
-
-
-@contextmanager
-def acquiring(home: Path, port: str, **fields: Any) -> Iterator[Run]:
-    asked = {"logs": str(home / "logs"), "record": True, "filter": "none"} | fields
-    with Port(port, POWER_UP_BAUD) as line:
-        run = Run(Plan(port, **asked), line)
-        try:
-            yield run
-        finally:
-            run.engine.request_stop()
-            run.engine.lifecycle.ended.wait(30.0)
-
-
 def only(texts: list[str], piece: str) -> str:
     (one,) = [text for text in texts if piece in text]
     return one
-
-
-def without_timings(document: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key not in TIMINGS}
 
 
 def asked_of(name: str) -> dict[str, Any]:
@@ -128,7 +72,6 @@ def asked_of(name: str) -> dict[str, Any]:
 
 @of_both
 def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Path, name: str) -> None:
-    """The gap is an event; live and replayed results are equal."""
     link = home / "imu"
     with ExitStack() as stack:
         other = stack.enter_context(served(UNITS[name]()))  # there already, so that it has a name of its own
@@ -140,7 +83,7 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
         wait_until(lambda: run.seen()["reconnecting"] is None)
         run.more_packets(100)
         assert run.seen()["lost_packets"] == 0
-        live = run.stop()
+        live = run.end()
     log = Path(live["log"])
     texts = [event.text for event in reader.read(log).events]
     assert str(link) in only(texts, "went away")  # so it was the port that told, and no silence
@@ -150,14 +93,13 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     # a busy machine may hold up the unit as well, by less
     away = {"imu400cd": 0.5, "imu381": 0.25}[name]  # one that streams by itself is back sooner
     assert len([gap for gap in live["gaps"] if gap["seconds"] > away]) == 1
-    assert without_timings(live) == without_timings(json.loads(imutui("replay", str(log), "--json", check=1).stdout))
+    assert untimed(live) == replayed(log, code=1)
     assert "finished" in imutui("check", str(log), check=1).stdout
     assert json.loads(imutui("info", str(log), "--json").stdout)["finished"]
 
 
 @of_both
 def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(home: Path, name: str) -> None:
-    """Not one of its packets is in the file; the words name both serial numbers, once."""
     link = home / "imu"
     with ExitStack() as stack:
         with plugged_in(link, UNITS[name]):
@@ -174,14 +116,13 @@ def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(ho
         with plugged_in(link, UNITS[name]):
             run.more_packets()
             wait_until(lambda: run.seen()["measured_hz"] is not None)
-            texts, _ = run.end()
+            texts, _ = run.content()
     refused = only(texts, "refused")
     assert "serial number 17" in refused
     assert str(SERIAL) in refused
 
 
 def test_terminated_without_the_unit_it_finishes_the_file_at_once_and_says_so(home: Path) -> None:
-    """A real process, SIGTERM: the file whole up to the loss, and the screen and status say it."""
     link = home / "imu"
     with plugged_in(link):
         connection = client.start(Plan(str(link), logs=str(home / "logs"), record=True, filter="none"))
@@ -203,7 +144,6 @@ def test_terminated_without_the_unit_it_finishes_the_file_at_once_and_says_so(ho
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning:serial")
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
 def test_a_terminal_server_that_hangs_up_is_connected_to_again(home: Path, scheme: str) -> None:
-    """The unit behind it sent on all the while, which is told."""
     with ExitStack() as stack:
         device = stack.enter_context(served(unit()))
         with TerminalServer(device, scheme) as server:
@@ -212,7 +152,7 @@ def test_a_terminal_server_that_hangs_up_is_connected_to_again(home: Path, schem
         run.wait_until_lost()
         with TerminalServer(device, scheme, server.number):
             run.more_packets()
-            texts, _ = run.end()
+            texts, _ = run.content()
     assert "sending still" in only(texts, "the unit is back")
 
 
@@ -250,7 +190,6 @@ def reset(one: VirtualUnit) -> None:
 def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
     home: Path, monkeypatch: pytest.MonkeyPatch, sampling: str, baud: int
 ) -> None:
-    """It is asked again at its own and at the power-up speed, and measures in scaled mode as before."""
     monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 0.5)
     one = unit()
     with served(one) as device, acquiring(home, device, sampling=sampling, baud=baud, rate_hz=20.0) as run:
@@ -258,7 +197,7 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
         reset(one)
         wait_until(lambda: "the unit is back" in str(run.seen()["events"]))
         run.more_packets()
-        texts, log = run.end()
+        texts, log = run.content()
     if (sampling, baud) == ("polled", POWER_UP_BAUD):
         # it answers, in volts: that is seen before one such packet is used
         assert "measures in volts" in "".join(texts)
@@ -301,7 +240,7 @@ def test_a_line_that_is_held_up_is_not_taken_for_a_unit_that_has_stopped(home: P
         server.stall(2.0)
         run.more_packets(400)
         assert (run.seen()["lost_packets"], run.seen()["discarded_bytes"]) == (0, 0)
-        texts, log = run.end()
+        texts, log = run.content()
     assert any("serial number" in command for command in heard[asked:])
     assert not any("asked again" in text for text in texts)
     sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in log.raw]
@@ -316,20 +255,19 @@ def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_t
     line = FaultyLine(tuple(LineFault(at, "reset", serial_number=17) for at in (1.0, 2.5, 4.0)))
     with served(imu381(), line=line) as device, acquiring(home, device, **asked_of("imu381")) as run:
         wait_until(lambda: "serial number 17" in str((run.seen()["reconnecting"] or {}).get("waits_for")))
-        texts, log = run.end()
+        texts, log = run.content()
     assert "refused" in "".join(texts)
     # mostly at once, else after 3 s of packets that are late
     assert len(log.raw) < 900
 
 
 def test_a_stream_that_falls_into_volts_is_set_right(home: Path) -> None:
-    """Not one packet in volts is taken for rates and forces."""
     with served(unit()) as device, acquiring(home, device) as run:
         run.more_packets()
-        run.port.write(encode(Command.VOLTAGE_MODE))
+        run.line.write(encode(Command.VOLTAGE_MODE))
         wait_until(lambda: "the unit is back" in str(run.seen()["events"]))
         run.more_packets()
-        texts, log = run.end()
+        texts, log = run.content()
     assert "measures in volts" in "".join(texts)
     assert {packet.counts for packet in log.raw} == {log.raw[0].counts}
 
@@ -358,7 +296,7 @@ def test_packets_that_a_stalled_line_kept_are_used(home: Path, monkeypatch: pyte
         run.more_packets()
         server.stall(1.5)
         run.more_packets()
-        _, log = run.end()
+        _, log = run.content()
     sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in log.raw]
     assert got == sent[: len(got)]
     assert len(sent) - len(got) < 10, "but what was on its way at the end"

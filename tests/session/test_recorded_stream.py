@@ -40,7 +40,6 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
 
 
 def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callable[[str], Path]) -> None:
-    """All fields of all frames, by our reader and by rosbags; readings, biases and noise as others decoded them."""
     sent = Decoder().feed(recording("aceinna_imu381_scale1.raw").read_bytes())
     log = reader.read(recorded, raw=True)
     assert len(log.raw) == len(sent) == log.stamp_ns.size == PACKETS

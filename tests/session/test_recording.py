@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.acquisitions import acquiring
+from helpers.acquisitions import acquiring, untimed
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import effects_file, reader, results
+from imutui.logbook import effects_file, reader
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -101,14 +101,9 @@ def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
     assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").valid) == valid
 
 
-def untimed(document: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key not in results.TIMINGS}
-
-
 @pytest.mark.usefixtures("catalogue")
 @pytest.mark.parametrize("sampling", ["stream", "polled"])
 def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampling: str) -> None:
-    """The log repeats its own effects, temperature by temperature; with none it is another result, and says so."""
     live_filter.PLAIN.begin()
     live = recorded(tmp_path / "a.mcap", sampling)
     again = replay(tmp_path / "a.mcap", ReplayOptions())
@@ -126,7 +121,6 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
 
 
 def test_note_and_operator_of_a_file_that_is_written_can_be_changed(tmp_path: Path) -> None:
-    """They are in the file within a flush, with what stood before as an event; the operator stays for the next file."""
     plan = Plan("none", filter="none", logs=str(tmp_path), operator="Ada", min_free_mb=0.0)
     made = recorder.Recorder(plan, SessionInfo(filter="none", operator="Ada"), Lifecycle(), Timebase(START))
     with pytest.raises(ValueError, match="nothing is being recorded"):
@@ -144,7 +138,6 @@ def test_note_and_operator_of_a_file_that_is_written_can_be_changed(tmp_path: Pa
 
 @pytest.mark.usefixtures("catalogue")
 def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> None:
-    """A log with effects, replayed with another filter: in words, and possible without them."""
     recorded(tmp_path / "a.mcap", "stream")
     with pytest.raises(ValueError, match='"ekf", but effects'):
         replay(tmp_path / "a.mcap", ReplayOptions(overrides={"filter": "ekf"}))
@@ -154,7 +147,6 @@ def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> Non
 
 
 def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
-    """The message names log, effect and the way out."""
     info = replace(SessionInfo(), effects_sha256=effects_file.digest(FILE))
     writer = LogWriter(tmp_path / "a.mcap", info, "", START)
     writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, FILE.replace(b"thermal_lin", b"gremlins"), START)

@@ -65,7 +65,6 @@ def found(folder: Path, info: SessionInfo = NOW, *, finished_too: bool = True) -
 
 
 def test_an_acquisition_that_was_killed_goes_on_in_a_new_file_that_says_so(home: Path) -> None:
-    """Its lock and its socket lie there still; the next one of that name takes them, and names the file before."""
     with virtual() as port:
         before = killed(acquired(home, port, name="table"))
         assert ipc.socket_path("table").exists()
@@ -97,7 +96,6 @@ def test_unattended_a_file_names_the_one_before_though_it_was_finished(home: Pat
 def test_the_run_of_the_computer_tells_a_crash_from_a_restart(
     tmp_path: Path, boot: str, restart: str, end: bool
 ) -> None:
-    """The same run: the process ended; another: the computer was started anew; unknown: nothing is claimed."""
     written(tmp_path / "a.mcap", replace(BEFORE, boot_id=boot), end=end)
     previous = found(tmp_path)
     assert previous is not None
@@ -108,7 +106,6 @@ def test_the_run_of_the_computer_tells_a_crash_from_a_restart(
 
 
 def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_path: Path) -> None:
-    """Another unit's, another name's, another computer's, no log, and one being written are passed over."""
     first = written(tmp_path / "a.mcap", BEFORE, end=False)
     for key, value in (("serial_number", "8"), ("acquisition", "other"), ("host", "there")):
         written(tmp_path / f"{key}.mcap", replace(BEFORE, **{key: value}), end=False)  # type: ignore[arg-type]
@@ -124,7 +121,6 @@ def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_
 
 
 def test_what_was_before_a_recording_is_not_said_of_its_later_files() -> None:
-    """Part two comes after part one."""
     previous = PreviousLog("a.mcap", "old", False, 0.0, "process")
     told = previous_log.told(NOW, previous)
     assert (told.previous, told.previous_end) == ("a.mcap", "unfinished")

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acquisitions import untimed
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs import power_ons, runs
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import effects_file, reader, results
+from imutui.logbook import effects_file, reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
 from imutui.session.disk_space import DiskGuard, FreeSpace
@@ -64,12 +65,10 @@ sd = 1.0
     ],
 )
 def test_a_file_is_full_by_time_or_by_size(minutes: float, mb: float, seconds: float, size: int, full: bool) -> None:
-    """Whichever comes first; 0 is never; and no limit makes files of less than a second."""
     assert RecordingParts(Path("a.mcap"), minutes, mb).is_full(seconds, size) is full
 
 
 def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> None:
-    """a_p2, a_p3, beside whatever lies there from before."""
     parts = RecordingParts(tmp_path / "a.mcap", 1.0, 0.0)
     assert parts.next_path() == tmp_path / "a_p2.mcap"
     (tmp_path / "a_p2.mcap").touch()
@@ -79,7 +78,6 @@ def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> 
 
 
 def test_only_a_recording_in_several_files_tells_its_parts() -> None:
-    """The result of one file is as it was; that of the last of several names them all."""
     parts = RecordingParts(Path("a.mcap"), 1.0, 0.0)
     assert parts.add_result({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
     assert parts.add_result({"log": "a_p2.mcap", "converged": False})["parts"] == [
@@ -90,7 +88,6 @@ def test_only_a_recording_in_several_files_tells_its_parts() -> None:
 
 @pytest.mark.parametrize("limits", [{"rotate_minutes": -1.0}, {"rotate_mb": float("nan")}, {"rotate_mb": float("inf")}])
 def test_limits_that_make_no_sense_are_refused(limits: dict[str, float]) -> None:
-    """By name, as a plan is made."""
     with pytest.raises(ValueError, match=next(iter(limits))):
         Plan("virtual", **limits)  # type: ignore[arg-type]
 
@@ -103,7 +100,6 @@ def test_a_reference_told_from_one_logs_start_keeps_the_recording_in_one_file() 
 
 
 def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
-    """The folder of logs is made with the first one; the disk is asked once a second however many ask."""
     room = FreeSpace()
     missing = tmp_path / "logs" / "deep"
     free = room.free_bytes(missing, 5 * S)
@@ -117,7 +113,6 @@ def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
 
 
 def test_the_rate_of_growth_is_told_through_all_files() -> None:
-    """Nothing in the first 10 s; a new file begins at zero and the rate does not."""
     growth = DiskGuard(0.0)
     for second in range(10):
         growth.add_size(second * S, 1000 * second)
@@ -164,17 +159,12 @@ def recorded(
     return made
 
 
-def untimed(document: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in document.items() if k not in (*results.TIMINGS, "parts")}
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, dict[str, Any]]]:
     return recorded(tmp_path_factory.mktemp("rotated"), 2000, 4700, 6400)
 
 
 def test_each_file_alone_replays_to_its_live_result(files: list[tuple[Path, dict[str, Any]]]) -> None:
-    """Every field but the timings, with effects that remember; the first file's history is unknown."""
     for path, live in files:
         assert untimed(replay(path, ReplayOptions())) == untimed(live)
     assert [live["history_known"] for _, live in files] == [False, True, True]
@@ -203,7 +193,6 @@ def test_a_file_without_its_memory_is_another_result(files: list[tuple[Path, dic
 
 
 def test_files_name_the_one_before_and_their_power_on(files: list[tuple[Path, dict[str, Any]]]) -> None:
-    """Ids, hashes, numbers and the power-on's beginning."""
     logs = [reader.read(path) for path, _ in files]
     one, two, three = (log.info for log in logs)
     assert len({one.log_id, two.log_id, three.log_id, ""}) == 4
@@ -230,7 +219,6 @@ def test_memory_that_is_none_is_refused_and_that_of_other_lags_is_unknown(
 
 
 def test_without_effects_nothing_is_remembered(tmp_path: Path) -> None:
-    """The next file still continues the one before it."""
     (_, _), (second, _) = recorded(tmp_path, 400, 800, effects="")
     info = reader.read(second).info
     assert info.memory == ""
@@ -239,7 +227,6 @@ def test_without_effects_nothing_is_remembered(tmp_path: Path) -> None:
 
 
 def test_files_of_a_recording_are_one_power_on_in_a_trace(tmp_path: Path) -> None:
-    """One bias and one history over both, the second beginning where the first ends."""
     made = recorded(tmp_path, 8300, 16_600, effects="", filter_name="none")
     reads = [runs.read_run(path, path.stem, ReplayOptions()) for path, _ in reversed(made)]
     second, first = power_ons.join(reads)[0]

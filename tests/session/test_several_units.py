@@ -40,7 +40,6 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]
 
 
 def test_one_status_lists_all(two: dict[str, Client]) -> None:
-    """State, rate, losses and file of each, for people and as one document; --name is for one."""
     wait_until(lambda: all(c.snapshot(2**62)["measured_hz"] for c in two.values()))
     lines = imutui("status").stdout.splitlines()
     for name in two:
@@ -57,7 +56,6 @@ def test_one_status_lists_all(two: dict[str, Client]) -> None:
 
 @pytest.mark.parametrize("line", [["stop"], ["mark", "door"], ["attach"]])
 def test_whoever_does_not_say_which_is_told_which_there_are(two: dict[str, Client], line: list[str]) -> None:
-    """Nothing is stopped or marked by chance."""
     if line == ["attach"]:
         with pytest.raises(SessionError, match=r"a, b\. Say which with --name"):
             client.attach()
@@ -67,7 +65,6 @@ def test_whoever_does_not_say_which_is_told_which_there_are(two: dict[str, Clien
 
 
 def test_a_port_that_one_of_them_has_is_refused_by_that_ones_name(two: dict[str, Client]) -> None:
-    """What has it, how to see it and how to end it; neither is disturbed."""
     port = two["b"].snapshot(2**62)["port"]
     error = imutui("record", "--port", port, "--name", "c", check=4).stderr
     assert f'{port} is in use by the acquisition "b"' in error
@@ -76,7 +73,6 @@ def test_a_port_that_one_of_them_has_is_refused_by_that_ones_name(two: dict[str,
 
 
 def test_one_that_hangs_costs_no_other_its_line(two: dict[str, Client], monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is listed as such, and the exit code says that not all is well."""
     monkeypatch.setattr(Client._ask, "__defaults__", (0.5,))
     os.kill(two["a"].pid, signal.SIGSTOP)
     try:
@@ -90,7 +86,6 @@ def test_one_that_hangs_costs_no_other_its_line(two: dict[str, Client], monkeypa
 
 
 def test_each_is_stopped_by_its_name(two: dict[str, Client]) -> None:
-    """Its file is finished and holds its own unit's packets; the other goes on."""
     imutui("mark", "at b", "--name", "b")
     logs = {}
     for name, left in (("a", ["b"]), ("b", [])):

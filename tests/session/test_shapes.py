@@ -5,20 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.acquisitions import Running, acquiring
 from helpers.fake_client import FakeClient
 from helpers.shapes import mismatches
-from helpers.units import Still, served
 
 from imutui.history_rows import HistorySnapshot
-from imutui.instrument.imu400 import handshake
-from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
-from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
-from imutui.instrument.port import Port
 from imutui.logbook.results import ResultDocument
-from imutui.session import live_filter, observe
-from imutui.session.engine import Engine
-from imutui.session.plan import HistoryWish, Plan, RecordingWish
+from imutui.session import live_filter
+from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 
 PROFILE = """
@@ -40,9 +34,9 @@ def travelled(record: Any) -> Any:
     return json.loads(json.dumps(record, allow_nan=False))
 
 
-def looked_at(engine: Engine) -> Any:
+def looked_at(run: Running) -> Any:
     """A snapshot, after its journey, which is found to have its shape."""
-    seen = travelled(engine.call(lambda acquisition: observe.snapshot(acquisition, 0), timeout=60.0, late=True))
+    seen = travelled(run.seen(0))
     assert mismatches(seen, Snapshot, "snapshot") == []
     return seen
 
@@ -50,16 +44,12 @@ def looked_at(engine: Engine) -> Any:
 @pytest.mark.parametrize("record", [False, True])
 @pytest.mark.parametrize("filtering", ["none", "level", "profile"])
 def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str) -> None:
-    """With and without file, filter and guide; before there are estimates, with them, and after the end."""
     fields: dict[str, Any] = {"filter": "none"} if filtering == "none" else {"reference": filtering}
     if filtering == "profile":
         fields["reference_file"] = ("steps.toml", PROFILE)
-    with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
-        plan = Plan(path, logs=str(home / "logs"), record=record, **fields)
-        identity = handshake.open_dialogue(port, plan.baud)
-        engine = Engine(plan, Imu400Host(port), identity)
-        engine.start()
-        first = looked_at(engine)
+    with acquiring(home, packets=0, record=record, **{"filter": "spkf", **fields}) as run:
+        engine = run.engine
+        first = looked_at(run)
         assert (first["recording"] is not None) == record
         assert (first["filter"] is not None) == (filtering != "none")
         if filtering == "profile":
@@ -67,15 +57,15 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
                 engine.call(lambda acquisition: acquisition.stop_recording(), timeout=120.0)
             engine.call(lambda acquisition: acquisition.guide("begin", RecordingWish()))
             engine.call(lambda acquisition: acquisition.guide("next", RecordingWish()))
-            assert looked_at(engine)["guide"]["state"] == "hold"
+            assert looked_at(run)["guide"]["state"] == "hold"
             described = travelled(engine.call(lambda acquisition: acquisition.profile()))
             assert mismatches(described, ProfileDescription, "profile") == []
         elif record:
             engine.call(lambda acquisition: acquisition.mark("here"))
-            assert looked_at(engine)["marks"][0]["text"] == "here"
+            assert looked_at(run)["marks"][0]["text"] == "here"
         if filtering != "none":
             assert live_filter.PLAIN.ready.wait(120.0)
-            while looked_at(engine)["filter"]["t"] is None:
+            while looked_at(run)["filter"]["t"] is None:
                 pass
         past = travelled(engine.call(lambda acquisition: acquisition.history(HistoryWish()), timeout=60.0))
         assert mismatches(past, HistorySnapshot, "history") == []
@@ -83,9 +73,8 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
         assert bool(past["estimates"]["t"]) == (filtering != "none")
         told = travelled(engine.call(lambda acquisition: acquisition.channel_statistics(0), timeout=60.0))
         assert mismatches(told, StatisticsSnapshot, "statistics") == []
-        engine.request_stop()
-        assert engine.lifecycle.ended.wait(60.0)
-        last = looked_at(engine)
+        run.end()
+        last = looked_at(run)
         assert last["state"] == "stopped"
         if record or filtering == "profile":
             assert mismatches(travelled(engine.result), ResultDocument, "result") == []
@@ -113,7 +102,6 @@ def test_the_fake_of_the_tests_has_the_shape_of_a_real_acquisition(recording: bo
     ],
 )
 def test_what_has_another_shape_is_found(change: dict[str, Any], said: str) -> None:
-    """A field too many, too few, or of another kind, by its path."""
     found = mismatches(travelled(FakeClient().snapshot() | change), Snapshot, "snapshot")
     assert found
     assert found[0].startswith(said)

@@ -73,7 +73,6 @@ def exchange(connection: socket.socket, line: bytes) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_every_request_has_its_reply(server: ipc.Server, kind: str) -> None:
-    """Whatever comes is refused in words, the server is idle again, and the next viewer is answered."""
     reply = ask(HOSTILE[kind])
     assert reply["ok"] is False
     assert 0 < len(reply["error"]) < 1000
@@ -84,7 +83,6 @@ def test_every_request_has_its_reply(server: ipc.Server, kind: str) -> None:
 
 
 def test_a_viewer_that_was_refused_may_ask_again(server: ipc.Server) -> None:
-    """On the same connection, but behind a request that was too long."""
     with ipc.connect("asked", 60.0) as connection:
         assert exchange(connection, b"[")["ok"] is False
         assert exchange(connection, b'{"ask": "mark"}')["ok"]
@@ -102,7 +100,6 @@ def full(server: ipc.Server) -> Iterator[list[socket.socket]]:
 
 @pytest.mark.parametrize("asked", ['"snapshot"', '"history"', '"wait"', "[]"])
 def test_one_viewer_too_many_is_told(server: ipc.Server, asked: str) -> None:
-    """Those that are there stay; when one leaves, another may come."""
     with full(server) as viewers:
         assert "viewers are connected already" in ask(f'{{"ask": {asked}}}'.encode())["error"]
         assert exchange(viewers[0], b'{"ask": "snapshot"}')["error"] == "no such request: snapshot"
@@ -113,7 +110,6 @@ def test_one_viewer_too_many_is_told(server: ipc.Server, asked: str) -> None:
 def test_whoever_asks_for_something_brief_is_heard_however_many_idle_ones_there_are(
     server: ipc.Server, idle: int
 ) -> None:
-    """Beside the viewers that there may be: of the others, the one that was idle for the longest is told and let go."""
     with full(server) as viewers, ExitStack() as others:
         more = [others.enter_context(ipc.connect("asked", 60.0)) for _ in range(idle)]
         for _ in range(3):
@@ -126,7 +122,6 @@ def test_whoever_asks_for_something_brief_is_heard_however_many_idle_ones_there_
 
 
 def test_who_is_being_answered_is_not_let_go(server: ipc.Server) -> None:
-    """Not for one that only connects: it is told, and those that wait for their answer get it."""
     go_on = threading.Event()
     server.answer = lambda request: {"said": str(go_on.wait(60.0))}
     with full(server), ExitStack() as stack:
@@ -151,7 +146,6 @@ def test_a_burst_of_viewers_is_answered_whole(server: ipc.Server) -> None:
 
 
 def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel says who is at the other end; folder and socket keep others out before that."""
     with ipc.connect("asked", 60.0) as connection:
         assert exchange(connection, b'{"ask": "mark"}')["ok"]
     stranger: Callable[[socket.socket], int] = lambda connection: 4242  # noqa: E731
@@ -161,7 +155,6 @@ def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.Monke
 
 
 def test_a_client_that_is_one_too_many_is_told_in_words(server: ipc.Server) -> None:
-    """Not that the acquisition has ended: it goes on, for those that are there."""
     with full(server):
         for _ in range(5):
             with pytest.raises(SessionError, match="viewers are connected already"):
@@ -200,7 +193,6 @@ def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Serve
     ],
 )
 def test_a_field_that_does_not_fit_is_named(request_: dict[str, Any], words: str) -> None:
-    """Before anything of the acquisition is asked."""
     reply = ipc.reply_to(json.dumps(request_).encode(), partial(process.carry_out, None))  # type: ignore[arg-type]
     assert not reply["ok"]
     assert words in reply["error"]

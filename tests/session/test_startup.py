@@ -26,7 +26,6 @@ HEAVY = ("numba", "scipy.signal", "scipy.stats")
     "program", ["imutui.session.__main__", "imutui.cli.follow_acquisition", "imutui.cli.virtual_readings"]
 )
 def test_neither_compiler_nor_statistics_are_loaded_to_begin_with(program: str) -> None:
-    """By the acquisition, by `record` that follows it, by the virtual instrument."""
     code = f"import sys, {program}; print([name for name in {HEAVY!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"

@@ -15,7 +15,6 @@ def packet(word: int) -> PacketS1:
 
 
 def test_a_word_is_told_when_it_is_new_and_shown_while_it_is_the_newest() -> None:
-    """One that comes and goes is told once; a thousand different ones do not fill a log with events."""
     words = StatusWords(INSTRUMENTS["imu381"])
     for word in (0, 0x1000, 0, 0x1000, 0x0021):
         words.take(packet(word))
@@ -33,7 +32,6 @@ def test_a_word_is_told_when_it_is_new_and_shown_while_it_is_the_newest() -> Non
 
 
 def test_packets_without_a_status_word_say_nothing() -> None:
-    """An IMU400CD has none."""
     words = StatusWords(INSTRUMENTS["imu400cd"])
     words.take(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0))  # type: ignore[arg-type]
     assert (words.newest, list(words.news(NOW))) == ("", [])

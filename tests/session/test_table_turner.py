@@ -38,7 +38,6 @@ seconds = 10.0
 
 
 def test_the_unit_reads_the_motion_that_the_turner_knows() -> None:
-    """Where one motion ends the next begins; between its readings before and after the unit has turned so far."""
     lines: list[str] = []
     turner = TableTurner(lines.append)
     steps = [Dwell((np.pi / 2, 0.0, 0.0), 5.0), Dwell((np.pi / 2, 0.0, 1.0), 5.0), Rate("inner", 0.5, 2.0)]
@@ -71,7 +70,6 @@ def test_the_unit_reads_the_motion_that_the_turner_knows() -> None:
 
 
 def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(home: Path) -> None:
-    """Each step is sent by one word of the operator and marked where the unit rests; the truth is within the sd."""
     plan = Plan(
         VIRTUAL_PORT,
         20.0,

@@ -1,21 +1,18 @@
 """A unit turned by hand over the wire: the filter runs on its first rest, live as in a replay."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import unit_time
-from helpers.commands import imutui
+from helpers.acquisitions import replayed, untimed
 from helpers.turned import GYRO_BIAS, turned_run
 
-from imutui.logbook.results import TIMINGS
 from imutui.session import client
 from imutui.session.plan import Plan
 
 
 def test_live_equals_replay_of_a_unit_that_is_turned(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Recorded while it is put down, turned and put down again: all fields but timings, and the first rest alone."""
     run = turned_run(seed=71, rests=8, seconds=12.0, biased=True)
     source = home / "turned.npz"
     np.savez(source, t=run.t, gyro=np.rad2deg(run.reading[:, :3]), accel=run.reading[:, 3:] / 9.80665)
@@ -27,8 +24,7 @@ def test_live_equals_replay_of_a_unit_that_is_turned(home: Path, monkeypatch: py
         )
         live = client.start(asked).wait(120.0)
     assert live is not None
-    again = json.loads(imutui("replay", live["log"], "--json", check=None).stdout)
-    assert {k: v for k, v in live.items() if k not in TIMINGS} == {k: v for k, v in again.items() if k not in TIMINGS}
+    assert untimed(live) == replayed(live["log"], code=None)
     assert live["reference"] == "turned"
     assert 10 * 50 <= live["samples"] <= 13 * 50
     assert live["duration_s"] > 39.0

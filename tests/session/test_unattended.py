@@ -47,7 +47,6 @@ def samples() -> int:
 
 
 def test_it_comes_back_after_a_crash_and_ends_with_a_finished_file(home: Path) -> None:
-    """A killed acquisition ends the command with an error; SIGTERM to both, as `systemctl stop` does it, with 0."""
     with virtual() as port:
         with service(port) as command:
             os.kill(client.attach(NAME).pid, signal.SIGKILL)
@@ -69,7 +68,6 @@ def test_it_comes_back_after_a_crash_and_ends_with_a_finished_file(home: Path) -
 
 
 def test_sigterm_while_it_connects_ends_both(home: Path) -> None:
-    """Nothing is left that would hold the port."""
     with Device(Habits(answers(), streams=None)) as device:
         device.hold(b"S")
         with started(command_line("record", "--unattended", "--name", NAME, "--port", device.port)) as command:
@@ -116,8 +114,6 @@ def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:
 
 
 def test_ctrl_c_just_after_the_start_leaves_no_acquisition_behind(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither before whoever started it has a connection, nor before it is followed; the file is finished."""
-
     def interrupts(*_: object) -> None:
         raise KeyboardInterrupt
 

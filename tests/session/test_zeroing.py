@@ -57,7 +57,6 @@ def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[PacketAr
 
 @pytest.mark.parametrize("poll_hz", [None, 50.0])
 def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float | None) -> None:
-    """Streamed or polled: what was not asked for is not lost, no byte is counted as damaged, stamps go on in time."""
     with reading(UnitOptions(), poll_hz) as (reader, items):
         first = packets(items, 30)
         assert np.all(np.abs([a.packet.rates for a in first]) > 10)
@@ -106,7 +105,6 @@ def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:
 
 
 def test_zero_erases_the_stored_zero_at_once() -> None:
-    """Argument 0: the rates are as before any zeroing."""
     with reading(UnitOptions(), None) as (reader, items):
         packets(items, 5)
         for argument in (2, 0):

@@ -1,55 +1,88 @@
 """Acquisitions that run in the test's own process, on a unit that it serves, and small disks for them."""
 
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers.commands import imutui
 from helpers.paths import ROOT
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
-from imutui.instrument.imu400 import handshake
-from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
-from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.logbook import reader
+from imutui.logbook.reader import Log
+from imutui.logbook.results import TIMINGS
 from imutui.session import exit_codes, observe
 from imutui.session.engine import Engine
 from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
+from imutui.session.snapshot import NO_SERIES
 
 _AS_ROOT = ("unshare", "--user", "--map-root-user", "--mount")
 
 
+def untimed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A result but for its timings and for what the others of a recording's files are."""
+    return {key: value for key, value in document.items() if key not in (*TIMINGS, "parts")}
+
+
+def replayed(log: str | Path, code: int | None = 0) -> dict[str, Any]:
+    """What the command `replay` makes of a log, without timings."""
+    return untimed(json.loads(imutui("replay", str(log), "--json", check=code).stdout))
+
+
 class Running:
-    """An acquisition that records to logs/a.mcap."""
+    """An acquisition in this process, over a line that is open."""
 
-    def __init__(self, engine: Engine, logs: Path) -> None:
-        self.engine = engine
-        self.first = logs / "a.mcap"
-        self.second = logs / "a_p2.mcap"
+    def __init__(self, engine: Engine, line: Port, logs: Path) -> None:
+        self.engine, self.line = engine, line
+        self.first, self.second = logs / "a.mcap", logs / "a_p2.mcap"
 
-    def seen(self) -> Any:
-        return self.engine.call(lambda acquisition: observe.snapshot(acquisition, 2**62), late=True)
+    def seen(self, since: int = NO_SERIES) -> Any:
+        return self.engine.call(lambda it: observe.snapshot(it, since), timeout=LIMIT_S, late=True)
+
+    def more_packets(self, count: int = 20) -> None:
+        wanted = self.seen()["packets"] + count
+        wait_until(lambda: self.seen()["packets"] >= wanted)
 
     def record(self, packets: int = 20) -> None:
         """Have some packets more in the present file, and onto the disk."""
-        wanted = self.seen()["packets"] + packets
-        wait_until(lambda: self.seen()["packets"] >= wanted)
+        self.more_packets(packets)
         self.a_second_passes()
 
     def a_second_passes(self) -> None:
         self.engine.call(lambda acquisition: acquisition.every_second())
 
-    def end(self) -> Any:
-        self.engine.request_stop()
-        assert self.engine.lifecycle.ended.wait(60.0)
+    def wait_until_lost(self) -> None:
+        wait_until(lambda: self.seen()["reconnecting"] is not None)
+
+    def wait_until_ended(self) -> Any:
+        """Result of its last recording."""
+        assert self.engine.lifecycle.ended.wait(LIMIT_S)
         return self.engine.result
+
+    def end(self) -> Any:
+        """Result of its last recording, once it was stopped."""
+        self.engine.request_stop()
+        return self.wait_until_ended()
+
+    def content(self) -> tuple[list[str], Log]:
+        """Stop it, which goes well; returns the events of its last file, and all that is in it."""
+        result = self.end()
+        assert self.engine.lifecycle.error is None
+        log = reader.read(Path(result["log"]), raw=True)
+        assert log.finished
+        assert not log.damage
+        return [event.text for event in log.events], log
 
     def findings(self) -> list[str]:
         assert {finding["exit_code"] for finding in self.engine.lifecycle.findings} <= {exit_codes.DISK}
@@ -57,17 +90,22 @@ class Running:
 
 
 @contextmanager
-def acquiring(home: Path, stream: LiveStream | None = None, **fields: Any) -> Iterator[Running]:
-    """An acquisition in this process, some packets of which are on the disk."""
+def acquiring(
+    home: Path, at: str | None = None, stream: LiveStream | None = None, packets: int = 20, **fields: Any
+) -> Iterator[Running]:
+    """An acquisition that records to logs/a.mcap, of a unit at a port or a still IMU400CD, after its first packets."""
     logs = home / "logs"
-    asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"}
-    with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
-        plan = Plan(path, **(asked | fields))
-        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud), stream)
-        running = Running(engine, logs)
+    asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"} | fields
+    with ExitStack() as stack:
+        plan = Plan(at or stack.enter_context(served(VirtualUnit(Still(), UnitOptions()))), **asked)
+        instrument = INSTRUMENTS[plan.instrument]
+        line = stack.enter_context(Port(plan.port, instrument.power_up_bauds[0]))
+        host = instrument.host(line, plan.rate_hz if plan.sampling == "stream" else None)
+        running = Running(Engine(plan, host, host.open(plan.baud), stream), line, logs)
         try:
-            engine.start()
-            running.record()
+            running.engine.start()
+            if packets:
+                running.record(packets)
             yield running
         finally:
             running.end()
