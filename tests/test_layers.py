@@ -31,7 +31,6 @@ EVERYWHERE = {"filters.errors"} | {
     for name in (
         "defects",
         "estimate_history",
-        "history_rows",
         "outside_file",
         "plain_text",
         "toml_text",
@@ -41,7 +40,6 @@ EVERYWHERE = {"filters.errors"} | {
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
-    "imutui.history_rows": set(),
     "imutui.estimate_history": set(),
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),

@@ -6,8 +6,7 @@ import numpy as np
 
 from filters.kalman import layout
 from filters.kalman.runner import Estimator
-from imutui.estimate_history import EstimateHistory
-from imutui.history_rows import HistoryRows
+from imutui.estimate_history import EstimateHistory, HistoryRows
 from imutui.logbook import estimates
 from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.results import EstimatePoints, ResultDocument

@@ -13,7 +13,7 @@ from filters import attitude, state
 from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
-from imutui.history_rows import HistoryRows
+from imutui.estimate_history import HistoryRows
 from imutui.logbook import departures
 from imutui.logbook.session_info import SessionInfo
 

@@ -23,7 +23,7 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
-from imutui.session import end_report, exit_codes, ipc, observe, requests
+from imutui.session import end_report, ipc, lifecycle, observe, requests
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
@@ -74,22 +74,22 @@ def main() -> int:
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
-            exit_codes.INSTRUMENT,
+            lifecycle.INSTRUMENT,
             f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
             f" `imutui stop{name}` ends it; --name starts another beside it.",
         )
     except (PortError, InstrumentError, StreamError) as error:
-        return _refuse(exit_codes.INSTRUMENT, str(error))
+        return _refuse(lifecycle.INSTRUMENT, str(error))
     except EndedEarlyError as error:
-        return _refuse(exit_codes.INSTRUMENT, f"ended by {error} before the first packet came: nothing was recorded.")
+        return _refuse(lifecycle.INSTRUMENT, f"ended by {error} before the first packet came: nothing was recorded.")
     except FileExistsError as error:
-        return _refuse(exit_codes.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
+        return _refuse(lifecycle.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
     except InputError as error:
-        return _refuse(exit_codes.USAGE, str(error))
+        return _refuse(lifecycle.USAGE, str(error))
     except OSError as error:
-        return _refuse(exit_codes.DISK, disk_message(None, error))
+        return _refuse(lifecycle.DISK, disk_message(None, error))
     except Exception as error:  # noqa: BLE001 - whoever started this must hear of it, and nobody see a traceback
-        return _refuse(exit_codes.OWN_ERROR, defects.told(error))
+        return _refuse(lifecycle.OWN_ERROR, defects.told(error))
 
 
 class EndedEarlyError(Exception):

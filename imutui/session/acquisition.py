@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from filters import specification
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from imutui.history_rows import HistorySnapshot
+from imutui.estimate_history import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
@@ -22,7 +22,6 @@ from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.line_watch import LineWatch, gap_text
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
@@ -34,7 +33,7 @@ from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import Timebase
-from imutui.session.watches import ClockStepMonitor, GravityCheck, Moment, News, StatusWords
+from imutui.session.watches import ClockStepMonitor, GravityCheck, LineWatch, Moment, News, StatusWords, gap_text
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument

@@ -12,8 +12,8 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Unpack
 
-from imutui.history_rows import HistorySnapshot
-from imutui.session import end_report, exit_codes, ipc
+from imutui.estimate_history import HistorySnapshot
+from imutui.session import end_report, ipc, lifecycle
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
@@ -34,7 +34,7 @@ class SessionError(Exception):
     `exit_code`: of a command that ends with this.
     """
 
-    def __init__(self, message: str, exit_code: int = exit_codes.INSTRUMENT) -> None:
+    def __init__(self, message: str, exit_code: int = lifecycle.INSTRUMENT) -> None:
         super().__init__(message)
         self.exit_code = exit_code
 
@@ -210,7 +210,7 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     names = running()
     if name is None and len(names) > 1:
         raise SessionError(
-            f"several acquisitions are running: {', '.join(names)}. Say which with --name.", exit_codes.USAGE
+            f"several acquisitions are running: {', '.join(names)}. Say which with --name.", lifecycle.USAGE
         )
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
@@ -258,7 +258,7 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
         process.terminate()
         process.wait()
         raise
-    name = _holder(plan.port) if answer["exit_code"] == exit_codes.INSTRUMENT else None
+    name = _holder(plan.port) if answer["exit_code"] == lifecycle.INSTRUMENT else None
     held = name is not None and name != plan.name
     raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
 
@@ -304,7 +304,7 @@ def _did_not_begin(name: str, pid: int, timeout: float) -> StartReport:
     report = end_report.read(name, pid)
     if report is not None and report["result"] is not None:
         error += f" What had come by then is in {report['result']['log']}."
-    return {"ok": False, "error": error, "exit_code": exit_codes.INSTRUMENT}
+    return {"ok": False, "error": error, "exit_code": lifecycle.INSTRUMENT}
 
 
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport | None:
@@ -320,7 +320,7 @@ def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartRepo
         if not part:
             process.kill()
             error = f"the acquisition process ended before it began; see {ipc.folder()}."
-            return {"ok": False, "error": error, "exit_code": exit_codes.INSTRUMENT}
+            return {"ok": False, "error": error, "exit_code": lifecycle.INSTRUMENT}
         text += part
     report: StartReport = json.loads(text)
     return report

@@ -19,7 +19,7 @@ from imutui.instrument.clock import Clock
 from imutui.instrument.host import Host, Identity, InstrumentError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.transmitter import transfer_s
-from imutui.session import exit_codes, live_filter
+from imutui.session import lifecycle, live_filter
 from imutui.session.acquisition import Acquisition
 from imutui.session.event_log import ERROR
 from imutui.session.lifecycle import Lifecycle
@@ -175,9 +175,9 @@ class Engine:
             self._fail_for_disk(error)
         except Exception as error:  # noqa: BLE001 - whoever follows must hear of it, and not take it for a good end
             ended = "What was recorded is on the disk up to the last flush."
-            self._fail(exit_codes.OWN_ERROR, f"{defects.told(error)} {ended}")
+            self._fail(lifecycle.OWN_ERROR, f"{defects.told(error)} {ended}")
         try:
-            if self.lifecycle.exit_code != exit_codes.DISK:
+            if self.lifecycle.exit_code != lifecycle.DISK:
                 self._acquisition.look_back()
                 self._acquisition.finish()
         except OSError as error:
@@ -218,13 +218,13 @@ class Engine:
             case ZeroingFinished():
                 self._acquisition.zeroing_finished(item)
             case LineLost() if item.final:
-                self._fail(exit_codes.INSTRUMENT, item.message)
+                self._fail(lifecycle.INSTRUMENT, item.message)
                 self._acquisition.event("acquisition", item.message, ERROR)
             case LineLost() | StillAway() | LineReturned():
                 self._acquisition.line_changed(item)
             case LeftOtherwise():
                 # the next host will see that the unit is not as it was found
-                self._acquisition.recorder.find(exit_codes.FINDINGS, item.message)
+                self._acquisition.recorder.find(lifecycle.FINDINGS, item.message)
             case QueuedCall():
                 self._carry_out(item)
 
@@ -254,4 +254,4 @@ class Engine:
 
     def _fail_for_disk(self, error: OSError) -> None:
         self._disk_error = error
-        self._fail(exit_codes.DISK, self._acquisition.recorder.disk_message(error))
+        self._fail(lifecycle.DISK, self._acquisition.recorder.disk_message(error))

@@ -9,6 +9,15 @@ if TYPE_CHECKING:
     from imutui.session.snapshot import SessionState
 
 
+# Exit codes of the acquisition process, which the command that follows it ends with: see docs/commands.md.
+
+FINDINGS = 1
+OWN_ERROR = 1
+USAGE = 2
+INSTRUMENT = 4
+DISK = 5
+
+
 class Lifecycle:
     """State, error and exit code of one acquisition."""
 

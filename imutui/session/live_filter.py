@@ -19,8 +19,7 @@ from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui import defects
-from imutui.estimate_history import EstimateHistory
-from imutui.history_rows import HistorySnapshot
+from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.plan import HistoryWish

@@ -12,7 +12,7 @@ from filters.errors import InputError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.session import exit_codes, previous_log
+from imutui.session import lifecycle, previous_log
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import INFORMATION, WARNING, EventLog
 from imutui.session.lifecycle import Lifecycle
@@ -116,7 +116,7 @@ class Recorder:
     def disk_message(self, error: OSError) -> str:
         """Words for a disk that does not take what is written."""
         said = disk_message(None if self.recording is None else self.recording.writer, error)
-        before = [finding["text"] for finding in self._lifecycle.findings if finding["exit_code"] == exit_codes.DISK]
+        before = [finding["text"] for finding in self._lifecycle.findings if finding["exit_code"] == lifecycle.DISK]
         return " ".join([said, *before])
 
     # -- runs of samples ------------------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ class Recorder:
             self.event("acquisition", short, WARNING)
         full = guard.stop(path, free)
         if full is not None:
-            self.find(exit_codes.DISK, full)
+            self.find(lifecycle.DISK, full)
             self._is_out_of_space = self.plan.record
         return full is not None
 
@@ -267,13 +267,13 @@ class Recorder:
         if vanished is not None and vanished.is_lost:
             self.pipeline.release_file()
         if vanished is not None:
-            self.find(exit_codes.DISK, vanished.words + (f" Recording goes on: {goes_on}." if goes_on else ""))
+            self.find(lifecycle.DISK, vanished.words + (f" Recording goes on: {goes_on}." if goes_on else ""))
         elif goes_on is not None:
             self.event("acquisition", goes_on)
         self.result = recording.finish_file(self.pipeline, time.monotonic_ns())
         self.recording = None
         if recording.vanished is not vanished and recording.vanished is not None:
-            self.find(exit_codes.DISK, recording.vanished.words)
+            self.find(lifecycle.DISK, recording.vanished.words)
         return self.result
 
     def end_recording(self) -> "ResultDocument":

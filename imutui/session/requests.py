@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NotRequired, TypedDict, cast
 
 from filters.errors import InputError
-from imutui.history_rows import HistorySnapshot
+from imutui.estimate_history import HistorySnapshot
 from imutui.plain_text import NAME_LIMIT, one_line
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot

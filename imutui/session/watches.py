@@ -1,9 +1,12 @@
 """What is looked at once a second: each watch has a method `news`, and `acquisition` has the list of them.
 
-A watch takes packets, or judges an end, by methods of its own; `line_watch` is the one with the most to say.
+A watch takes packets, or judges an end, by methods of its own; the one of the line, which may be away, silent or slower
+than asked, has the most to say.
 """
 
-from collections.abc import Iterable
+import math
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -14,10 +17,17 @@ from filters.imu import AxisMap, format_mount, parse_mount
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.motion.segments import Dwell
+from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
+from imutui.logbook import line_advice
+from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.event_log import WARNING
+from imutui.session import lifecycle, reconnection
+from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.reconnection import LineLost, LineReturned, StillAway
+from imutui.session.requests import EndFinding
+from imutui.session.snapshot import ReconnectingSnapshot
 from imutui.session.timebase import Timebase, utc_minus_monotonic_ns
 
 _MOST_TOLD = 20
@@ -153,3 +163,146 @@ def _turned_by_itself(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_moun
         return None
     with_its_own = replace(axes, mount=axes.mount @ parse_mount(own_mount))
     return format_mount(with_its_own.mount) if with_its_own.accel_to_body(accels_g)[2] < -_ALONG else None
+
+
+# the unit's own rate is known to less than a percent
+_FASTEST = 1.01
+# no pause between two packets: so long at least, and so many periods of polling
+_SILENCE_S = 1.0
+_SILENT_PERIODS = 3.0
+
+
+class LineWatch:
+    """Follows one acquisition's line; `stream_hz` packets a second at most come of a unit that streams."""
+
+    def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
+        self._info = info
+        self._timebase = timebase
+        polled_hz = info.rate_hz if info.sampling == "polled" else None
+        self._rate_hz = polled_hz or stream_hz  # packets that would have come while the unit was away
+        self._silence_s = max(_SILENCE_S, _SILENT_PERIODS / polled_hz if polled_hz else 0.0)
+        self._ask_again_s = reconnection.ask_again_after_s(polled_hz)
+        self._is_silent = False
+        self.polled_rate = PolledRate(info.rate_hz)  # of requests, answered or not, and of pauses between them
+        self._rate_said = False
+        self._away_since_ns: int | None = None  # when the last packet was read; None while the unit is there
+        self._waits_for = ""
+        self._refused: set[str] = set()
+        self._found = ""
+
+    def begin_recording(self) -> None:
+        """Judge the rate of polling anew."""
+        self.polled_rate, self._rate_said = PolledRate(self._info.rate_hz), False
+
+    # -- the unit goes, and comes back ----------------------------------------------------------------------------
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the unit is waited for."""
+        return self._away_since_ns is not None
+
+    def lost(self, event: LineLost) -> str:
+        """The line is lost; returns what to say."""
+        if self._away_since_ns is None:
+            self._away_since_ns = event.since_ns
+            self._refused.clear()
+        self._waits_for = "the same unit to come back"
+        return f"{event.message} The acquisition goes on and waits for the same unit."
+
+    def still_away(self, event: StillAway) -> str | None:
+        """Something else is waited for; returns what to say, once of each unit that is refused."""
+        self._waits_for = event.waits_for
+        if not event.refused or event.waits_for in self._refused:
+            return None
+        self._refused.add(event.waits_for)
+        return f"refused: {event.waits_for}"
+
+    def returned(self, event: LineReturned, before_ns: int) -> None:
+        """The unit is back; its first packet is awaited to say more. `before_ns` is the last stamp before."""
+        self._away_since_ns = before_ns
+        self._found = event.found
+        self.polled_rate.interrupt()
+
+    def back(self, stamp: Stamp) -> str | None:
+        """A packet has come; returns what to say if it is the first one after the unit was away."""
+        if not self._found or self._away_since_ns is None:
+            return None
+        before_ns, found = self._away_since_ns, self._found
+        self._away_since_ns, self._found = None, ""
+        if stamp.gap is None:
+            seconds = (stamp.monotonic_ns - before_ns) / 1e9
+            stamp = replace(stamp, gap=Gap(seconds, 0, math.floor(seconds * self._rate_hz * _FASTEST)))
+        between = f"{self._utc(before_ns)} to {self._utc(stamp.monotonic_ns)} UTC"
+        return f"{gap_text(stamp)}, {between}; the unit is back: {found}"
+
+    def snapshot(self, now_ns: int) -> ReconnectingSnapshot | None:
+        """What is waited for, for viewers; None while the unit is there."""
+        if self._away_since_ns is None:
+            return None
+        return {"seconds": (now_ns - self._away_since_ns) / 1e9, "waits_for": self._waits_for}
+
+    # -- what is said of it ---------------------------------------------------------------------------------------
+
+    def is_to_be_asked(self, moment: Moment) -> bool:
+        """Whether the unit has been silent for so long that it has to be asked who it is."""
+        return moment.silent_s > self._ask_again_s and not moment.expected and not self.is_away
+
+    def news(self, moment: Moment, /) -> News:
+        """That the unit fell silent or speaks again, and, once, that it is polled more slowly than asked."""
+        silent = self._falls_silent(moment)
+        if not self.is_away and silent != self._is_silent:
+            self._is_silent = silent
+            if silent:
+                yield f"no packets for {moment.silent_s:.1f} s: {self._advice()}", WARNING
+            else:
+                yield "packets again", INFORMATION
+        slow = self.polled_rate.finding()
+        if slow is not None and not self._rate_said:
+            self._rate_said = True
+            yield slow, WARNING
+
+    def at_the_end(self, now_ns: int, moment: Moment | None) -> Iterator[tuple[EndFinding, bool]]:
+        """What must be said when the acquisition ends, and whether that has been said before.
+
+        `moment` is as it was when the end was asked for; None if that is not to be judged.
+        """
+        slow = self.polled_rate.finding()
+        if slow is not None:
+            yield {"exit_code": lifecycle.FINDINGS, "text": slow}, self._rate_said
+        if self._away_since_ns is not None:
+            last, away_s = self._utc(self._away_since_ns), (now_ns - self._away_since_ns) / 1e9
+            text = (
+                f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
+                f" {self._waits_for}. What came is recorded and the file is finished."
+            )
+        elif moment is not None and self._falls_silent(moment):
+            text = (
+                f"the unit was silent at the end: its last packet came {moment.silent_s:.1f} s before. What came is"
+                f" recorded and the file is finished. Before the next one: {self._advice()}"
+            )
+        else:
+            return
+        yield {"exit_code": lifecycle.INSTRUMENT, "text": text}, False
+
+    def _falls_silent(self, moment: Moment) -> bool:
+        return moment.silent_s > self._silence_s and not moment.expected
+
+    def _advice(self) -> str:
+        return line_advice.of_silence(self._info.port, self._info.firmware)
+
+    def _utc(self, monotonic_ns: int) -> str:
+        utc_ns = self._timebase.utc_ns(monotonic_ns)
+        return f"{time.strftime('%H:%M:%S', time.gmtime(utc_ns // 1_000_000_000))}.{utc_ns // 1_000_000 % 1000:03d}"
+
+
+def gap_text(stamp: Stamp) -> str:
+    """Words for the gap before a stamp's packet, with its bounds for programs; "" if there is none."""
+    gap = stamp.gap
+    if gap is None:
+        return ""
+    if gap.lost_min == gap.lost_max:
+        what = f"{gap.lost_max} packet{'' if gap.lost_max == 1 else 's'} lost in {gap.seconds:.4f} s"
+    else:
+        what = f"no packets for {gap.seconds:.4f} s; between {gap.lost_min} and {gap.lost_max} were lost"
+    bounds = f"lost_min={gap.lost_min} lost_max={gap.lost_max} uncertainty_ms={stamp.uncertainty_ns / 1e6:.3f}"
+    return f"{what} ({bounds})"

@@ -10,8 +10,7 @@ from filters import allan
 from filters.allan import RunningAllan
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.instrument.imu400.scaling import Scaling
-from imutui.session.channel_statistics import ChannelStatistics
-from imutui.session.running_spectrum import LENGTHS, RunningSpectrum
+from imutui.session.channel_statistics import LENGTHS, ChannelStatistics, RunningSpectrum
 
 Integers = NDArray[np.int64]
 SCALING = Scaling()

@@ -11,7 +11,7 @@ from helpers.processes import wait_until
 
 from imutui.jobs.check import check
 from imutui.logbook import checksum_file
-from imutui.session import exit_codes
+from imutui.session import lifecycle
 from imutui.session.disk_space import DiskGuard
 from imutui.session.plan import RecordingWish
 
@@ -44,7 +44,7 @@ def test_a_disk_that_others_fill_ends_the_recording_above_zero(home: Path) -> No
             result = run.engine.result
             assert result is not None
             assert (result["log"], result["finished"]) == (str(disk / "logs" / "a.mcap"), True)
-            assert run.engine.exit_code == exit_codes.DISK
+            assert run.engine.exit_code == lifecycle.DISK
             (said,) = run.findings()
             assert all(words in said for words in (str(disk / "logs"), "recording leaves 2.0 MB", "a.mcap is finished"))
             assert shutil.disk_usage(disk).free > MB

@@ -39,7 +39,7 @@ from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.instrument.virtual_instrument import Reading, Source, VirtualInstrument
 from imutui.jobs import check
 from imutui.logbook import reader, schemas
-from imutui.session import exit_codes, observe, reconnection
+from imutui.session import lifecycle, observe, reconnection
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 from imutui.session.requests import EndFinding
@@ -139,7 +139,7 @@ def found_again(run: Run) -> None:
 def refused_another(run: Run) -> None:
     """The other unit is named, the file ends with the loss, and that is said at the end."""
     assert "serial number 7" in run.event("refused")
-    assert [finding["exit_code"] for finding in run.findings] == [exit_codes.INSTRUMENT]
+    assert [finding["exit_code"] for finding in run.findings] == [lifecycle.INSTRUMENT]
     assert run.lost == 0
 
 

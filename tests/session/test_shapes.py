@@ -9,7 +9,7 @@ from helpers.acquisitions import Running, acquiring
 from helpers.fake_client import FakeClient
 from helpers.shapes import mismatches
 
-from imutui.history_rows import HistorySnapshot
+from imutui.estimate_history import HistorySnapshot
 from imutui.logbook.results import ResultDocument
 from imutui.session import live_filter
 from imutui.session.plan import HistoryWish, RecordingWish

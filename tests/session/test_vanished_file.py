@@ -24,7 +24,7 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import checksum_file, reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import client, exit_codes
+from imutui.session import client, lifecycle
 from imutui.session.disk_space import disk_message, vanished
 from imutui.session.plan import Plan
 
@@ -173,7 +173,7 @@ def test_a_folder_that_cannot_be_made_again_ends_the_acquisition(home: Path) -> 
         shutil.rmtree(home / "disk")
         wait_until(run.engine.lifecycle.ended.is_set)
         error = run.engine.lifecycle.error or ""
-        assert run.engine.exit_code == exit_codes.DISK
+        assert run.engine.exit_code == lifecycle.DISK
         assert all(words in error for words in ("a.mcap was removed", "lost", "No such file or directory"))
         assert "holds everything" not in error
 
@@ -244,5 +244,5 @@ def test_an_end_that_nobody_asked_for_has_the_exit_code_of_the_disk(home: Path) 
     with acquiring(home, duration_s=1.0) as run:
         run.first.unlink()
         wait_until(run.engine.lifecycle.ended.is_set)
-        assert run.engine.exit_code == exit_codes.DISK
+        assert run.engine.exit_code == lifecycle.DISK
         assert run.engine.lifecycle.error is None

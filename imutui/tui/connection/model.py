@@ -7,9 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from imutui.estimate_history import EstimateHistory
+from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
-from imutui.history_rows import HistorySnapshot
 from imutui.session.client import Client
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from imutui.history_rows import HistoryRows, HistorySnapshot
+from imutui.estimate_history import HistoryRows, HistorySnapshot
 from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
 from imutui.session.plan import HistoryWish
 from imutui.session.snapshot import Snapshot

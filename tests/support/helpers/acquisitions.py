@@ -21,7 +21,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.results import TIMINGS
-from imutui.session import exit_codes, observe
+from imutui.session import lifecycle, observe
 from imutui.session.engine import Engine
 from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
@@ -85,7 +85,7 @@ class Running:
         return [event.text for event in log.events], log
 
     def findings(self) -> list[str]:
-        assert {finding["exit_code"] for finding in self.engine.lifecycle.findings} <= {exit_codes.DISK}
+        assert {finding["exit_code"] for finding in self.engine.lifecycle.findings} <= {lifecycle.DISK}
         return [finding["text"] for finding in self.engine.lifecycle.findings]
 
 

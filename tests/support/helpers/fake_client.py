@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from imutui.estimate_history import HistorySnapshot
 from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
-from imutui.history_rows import HistorySnapshot
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.end_report import EndReport
 from imutui.session.plan import HistoryWish, RecordingWish
