@@ -48,7 +48,6 @@ def counts(**options: Any) -> tuple[int, int, int, int]:
 
 
 def test_only_what_changed_is_computed_anew(few: Path) -> None:
-    """A log with other content, not one that was only touched; a bad log when it has changed, or by request."""
     assert counts() == (3, 0, 0, 1)
     assert counts() == (0, 3, 0, 1)
     assert counts(retry=True) == (1, 2, 0, 1)
@@ -64,7 +63,6 @@ def test_only_what_changed_is_computed_anew(few: Path) -> None:
 
 
 def test_other_settings_are_other_rows(few: Path) -> None:
-    """They stand in the document alone; those of the settings before are still there when these come back."""
     ran()
     before = rows_of(few / "results")
     told = ran(overrides={"measurements": "drawn"})
@@ -87,7 +85,6 @@ def test_the_root_is_that_of_the_first_run(few: Path) -> None:
 
 
 def test_results_do_without_their_journal(few: Path) -> None:
-    """Of `results.json` alone a run goes on, and parts are joined."""
     ran()
     rows = rows_of(few / "results")
     (few / "results" / "rows.jsonl").unlink()
@@ -101,7 +98,6 @@ def test_results_do_without_their_journal(few: Path) -> None:
 
 
 def test_a_trace_of_each_log_is_in_its_row(few: Path) -> None:
-    """A log that is too short for it has its estimates all the same, and why it has no trace."""
     told = ran(trace=True)
     assert (told["errors"], told["not_fine"]) == (1, 2)
     row = rows_of(few / "results")[-1]
@@ -121,7 +117,6 @@ def test_a_log_that_vanishes_is_tried_again(few: Path) -> None:
 
 
 def test_four_shards_joined_are_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each log is in one of them; joined they are what one campaign makes, as a table too."""
     from pyarrow import parquet
 
     monkeypatch.chdir(tmp_path)
@@ -146,7 +141,6 @@ def test_four_shards_joined_are_the_whole(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_parts_that_do_not_agree_are_refused_or_told(few: Path) -> None:
-    """Other settings are refused; of a log that changed between, its last state counts."""
     ran()
     ran(results="other", overrides={"filter": "spkf-paper"})
     with pytest.raises(ValueError, match=r'overrides \{\} and \{"filter": "spkf-paper"\}'):
@@ -161,7 +155,6 @@ def test_parts_that_do_not_agree_are_refused_or_told(few: Path) -> None:
 
 
 def test_patterns_folders_and_files_name_logs(few: Path) -> None:
-    """Below the root that they have in common; hidden ones and those of other names are left out."""
     (few / "logs" / ".hidden").mkdir()
     (few / "logs" / ".hidden" / "x.mcap").touch()
     (few / "logs" / "notes.txt").touch()
@@ -179,7 +172,6 @@ def test_patterns_folders_and_files_name_logs(few: Path) -> None:
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "4", "1/0", "a/b", "-1/4"])
 def test_a_shard_is_counted_from_one(text: str) -> None:
-    """What is no part of the logs is refused, with what is."""
     with pytest.raises(ValueError, match="such as 1/4"):
         log_list.parse_shard(text)
 

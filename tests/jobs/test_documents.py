@@ -29,7 +29,6 @@ def cut(folder: Path) -> Path:
 
 @pytest.mark.parametrize("whole", [True, False])
 def test_documents_have_the_fields_that_their_shapes_name(tmp_path: Path, whole: bool) -> None:
-    """Neither more nor fewer, in the documents and in the records inside them."""
     path = SAMPLE if whole else cut(tmp_path)
     told = info.info(path)
     assert set(told) == fields(documents.InfoDocument)
@@ -50,7 +49,6 @@ def test_documents_have_the_fields_that_their_shapes_name(tmp_path: Path, whole:
 
 
 def test_a_guided_list_has_its_shape() -> None:
-    """The profile and each of its segments."""
     offer = operator_steps.ready_made()[0]
     profile: Any = reference_file.parse(offer.file, offer.text.encode())
     told: Mapping[str, Any] = operator_steps.document(profile, offer.name)

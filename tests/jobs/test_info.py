@@ -39,7 +39,6 @@ def written(
 
 
 def test_a_finished_log_in_brief(tmp_path: Path) -> None:
-    """Length, samples, rate, kind, who and what, from its summary."""
     written(tmp_path / "a.mcap")
     b = brief(tmp_path / "a.mcap")
     assert (b.state, b.why, b.samples, b.rate_hz, b.kind) == ("finished", "", 60, 20.0, "simulated")
@@ -66,7 +65,6 @@ def test_an_unfinished_log_in_brief_is_counted_by_its_ends(tmp_path: Path) -> No
 
 
 def test_no_cut_or_flipped_byte_makes_a_brief_fail(tmp_path: Path) -> None:
-    """Whatever a file is, it gets one of five words and never more samples than were written."""
     written(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     rng = np.random.default_rng(2)
@@ -82,7 +80,6 @@ def test_no_cut_or_flipped_byte_makes_a_brief_fail(tmp_path: Path) -> None:
 
 
 def test_other_files_are_told_as_what_they_are(tmp_path: Path) -> None:
-    """Empty, foreign, absent, a footer broken, rubbish behind the end."""
     written(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     b = tmp_path / "b.mcap"
@@ -99,7 +96,6 @@ def test_other_files_are_told_as_what_they_are(tmp_path: Path) -> None:
 
 
 def test_recordings_of_a_folder_newest_first(tmp_path: Path) -> None:
-    """By when they began, whenever the files were copied; logs only; a folder that is not there has none."""
     for k, name in enumerate(("old", "new", "middle")):
         written(tmp_path / f"{name}.mcap", 1, start=START + (0, 20_000_000_000, 10_000_000_000)[k])
         os.utime(tmp_path / f"{name}.mcap", (0, 100 + k))
@@ -110,7 +106,6 @@ def test_recordings_of_a_folder_newest_first(tmp_path: Path) -> None:
 
 
 def test_a_changed_note_is_the_latest_wherever_it_is_looked_for(tmp_path: Path) -> None:
-    """While the file is written, cut off in the middle, and finished: in the list and in full; nothing is lost."""
     session = SessionInfo(rate_hz=20.0, note="cold", operator="Ada")
     log = LogWriter(tmp_path / "a.mcap", session, "", START)
     for second in range(4):
@@ -133,7 +128,6 @@ def test_a_changed_note_is_the_latest_wherever_it_is_looked_for(tmp_path: Path) 
 
 
 def test_a_note_that_is_added_later_leaves_the_log_as_it_is(tmp_path: Path) -> None:
-    """It lies beside the log with its time, and both list and full text say that it came later; the last counts."""
     path = tmp_path / "a.mcap"
     written(path)
     before, sum_before = path.read_bytes(), checksum_file.read(path)
@@ -155,7 +149,6 @@ def test_a_note_that_is_added_later_leaves_the_log_as_it_is(tmp_path: Path) -> N
 
 
 def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
-    """A row a log, no cell touching the next, and no line wider than the terminal; a note without room is below."""
     written(tmp_path / f"imu400cd_42_20261121T104307Z_{'long-' * 9}.mcap", 1)
     (tmp_path / "b.mcap").write_bytes(b"")
     logs = folder_logs(tmp_path)
@@ -181,19 +174,16 @@ def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
     ],
 )
 def test_a_list_has_model_and_serial_number(instrument: str, serial: str, said: str) -> None:
-    """Without a version behind a model that we know; what others are called is left whole."""
     assert log_table.unit(instrument, serial) == said
 
 
 def test_a_claimed_kind_that_is_none_is_unknown(tmp_path: Path) -> None:
-    """Nothing passes for measured that does not say so."""
     written(tmp_path / "a.mcap", 1, kind="Measured?")
     assert brief(tmp_path / "a.mcap").kind == "unknown"
     assert info(tmp_path / "a.mcap")["kind"] == "unknown"
 
 
 def test_info_tells_all_that_is_in_a_log(tmp_path: Path) -> None:
-    """JSON-ready: extent, temperature, marks with their time, topics, attachments, quality."""
     written(tmp_path / "a.mcap")
     d = json.loads(json.dumps(info(tmp_path / "a.mcap"), allow_nan=False))
     assert (d["samples"], d["samples_without_reading"], d["state"]) == (60, 1, "finished")
@@ -209,7 +199,6 @@ def test_info_tells_all_that_is_in_a_log(tmp_path: Path) -> None:
 
 
 def test_asking_whether_a_file_is_held_does_not_disturb_its_writer(tmp_path: Path) -> None:
-    """Two ask at once; it stays held until it is closed."""
     path = tmp_path / "a"
     with path.open("wb") as writer:
         file_lock.claim(writer)
@@ -223,7 +212,6 @@ def test_asking_whether_a_file_is_held_does_not_disturb_its_writer(tmp_path: Pat
 
 
 def test_a_brief_can_travel(tmp_path: Path) -> None:
-    """Every field has a plain value."""
     written(tmp_path / "a.mcap", 1)
     b = brief(tmp_path / "a.mcap")
     kinds = {type(getattr(b, field.name)) for field in fields(Brief)}

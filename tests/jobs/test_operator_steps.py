@@ -50,7 +50,6 @@ def test_a_still_level_table_shows_biases_and_sums_of_biases_only() -> None:
 
 
 def test_longer_at_rest_tells_no_sum_apart() -> None:
-    """An hour in one position shows no more than a minute."""
     for seconds in (60.0, 3600.0):
         profile = Profile((Dwell((0.0, 0.0, 0.0), seconds),), align="marks")
         assert d_of(profile, "scale", "az")[0] < TESTABLE
@@ -86,7 +85,6 @@ def test_a_profile_joined_by_marks_counts_at_rest_only() -> None:
 
 
 def test_more_motion_never_tells_less() -> None:
-    """What each further segment adds is information."""
     swing = Sine("outer", math.radians(20.0), 0.3, 10.0)
     told = detectability.of_motion(Profile((UP, DOWN, Rate("inner", 0.5, 10.0), swing)))
     for before, after in itertools.pairwise(told):
@@ -104,7 +102,6 @@ def test_six_positions_tell_all_biases_and_scale_factors_of_the_accelerometers()
 
 
 def test_every_ready_made_profile_reads_back() -> None:
-    """Their texts go through the door that files go through."""
     for offer in operator_steps.ready_made():
         profile = operator_steps.load(offer.file, offer.text)
         assert (len(profile.segments), profile.align) == (offer.segments, offer.align)
@@ -112,7 +109,6 @@ def test_every_ready_made_profile_reads_back() -> None:
 
 
 def test_what_to_do_is_said_with_units() -> None:
-    """Dwell, rate and swing each have their sentence."""
     steps = operator_steps.steps(operator_steps.load("a.toml", TOML))
     assert [(step.text, step.seconds) for step in steps] == [
         ("go to outer 0°, middle 90°, inner 0°", 12.5),
@@ -122,7 +118,6 @@ def test_what_to_do_is_said_with_units() -> None:
 
 
 def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_path: Path) -> None:
-    """Settings, effects and trajectories in the same folder are not."""
     (tmp_path / "good.toml").write_text(TOML)
     (tmp_path / "bad.toml").write_text(TOML.replace('"rate"', '"spin"'))
     (tmp_path / "angles.csv").write_text("t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n")
@@ -137,7 +132,6 @@ def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_p
 
 
 def test_a_file_that_is_not_there_and_a_trajectory_say_so(tmp_path: Path) -> None:
-    """What a typed path cannot be is said in words."""
     assert "No such file" in operator_steps.offer_of(tmp_path / "none.toml").error
     assert operator_steps.offer_of(tmp_path).error == operator_steps.offer_of(Path("/dev/zero")).error == "is no file"
     (tmp_path / "path.csv").write_text("t,lat,lon,h,vn,ve,vd\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n")
@@ -145,7 +139,6 @@ def test_a_file_that_is_not_there_and_a_trajectory_say_so(tmp_path: Path) -> Non
 
 
 def test_a_profile_by_hand_is_joined_by_marks() -> None:
-    """Nothing else changes; recorded angles cannot be followed by hand."""
     offer = operator_steps.Offer("a", "", TOML, "a.toml", 3, 0.0, "none")
     by_hand = operator_steps.by_hand(offer)
     assert by_hand is not None
@@ -171,7 +164,6 @@ def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
 
 
 def test_the_command_prints_the_guided_list(home: Path) -> None:
-    """What the Table page shows can be had headless, for files and ready-made ones."""
     (home / "a.toml").write_text(TOML)
     printed = imutui("profile", "a.toml").stdout
     assert "turn inner at -30 deg/s, 4 s" in printed
@@ -184,7 +176,6 @@ def test_the_command_prints_the_guided_list(home: Path) -> None:
 
 
 def test_the_command_exports_a_profile_and_replaces_none(home: Path) -> None:
-    """A ready-made one becomes a file of the same motion; a file that is there stays."""
     imutui("profile", "six positions, 30 s each", "-o", "six.toml")
     copied = operator_steps.offer_of(home / "six.toml")
     assert copied.text == operator_steps.ready_made()[0].text

@@ -22,7 +22,6 @@ def alive(group: int) -> bool:
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
-    """Whichever is ready first."""
     assert list(each(jobs.doubled_late, range(5))) == [0, 2, 4, 6, 8]
 
 

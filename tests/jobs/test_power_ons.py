@@ -38,7 +38,6 @@ def by_name(reads: list[LoggedRun]) -> dict[str, tuple[str, float, bool]]:
 
 
 def test_parts_are_joined_whatever_their_order(tmp_path: Path) -> None:
-    """One power-on, times from its first log; another log stays a power-on by itself."""
     a = part(tmp_path, "a", 0.0)
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     other = part(tmp_path, "o", 7.0)
@@ -53,7 +52,6 @@ def test_parts_are_joined_whatever_their_order(tmp_path: Path) -> None:
 
 
 def test_without_the_log_before_it_history_is_unknown_and_said(tmp_path: Path) -> None:
-    """Neither a single part nor parts with one missing between them are joined."""
     a = part(tmp_path, "a", 0.0)
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     c = part(tmp_path, "c", 200.0, "--continues", str(b))
@@ -70,7 +68,6 @@ def test_without_the_log_before_it_history_is_unknown_and_said(tmp_path: Path) -
 
 
 def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_file(tmp_path: Path) -> None:
-    """The same samples have the same id; that the bytes differ is told."""
     a = part(tmp_path, "a", 0.0)
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     part(tmp_path, "a", 0.0, "--force")
@@ -82,7 +79,6 @@ def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_fi
 
 
 def test_two_logs_that_continue_the_same_one_and_overlap_are_refused(tmp_path: Path) -> None:
-    """A sample counts once; the message names both and the cure."""
     a = part(tmp_path, "a", 0.0)
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     c = part(tmp_path, "c", 140.0, "--continues", str(a))
@@ -104,7 +100,6 @@ def test_the_level_is_read_once_a_power_on(tmp_path: Path) -> None:
 
 
 def test_a_measured_power_on_in_two_parts_traces_as_one(tmp_path: Path) -> None:
-    """The chamber's cooling and heating: one power-on, the held-out leg a part, history known."""
     source = DATA / "thermal_chamber_part1.npz"
     if not source.exists():
         pytest.skip(f"{source} is not there")

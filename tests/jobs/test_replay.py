@@ -119,7 +119,6 @@ def untimed(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
-    """A log with a profile attached is filtered along it: every sample is used, and six biases are within 4 sd."""
     path = tumbled(tmp_path / "a.mcap")
     result = replay(path, ReplayOptions())
     assert result["reference"] == "profile"
@@ -132,7 +131,6 @@ def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
 
 
 def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) -> None:
-    """The log's profile is wrong by 90°, the named one is right; and its hash decides the configuration's."""
     wrong = TUMBLE.replace("[0.0, 90.0, 0.0]", "[0.0, -90.0, 0.0]")
     path = record(tmp_path / "a.mcap", simulated(TUMBLE), kind="profile", attachment=profile_file(wrong))
     own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=profile_file(TUMBLE)))
@@ -147,14 +145,12 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
 
 
 def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
-    """Reference "profile", and no file anywhere."""
     path = record(tmp_path / "a.mcap", simulated(None), kind="profile")
     with pytest.raises(ValueError, match=r"none of its own.*--reference FILE"):
         replay(path, ReplayOptions())
 
 
 def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
-    """Aligned by marks, numbered or plain: dwells are used, and six biases are within 4 sd."""
     profile = profile_file(MARKED).motion()
     assert isinstance(profile, Profile)
     samples = simulated(MARKED)
@@ -170,7 +166,6 @@ def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
 
 
 def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
-    """Six seconds late, found; the wrong sign is refused in words."""
     profile = profile_file(GYRO).motion()
     assert isinstance(profile, Profile)
     early = simulated(GYRO, seconds=profile.duration + 3.0)
@@ -238,7 +233,6 @@ def table_trajectory(samples: Samples) -> ReferenceFile:
 
 @pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
 def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, kind: str) -> None:
-    """--start and --end shift profile, marks and trajectory with the samples."""
     samples = simulated(TUMBLE)
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
@@ -255,7 +249,6 @@ def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, k
 
 @pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
 def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
-    """From the middle of the second dwell, at 90°: no update is left out, and six biases are within 4 sd."""
     samples = simulated(TUMBLE)
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
@@ -266,7 +259,6 @@ def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_p
 
 
 def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
-    """A part of a still log gives what a log of those samples alone gives."""
     samples = simulated(None)
     whole = record(tmp_path / "a.mcap", samples)
     here = (samples.t >= 5.0) & (samples.t <= 20.0)
@@ -286,7 +278,6 @@ def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
 
 
 def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -> None:
-    """A unit four times quieter than Table 1: arw and vrw within 10 % of the truth, in use, and errors within 4 sd."""
     quiet = replace(SPEC, gyro_arw=SPEC.gyro_arw / 4, accel_vrw=SPEC.accel_vrw / 4)
     samples = simulation.simulate(rate_hz=50.0, seconds=300.0, seed=3, spec=quiet, truth=BIAS)[0]
     path = record(tmp_path / "a.mcap", samples, 50.0)
@@ -305,7 +296,6 @@ def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -
 
 
 def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
-    """With reference profile the error says why and what to do; so with a trajectory."""
     samples = simulated(TUMBLE)
     for name, file in (("a", profile_file(TUMBLE)), ("b", table_trajectory(samples))):
         path = record(tmp_path / f"{name}.mcap", samples, kind=file.kind, attachment=file)
@@ -353,7 +343,6 @@ def check_estimate(message: Any, estimate: Estimate) -> None:
 
 @pytest.mark.parametrize(("name", "seconds"), [("spkf", 45.0), ("ekf", 8.0), ("spkf-paper", 8.0)])
 def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, seconds: float) -> None:
-    """With 0 estimates a second asked for, each sample's: stamps, numbers, NIS and verdict; for all three filters."""
     samples = simulated(None, seconds=seconds)
     path = record(tmp_path / "a.mcap", samples, filter=name)
     result = replay(path, ReplayOptions(output=tmp_path / "e.mcap", estimates_hz=0.0))
@@ -374,7 +363,6 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
 
 
 def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
-    """Of 133 samples a second one goes into the file, each the runner's own."""
     samples = simulated(None, hz=133.0, seconds=6.0)
     path = record(tmp_path / "a.mcap", samples, 133.0)
     replay(path, ReplayOptions(output=tmp_path / "e.mcap"))
@@ -393,7 +381,6 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", [None, TUMBLE])
 def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str | None) -> None:
-    """Without a file, with ten a second and with all: equal in every field but the timings; and it is in the file."""
     path = record(tmp_path / "a.mcap", simulated(None)) if text is None else tumbled(tmp_path / "a.mcap", text)
     plain = replay(path, ReplayOptions())
     for hz in (10.0, 0.0, 3.0):
@@ -407,7 +394,6 @@ def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str
 
 @pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
 def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str) -> None:
-    """Named in the options, not in the log: on ten still seconds they agree with `spkf` within a tenth of an sd."""
     path = record(tmp_path / "a.mcap", simulated(None, seconds=10.0))
     own, other = replay(path, ReplayOptions()), replay(path, ReplayOptions(overrides={"filter": name}))
     assert (own["filter"], other["filter"]) == ("spkf", name)
@@ -416,7 +402,6 @@ def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str
 
 
 def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
-    """An existing file stays as it is; with `overwrite` it is replaced."""
     path, output = record(tmp_path / "a.mcap", simulated(None, seconds=5.0)), tmp_path / "e.mcap"
     output.write_bytes(b"dear")
     with pytest.raises(FileExistsError):
@@ -427,7 +412,6 @@ def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
 
 
 def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
-    """Estimates into the log they are made from: refused, and not a byte of the log is gone, `overwrite` or not."""
     path = record(tmp_path / "a.mcap", simulated(None, seconds=5.0))
     content = path.read_bytes()
     for overwrite in (False, True):

@@ -17,7 +17,6 @@ ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 @pytest.mark.parametrize("late_s", [0.0, 3.0])
 def test_attitude_gives_attitude_and_gyro_biases(tmp_path: Path, late_s: float) -> None:
-    """Within 3 sd, also with a gap and a reference that begins late; position and the like are null and named."""
     given = arrays(90.0, 50.0)
     quaternion = np.array([to_quaternion(C) for C in ENU.T @ attitudes(np.deg2rad(given.pop("ang")))])
     del given["rate"]

@@ -71,7 +71,6 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_log_in_pieces_gives_the_same_result(tmp_path: Path, case: str, in_pieces: Callable[[int], None]) -> None:
-    """Every field but the timings; pauses, samples that are no readings and alignment at borders of pieces included."""
     reference, options = CASES[case]
     path = still(tmp_path / "a.mcap", reference=reference)
     whole = result(path, options)
@@ -85,7 +84,6 @@ def test_a_log_in_pieces_gives_the_same_result(tmp_path: Path, case: str, in_pie
 
 
 def test_estimates_in_a_file_are_the_same(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
-    """Row for row."""
     whole, parts = tmp_path / "whole.mcap", tmp_path / "parts.mcap"
     replayed(SAMPLE, ReplayOptions(output=whole, estimates_hz=0.0))
     in_pieces(100)
@@ -106,7 +104,6 @@ def _estimates(path: Path) -> list[Any]:
 def test_noise_measured_in_pieces_is_that_of_the_whole(
     tmp_path: Path, in_pieces: Callable[[int], None], bursts: bool
 ) -> None:
-    """Of the longest stretch between gaps, which lies in many pieces; in a log of bursts, which are no gaps, of all."""
     path = still(tmp_path / "a.mcap", bursts=bursts)
     options = ReplayOptions(overrides={"noise": "log"})
     whole = replayed(path, options).result
@@ -146,14 +143,12 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
 
 
 def test_an_empty_part_of_a_long_log_is_refused_in_words(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
-    """As of a short one."""
     in_pieces(200)
     with pytest.raises(ValueError, match="leave no sample"):
         replayed(still(tmp_path / "a.mcap"), ReplayOptions(start=1e6))
 
 
 def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
-    """Whatever the length of the log: the longest part that the filter is fed with."""
     longest = []
     for seconds in (60.0, 240.0):
         path = still(tmp_path / f"{seconds}.mcap", seconds)

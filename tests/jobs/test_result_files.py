@@ -23,7 +23,6 @@ def written(folder: Path, content: object) -> Path:
 
 
 def test_results_are_taken_one_or_many(tmp_path: Path) -> None:
-    """Of a trace, of a replay, as a list."""
     replay, trace = json.loads(REPLAY.read_text()), traces.whole_document()
     assert result_files.read(REPLAY) == [replay]
     assert result_files.read(written(tmp_path, trace)) == [trace]
@@ -51,7 +50,6 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
 
 @pytest.mark.parametrize("case", CHANGES)
 def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, case: str) -> None:
-    """And with what makes results."""
     change, said = CHANGES[case]
     with pytest.raises(UnreadableLogError) as told:
         result_files.read(written(tmp_path, change(traces.whole_document())))
@@ -60,7 +58,6 @@ def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, case: str) 
 
 
 def test_a_log_says_when_and_how_warm_only_if_it_is_the_one(tmp_path: Path) -> None:
-    """Its SHA-256 is that of the result; else the result stays as it is, and a sentence says why."""
     log = tmp_path / "a.mcap"
     shutil.copy(SAMPLE, log)
     (bare,) = result_files.read(REPLAY)

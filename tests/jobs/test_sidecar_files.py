@@ -11,7 +11,6 @@ from imutui.logbook import checksum_file, effects_file, file_lock
 
 
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
-    """Nothing is overwritten, and every file says of which log it is."""
     log = tmp_path / "a.mcap"
     names = [sidecar_files.keep(log, "_effects.toml", text).name for text in ("1", "2", "3")]
     assert names == ["a_effects.toml", "a_effects_2.toml", "a_effects_3.toml"]
@@ -20,7 +19,6 @@ def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
 
 
 def test_files_of_several_logs_are_told_apart(tmp_path: Path) -> None:
-    """Every set of logs has a name of its own, that of one log is its own, and none is too long."""
     logs = [tmp_path / f"imu400cd_991_20261121T{hour:02d}0000Z.mcap" for hour in range(20)]
     names = [sidecar_files.base(logs[:n]).name for n in (1, 2, 3, 19, 20)]
     assert names[:2] == [logs[0].name, "imu400cd_991_20261121T000000Z_with_20261121T010000Z.mcap"]
@@ -29,7 +27,6 @@ def test_files_of_several_logs_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_a_log_takes_its_own_files_along(tmp_path: Path) -> None:
-    """Its sum, notes and results; nobody else's. The sum then names the file as it is called now, and is true."""
     for name in ("a", "a_recovered", "b"):
         (tmp_path / f"{name}.mcap").write_text(name)
     log = tmp_path / "a.mcap"
@@ -59,7 +56,6 @@ def test_a_log_takes_its_own_files_along(tmp_path: Path) -> None:
 
 
 def test_effects_files_are_told_from_other_settings(tmp_path: Path) -> None:
-    """Scenarios and profiles are no effects; a broken file says why."""
     (tmp_path / "found.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
     (tmp_path / "none.toml").write_text(effects_file.dumps(traces.nothing(), "trace of b.mcap"))
     (tmp_path / "broken.toml").write_text('version = 1\nsource = "x"\ninclude_as = 3\n')

@@ -20,7 +20,6 @@ def taken(source: Path, folder: Path) -> str:
 
 @needed
 def test_fast_turns_by_hand_give_their_delay_and_it_holds_on_other_turns(tmp_path: Path) -> None:
-    """4.2 ms, no g² terms or lines beside it; gyros at the floor on a slow recording that nothing was fitted to."""
     done = imutui("trace", taken(FAST, tmp_path), taken(SLOW, tmp_path), "--json")
     told = json.loads(done.stdout)
     (delay,) = [f for f in told["findings"] if f["effect"] == "delay"]
@@ -35,7 +34,6 @@ def test_fast_turns_by_hand_give_their_delay_and_it_holds_on_other_turns(tmp_pat
 
 @needed
 def test_replay_says_what_an_attitude_can_give(tmp_path: Path) -> None:
-    """Gyro biases of the slow recording as its rests show them; what is not observable is said."""
     done = imutui("replay", taken(SLOW, tmp_path), "--json")
     told = json.loads(done.stdout)
     for bias, at_rest in zip(told["final"]["gyro_bias_dps"], (0.20, 0.12, -0.23), strict=True):

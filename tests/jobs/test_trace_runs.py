@@ -78,7 +78,6 @@ def worst(run: Run) -> tuple[float, float]:
 
 @pytest.mark.parametrize(("hz", "sign", "moving"), [(20.0, -1, True), (100.0, 1, True), (20.0, 1, False)])
 def test_an_imported_recording_with_angles_traces_exactly(tmp_path: Path, hz: float, sign: int, moving: bool) -> None:
-    """A perfect unit leaves no residual, in motion and at rest, whatever its sign, with no other flag."""
     given = arrays(90.0, hz, sign, moving=moving)
     got = read(imported(tmp_path / "a.mcap", given, accel_sign=sign))
     run_consistency.check_reference(got)
@@ -102,7 +101,6 @@ def test_angles_that_change_now_and_then_hold_in_between(tmp_path: Path) -> None
 
 
 def test_rates_come_from_the_angles_where_the_recording_has_none(tmp_path: Path) -> None:
-    """Also through the jump at 360 degrees."""
     given = arrays(90.0, 100.0)
     del given["rate"]
     rate = tumble(given["t"])[1]
@@ -120,7 +118,6 @@ def by_quaternions(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
-    """Attitude of any origin gives readings, with rates by differences; unknown rows are flagged."""
     given = by_quaternions(arrays(90.0, 100.0))
     given["ref_quat"][100:300] = np.nan
     got = read(imported(tmp_path / "a.mcap", given))
@@ -135,13 +132,11 @@ def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
 
 
 def test_angles_of_an_attitude_are_those_it_was_made_of() -> None:
-    """The inverse, for every middle angle short of ±90 degrees."""
     angles = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 3)) * [3.1, 1.5, 3.1]
     assert np.allclose(angles_of(attitudes(angles)), angles, atol=1e-9)
 
 
 def test_a_mounted_unit_reads_in_its_own_axes(tmp_path: Path) -> None:
-    """Readings come back as the instrument gave them, and its residual is nothing."""
     given = arrays(90.0)
     axes = AxisMap(parse_mount("x,-y,-z"), 1)
     given["gyro"], given["accel"] = readings(given["t"], given["ang"], given["rate"], axes)
@@ -151,7 +146,6 @@ def test_a_mounted_unit_reads_in_its_own_axes(tmp_path: Path) -> None:
 
 
 def test_gravity_gives_a_still_unit_its_attitude(tmp_path: Path) -> None:
-    """However it lies; only the heading is called zero."""
     given = arrays(90.0, moving=False)
     given["ang"] = given["ang"] + [3.0, -4.0, 0.0]
     given["gyro"], given["accel"] = readings(given["t"], given["ang"], given["rate"], AxisMap())
@@ -164,7 +158,6 @@ def test_gravity_gives_a_still_unit_its_attitude(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("align", "late"), [("none", 0.0), ("gyro", 12.3)])
 def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late: float) -> None:
-    """Joined from the first sample, or by the gyros; the log's own attachment is enough."""
     reference = profile(f'align = "{align}"\n' + DWELLS)
     got = read(recorded(tmp_path / "a.mcap", reference, late=late))
     run_consistency.check_reference(got)
@@ -186,7 +179,6 @@ def test_gyros_that_read_late_do_not_make_the_profile_late(tmp_path: Path) -> No
 
 
 def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:
-    """From two seconds after each mark to two before its end; all else is flagged."""
     got = read(recorded(tmp_path / "a.mcap", profile('align = "marks"\n' + DWELLS), marks=(0.0, 36.0)))
     run = got.run
     assert run.flagged is not None
@@ -200,7 +192,6 @@ def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:
 
 
 def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
-    """Counts, band limits and latencies of a log that it made itself."""
     run = read(recorded(tmp_path / "a.mcap", profile(DWELLS))).run
     assert run.lsb is not None
     assert np.rad2deg(run.lsb[0]) == pytest.approx(200.0 * 1.5 / 2**15)
@@ -301,7 +292,6 @@ CONTRADICTIONS: dict[Callable[[Path], LoggedRun], str] = {
 def test_a_reference_that_contradicts_the_readings_is_refused(
     tmp_path: Path, case: Callable[[Path], LoggedRun]
 ) -> None:
-    """By what is wrong, how much, and what mends it."""
     got = case(tmp_path / "a.mcap")
     with pytest.raises(ValueError, match=CONTRADICTIONS[case]):
         run_consistency.check_reference(got)
@@ -333,7 +323,6 @@ def test_errors_of_a_bad_unit_are_no_contradiction(tmp_path: Path) -> None:
 
 
 def test_a_short_log_is_refused(tmp_path: Path) -> None:
-    """Under a minute there is nothing to trace."""
     with pytest.raises(ValueError, match=r"lasts 40\.0 s.*at least 60 s"):
         read(imported(tmp_path / "a.mcap", arrays(40.0)))
 
@@ -360,7 +349,6 @@ OTHERS = {
 
 @pytest.mark.parametrize("words", OTHERS)
 def test_logs_that_do_not_belong_together_are_refused(tmp_path: Path, words: str) -> None:
-    """Units, signs, mountings, sites and kinds are those of one campaign."""
     given = arrays(61.0, moving=False)
     del given["ang"], given["rate"]
     first = {"serial_number": "11", "instrument": "AHRS", "kind": "measured"}
@@ -372,7 +360,6 @@ def test_logs_that_do_not_belong_together_are_refused(tmp_path: Path, words: str
 
 
 def test_a_run_counts_once(tmp_path: Path) -> None:
-    """The same file twice, or a copy under another name."""
     one = read(imported(tmp_path / "a.mcap", arrays(61.0)))
     with pytest.raises(ValueError, match="given twice"):
         run_consistency.check_together([one, one])
@@ -382,7 +369,6 @@ def test_a_run_counts_once(tmp_path: Path) -> None:
 
 
 def test_what_logs_cannot_give_is_said_first(tmp_path: Path) -> None:
-    """A constant temperature, a still unit, a short held-out run."""
     given = arrays(61.0, moving=False)
     given["temp"] = np.full_like(given["t"], 25.0)
     still = read(imported(tmp_path / "a.mcap", given))

@@ -39,7 +39,6 @@ def level_run(*effects: Effect, seed: int) -> Run:
 
 
 def test_what_a_turned_log_shows_serves_the_filter_on_another_log(tmp_path: Path) -> None:
-    """Traced once, the unit's bias, scale and misalignment leave nothing of them on a level log of it."""
     effects = (*ACCELEROMETERS, *GYROS)
     turned = log(tmp_path / "turned.mcap", turned_run(*effects, seed=61))
     level = log(tmp_path / "level.mcap", level_run(*effects, seed=62), "level")
@@ -65,7 +64,6 @@ def test_what_a_turned_log_shows_serves_the_filter_on_another_log(tmp_path: Path
 
 
 def test_a_replay_runs_on_the_first_rest(tmp_path: Path) -> None:
-    """Samples and biases are of the first rest, the duration is the log's; a log without one says what to do."""
     run = turned_run(seed=63, rests=6, seconds=20.0)
     turned = log(tmp_path / "turned.mcap", run)
     result = json.loads(imutui("replay", str(turned), "--json", check=None).stdout)
@@ -84,7 +82,6 @@ def test_a_replay_runs_on_the_first_rest(tmp_path: Path) -> None:
 
 
 def test_turned_logs_are_not_traced_beside_others(tmp_path: Path) -> None:
-    """One reference for all that is turned by hand, said with the cure; two units are refused by their numbers."""
     run = turned_run(seed=64, rests=12)
     turned = log(tmp_path / "turned.mcap", run)
     level = log(tmp_path / "level.mcap", level_run(seed=65), "level")
@@ -96,7 +93,6 @@ def test_turned_logs_are_not_traced_beside_others(tmp_path: Path) -> None:
 
 
 def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
-    """No warning that a unit said to be still moves; the log carries the reference."""
     run = turned_run(seed=67, rests=12)
     np.savez(tmp_path / "a.npz", t=run.t, gyro=np.rad2deg(run.reading[:, :3]), accel=run.reading[:, 3:] / 9.80665)
     done = imutui(
@@ -110,7 +106,6 @@ def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_accelerometers_alone_is_calibrated(tmp_path: Path) -> None:
-    """Gyros that are NaN throughout: the accelerometers are done, the gyros have no status, and a note says so."""
     run = turned_run(*ACCELEROMETERS, seed=68)
     given = {"t": run.t, "gyro": np.full((run.t.size, 3), np.nan), "accel": run.reading[:, 3:] / STANDARD_GRAVITY}
     turned = imported(tmp_path / "a.mcap", given, accel_sign=1, reference="turned")

@@ -40,7 +40,6 @@ def replayed(log: Path, *flags: str) -> dict[str, Any]:
 
 
 def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_path: Path) -> None:
-    """On a mounted unit too: the axis that is missing stays the only one."""
     flags = ("--mount", "y,-x,z", "--reference", "gravity")
     log, said = log_of(tmp_path / "a.mcap", "gy", "ax", flags=flags)
     assert "gy, ax" in said
@@ -52,7 +51,6 @@ def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_pa
 
 
 def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
-    """A channel that a recording lacks is no damage."""
     log, _ = log_of(tmp_path / "a.mcap", "gx", "az")
     assert json.loads(imutui("info", str(log), "--json").stdout)["unread_channels"] == ["gx", "az"]
     assert "gx, az" in imutui("info", str(log)).stdout
@@ -66,7 +64,6 @@ def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> 
 def test_replay_gives_no_bias_of_a_missing_channel_and_the_others_as_they_were(
     tmp_path: Path, lacks: tuple[str, ...], flags: tuple[str, ...]
 ) -> None:
-    """Null and listed as unobservable; what is read is estimated as with all channels, within a tenth of its sd."""
     whole = replayed(log_of(tmp_path / "whole.mcap", flags=flags)[0])
     part = replayed(log_of(tmp_path / "part.mcap", *lacks, flags=flags)[0])
     for c, name in enumerate(CHANNELS):
@@ -92,7 +89,6 @@ def test_noise_measured_on_the_log_is_that_of_the_channels_there(tmp_path: Path)
 
 
 def test_what_cannot_be_filled_is_refused_with_the_way_out(tmp_path: Path) -> None:
-    """A moving unit, a level that one accelerometer can't give, all channels missing."""
     moving, _ = log_of(tmp_path / "m.mcap", "gx", moving=True)
     said = imutui("replay", str(moving), check=2).stderr
     assert "gx" in said
@@ -113,7 +109,6 @@ def test_an_accelerometer_is_made_up_to_gravity_only_where_that_is_one_way() -> 
 
 @pytest.mark.parametrize("row", [0, 700])
 def test_a_channel_that_is_missing_here_and_there_is_an_error_that_names_the_row(tmp_path: Path, row: int) -> None:
-    """Also beside one that is missing throughout, and of one that has a single reading."""
     given = arrays(60.0, 20.0, moving=False)
     given["accel"][:, 0] = np.nan
     given["gyro"][row, 2] = np.nan
@@ -128,7 +123,6 @@ def test_a_channel_that_is_missing_here_and_there_is_an_error_that_names_the_row
 
 
 def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
-    """Empty cells, and no temperature where its column is empty too."""
     given = arrays(60.0, 20.0, moving=False)
     rows = ["t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"]
     for k in range(given["t"].size):
@@ -142,7 +136,6 @@ def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_trace_leaves_out_what_is_missing_and_finds_what_is_there(tmp_path: Path, moving: bool) -> None:
-    """No status, no fault, no figure of it; a slope of another channel is found as ever."""
     log, _ = log_of(tmp_path / "a.mcap", "gx", "ay", moving=moving, seconds=600.0, slope=0.05)
     told = json.loads(imutui("trace", str(log), "--json").stdout)
     assert set(told["status"]) == {"gy", "gz", "ax", "az"}
@@ -155,14 +148,12 @@ def test_trace_leaves_out_what_is_missing_and_finds_what_is_there(tmp_path: Path
 
 
 def test_the_virtual_instrument_says_that_it_needs_six_channels(tmp_path: Path) -> None:
-    """A recording that lacks one cannot be played on the wire."""
     log, _ = log_of(tmp_path / "a.mcap", "gx")
     assert "sends six" in imutui("virtual", "--from", str(log), check=2).stderr
 
 
 @pytest.mark.parametrize(("array", "axis", "code"), [("gyro", 2, 0), ("accel", 0, 2)])
 def test_a_unit_turned_by_hand_needs_its_accelerometers_only(tmp_path: Path, array: str, axis: int, code: int) -> None:
-    """A measured one without a gyro is calibrated from gravity; without an accelerometer it is refused by name."""
     source = DATA / "xsens_mti_multiposition.npz"
     if not source.exists():
         pytest.skip(f"{source} is not there")

@@ -30,7 +30,6 @@ def alive(pid: int) -> bool:
 
 
 def test_a_job_tells_its_progress_and_gives_its_result() -> None:
-    """What it prints goes nowhere; its state follows it."""
     worker = Worker(jobs.add, 2, 3)
     assert worker.state == "waiting"
     worker.start()
@@ -41,19 +40,16 @@ def test_a_job_tells_its_progress_and_gives_its_result() -> None:
 
 
 def test_a_result_larger_than_a_pipe_comes_whole() -> None:
-    """Nobody needs to poll for it."""
     assert ended(started(jobs.large, 3_000_000)).result == bytes(3_000_000)
 
 
 def test_progress_that_nobody_reads_holds_up_no_job() -> None:
-    """The oldest is forgotten."""
     worker = ended(started(jobs.chatty, 3000))
     assert worker.result == 3000
     assert 0 < len(worker.poll()) <= 256
 
 
 def test_an_error_comes_as_words() -> None:
-    """Class and text, no traceback; a sentence for users stands alone."""
     refused = ended(started(jobs.wrong)).failure
     assert refused == ("InputError", "`x` is 3; it must be positive")
     assert refused is not None
@@ -64,7 +60,6 @@ def test_an_error_comes_as_words() -> None:
 
 
 def test_a_defect_comes_as_one_with_its_report() -> None:
-    """The screen says what it is, and the traceback of the other process lies where it says."""
     failure = ended(started(jobs.broken)).failure
     assert failure is not None
     assert failure.kind == "Defect"
@@ -80,7 +75,6 @@ def test_a_defect_comes_as_one_with_its_report() -> None:
     ("job", "kind", "word"), [((jobs.leaves, 3), "Crashed", "code 3"), ((jobs.is_killed,), "Killed", "memory")]
 )
 def test_a_process_that_dies_is_a_failure_in_words(job: tuple[object, ...], kind: str, word: str) -> None:
-    """The screen lives on and says what happened."""
     failure = ended(started(*job)).failure
     assert failure is not None
     assert failure.kind == kind
@@ -88,7 +82,6 @@ def test_a_process_that_dies_is_a_failure_in_words(job: tuple[object, ...], kind
 
 
 def test_a_cancelled_job_cleans_up_and_is_gone(tmp_path: Path) -> None:
-    """No part of a file stays, no process, no zombie."""
     worker = started(jobs.patient, tmp_path)
     wait_until((tmp_path / "pid").exists)
     assert worker.state == "running"
@@ -101,7 +94,6 @@ def test_a_cancelled_job_cleans_up_and_is_gone(tmp_path: Path) -> None:
 
 
 def test_a_job_that_does_not_listen_is_ended_all_the_same(tmp_path: Path) -> None:
-    """Cancelling always works."""
     worker = started(jobs.stubborn, tmp_path)
     wait_until(lambda: bool(worker.poll()))
     worker.cancel()

@@ -38,7 +38,6 @@ def drifting() -> GroupField:
 
 
 def test_parts_are_those_that_the_fleet_was_made_with() -> None:
-    """Between units 2 mg and 0.1 deg/s, between days 0.4 mg and 0.02 deg/s."""
     for name, key in (("ax", "accel_bias_mg"), ("gy", "gyro_bias_dps")):
         one = channel(drifting(), name)
         assert one["between_units"] is not None
@@ -49,7 +48,6 @@ def test_parts_are_those_that_the_fleet_was_made_with() -> None:
 
 
 def test_only_the_unit_that_drifts_is_said_to() -> None:
-    """Corrected for four units and six channels, with its slope."""
     told = {
         (unit["serial_number"], one["channel"]): unit["drift"]
         for one in drifting()["channels"]
@@ -64,7 +62,6 @@ def test_only_the_unit_that_drifts_is_said_to() -> None:
 
 
 def test_a_day_out_of_control_is_told_with_its_log() -> None:
-    """By the chart of its unit, with limits."""
     out = [(u["serial_number"], p) for u in channel(drifting(), "ay")["units"] for p in u["points"] if p["outside"]]
     ((unit, point),) = out
     assert (unit, point["log"], point["start_utc"][:7] if point["start_utc"] else "") == (
@@ -77,7 +74,6 @@ def test_a_day_out_of_control_is_told_with_its_log() -> None:
 
 
 def test_an_effect_of_three_units_in_four_is_the_models() -> None:
-    """With how often it was found and confirmed, and its parameter as model and units have it."""
     (effect,) = drifting()["effects"]
     assert (effect["effect"], effect["channels"], effect["level"]) == ("thermal_lin", ["gx"], "model")
     assert (len(effect["units"]), effect["units_traced"]) == (3, 4)
@@ -101,7 +97,6 @@ def test_an_effect_of_three_units_in_four_is_the_models() -> None:
     ],
 )
 def test_where_an_effect_belongs_follows_from_where_it_was_found(found: Any, asked: Any, level: str) -> None:
-    """Model, some units, one unit, one day; not told where there was nothing to compare with."""
     rows = []
     for unit, day in sorted(asked):
         (one,) = fleets.fleet((unit,), 1, finding=(unit,))
@@ -112,7 +107,6 @@ def test_where_an_effect_belongs_follows_from_where_it_was_found(found: Any, ask
 
 
 def test_one_unit_and_one_power_on_are_told_as_undetermined() -> None:
-    """In sentences that say what would tell more."""
     for serials, power_ons, said in (
         (("0101",), 5, ["its own part is not told apart from the model's"]),
         (UNITS, 1, ["the day's part is not told apart from the unit's"]),
@@ -165,7 +159,6 @@ def test_a_bias_that_has_not_settled_fails_nothing() -> None:
 
 
 def test_simulated_and_measured_are_never_in_one_estimate() -> None:
-    """Nor two models of instrument."""
     rows = fleets.fleet(("a",), 2) + fleets.fleet(("a",), 3, kind="simulated") + fleets.fleet(("a",), 1, instrument="X")
     told = [(g["kind"], g["instrument"], g["logs"], channel(g, "ax")["logs"]) for g in summed(rows)["groups"]]
     assert told == [
@@ -176,7 +169,6 @@ def test_simulated_and_measured_are_never_in_one_estimate() -> None:
 
 
 def test_logs_without_a_serial_number_are_no_unit() -> None:
-    """They are in no estimate, named, and held to the limits each for itself."""
     high = {"accel_bias_mg": [20.0, 0.0, 0.0], "gyro_bias_dps": [0.0] * 3}
     rows = [
         *fleets.fleet(UNITS, 2),
@@ -192,7 +184,6 @@ def test_logs_without_a_serial_number_are_no_unit() -> None:
 
 
 def test_what_the_reference_does_not_show_or_the_filter_does_not_know_is_left_out() -> None:
-    """Counted, by channel."""
     none = {"accel_bias_mg": [None, 0.0, 0.0], "gyro_bias_dps": [0.0] * 3}
     vague = {"accel_bias_mg": [0.1, 17.0, 0.1], "gyro_bias_dps": [0.01] * 3}
     rows = [fleets.row("a.mcap", final=none, sd=vague | {"accel_bias_mg": [None, 17.0, 0.1]}), fleets.row("b.mcap")]
@@ -213,7 +204,6 @@ def test_a_channel_that_no_log_shows_is_empty_beside_full_ones() -> None:
 
 
 def test_rows_without_a_time_or_temperature_are_used_for_what_they_tell() -> None:
-    """No drift, and a sentence; components all the same."""
     (group,) = summed(fleets.fleet(UNITS, 4, start_utc=None, temperature_degc=None))["groups"]
     one = channel(group, "az")
     assert {unit["drift"]["verdict"] for unit in one["units"]} == {"no_times"}
@@ -222,7 +212,6 @@ def test_rows_without_a_time_or_temperature_are_used_for_what_they_tell() -> Non
 
 
 def test_bad_logs_are_counted_and_listed_with_reasons() -> None:
-    """All of them may be bad: then there is no group."""
     (found,) = summed([*fleets.fleet(("a",), 1), fleets.bad("b.mcap")])["errors"]
     assert found == {"log": "b.mcap", "error": "it is no log: the first bytes are not MCAP's"}
     every = summed([fleets.bad("a.mcap"), fleets.bad("b.mcap")])
@@ -230,7 +219,6 @@ def test_bad_logs_are_counted_and_listed_with_reasons() -> None:
 
 
 def test_a_summary_is_a_json_document() -> None:
-    """Finite numbers and nothing that JSON has not."""
     document = summed([*fleets.fleet(UNITS, 3), fleets.bad("b.mcap")])
     assert json.loads(json_text.dumps(document)) == document
 
@@ -256,7 +244,6 @@ BAD = [
 
 @pytest.mark.parametrize(("text", "said"), BAD)
 def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, text: str, said: str) -> None:
-    """What is wrong, where, and what makes such a file."""
     (tmp_path / "results.json").write_text(text)
     with pytest.raises(UnreadableLogError) as error:
         stored_rows.rows_of(tmp_path)
@@ -265,13 +252,11 @@ def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, text: str, s
 
 
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
-    """It may be another folder that was meant."""
     with pytest.raises(UnreadableLogError, match=r"results\.json: No such file"):
         stored_rows.rows_of(tmp_path)
 
 
 def test_rows_are_read_from_the_folder_or_the_file(tmp_path: Path) -> None:
-    """What a campaign writes."""
     path = tmp_path / "results.json"
     path.write_text(json.dumps({"rows": [*fleets.fleet(("a",), 2), fleets.bad("b")]}))
     assert stored_rows.rows_of(tmp_path) == stored_rows.rows_of(path)
