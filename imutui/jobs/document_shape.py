@@ -9,19 +9,20 @@ _WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true o
           dict: "an object", list: "a list"}  # fmt: skip
 
 
-def problem(value: Any, shape: Any, where: str) -> str:
+def problem(value: Any, shape: Any, where: str, *, exact: bool = False) -> str:
     """What of a value, which is called `where`, is not as its shape has it; empty if all is.
 
-    Fields that the shape does not name are passed over: a newer program may have written them. A list that is annotated
-    with a number, `Annotated[list[float], 3]`, has so many items.
+    Fields that the shape does not name are passed over, unless it is `exact`: a newer program may have written them. A
+    list that is annotated with a number, `Annotated[list[float], 3]`, has so many items.
     """
     origin, of = get_origin(shape), get_args(shape)
     if origin is NotRequired:
-        return problem(value, of[0], where)
+        return problem(value, of[0], where, exact=exact)
     if origin is Annotated:
-        return problem(value, of[0], where) or ("" if len(value) == of[1] else f"`{where}` has not {of[1]} numbers")
+        told = problem(value, of[0], where, exact=exact)
+        return told or ("" if len(value) == of[1] else f"`{where}` has not {of[1]} numbers")
     if origin in (Union, UnionType):
-        each = [problem(value, one, where) for one in of]
+        each = [problem(value, one, where, exact=exact) for one in of]
         # what comes nearest says most: null is seldom what was meant
         return "" if "" in each else each[0]
     if origin is Literal:
@@ -33,12 +34,14 @@ def problem(value: Any, shape: Any, where: str) -> str:
         fields = _fields(shape)
         if lacking := next((key for key in fields if key in shape.__required_keys__ and key not in value), None):
             return f"`{where}.{lacking}` is missing"
+        if exact and (others := value.keys() - fields.keys()):
+            return f"`{where}.{min(others)}` is not known"
         items = [(f"{where}.{key}", value[key], own) for key, own in fields.items() if key in value]
     elif plain is dict:
         items = [(f"{where}.{key}", item, of[1]) for key, item in value.items()]
     else:
         items = [(f"{where}[{n}]", item, of[0]) for n, item in enumerate(value)] if plain is list else []
-    return next((told for name, item, own in items if (told := problem(item, own, name))), "")
+    return next((told for name, item, own in items if (told := problem(item, own, name, exact=exact))), "")
 
 
 def _is(value: Any, plain: type) -> bool:

@@ -169,6 +169,8 @@ def test_the_command_prints_the_guided_list(home: Path) -> None:
     assert "turn inner at -30 deg/s, 4 s" in printed
     assert "makes testable: bias gx gy gz" in printed
     document = json.loads(imutui("profile", "six positions, 30 s each", "--json").stdout)
+    assert set(document) == {"version", "profile", "align", "duration_s", "segments"}
+    assert set(document["segments"][2]) == {"number", "text", "seconds", "makes_testable"}
     assert document["segments"][2]["makes_testable"][0] == "bias ax ay az"
     listed = json.loads(imutui("profile", "--json").stdout)
     assert [entry["name"] for entry in listed][-1] == "a.toml"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import logs
 from mcap.reader import make_reader
 
 from filters import attitude, simulation, state
@@ -23,9 +24,7 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, reader, results, schemas, trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.trajectory_file import Trajectory
-from imutui.logbook.writer import LogWriter
 
-START = 1_795_257_000_000_000_000
 SPEC = IMU400CD_200
 BIAS = Truth(np.array([0.06, -0.04, 0.08]), np.deg2rad([0.5, -0.7, 0.3]))
 
@@ -72,30 +71,19 @@ def record(
     path: Path,
     samples: Samples,
     hz: float = 20.0,
-    kind: str = "level",
     attachment: ReferenceFile | None = None,
     marks: Iterable[tuple[float, str]] = (),
     **info: Any,
 ) -> Path:
-    """A log of these samples, as an acquisition leaves it."""
-    log = LogWriter(path, SessionInfo(rate_hz=hz, kind="simulated", reference=kind, **info), "x = 1\n", START)
-    if attachment is not None:
-        log.attach(attachment.name, attachment.media_type, attachment.content, START)
-    still = np.zeros(3)
-    log.message(schemas.REFERENCE, schemas.table_reference(START, kind, still, still), START, START)
-    for t, gyro, accel in zip(samples.t.tolist(), samples.gyro, samples.accel, strict=True):
-        stamp = START + round(t * 1e9)
-        log.imu(stamp, stamp, gyro, accel)
-    for t, text in marks:
-        stamp = START + round(t * 1e9)
-        log.message(schemas.EVENTS, schemas.event(stamp, "mark", text), stamp, stamp)
-    log.finish({}, START)
-    return path
+    """A log of these samples, as an acquisition leaves it; its reference is that of the file attached, else level."""
+    kind = "level" if attachment is None else attachment.kind
+    session = SessionInfo(**{"rate_hz": hz, "kind": "simulated", "reference": kind} | info)
+    return logs.of_samples(path, samples, session, attachment, marks)
 
 
 def tumbled(path: Path, text: str = TUMBLE, **info: Any) -> Path:
     """A log that carries its profile."""
-    return record(path, simulated(text), kind="profile", attachment=profile_file(text), **info)
+    return record(path, simulated(text), attachment=profile_file(text), **info)
 
 
 def shift(result: dict[str, Any]) -> np.ndarray:
@@ -132,7 +120,7 @@ def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
 
 def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) -> None:
     wrong = TUMBLE.replace("[0.0, 90.0, 0.0]", "[0.0, -90.0, 0.0]")
-    path = record(tmp_path / "a.mcap", simulated(TUMBLE), kind="profile", attachment=profile_file(wrong))
+    path = record(tmp_path / "a.mcap", simulated(TUMBLE), attachment=profile_file(wrong))
     own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=profile_file(TUMBLE)))
     assert own["rejected"] > 0
     assert any("left out" in text or "off the reference" in text for text in own["alarms"])
@@ -145,7 +133,7 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
 
 
 def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
-    path = record(tmp_path / "a.mcap", simulated(None), kind="profile")
+    path = record(tmp_path / "a.mcap", simulated(None), reference="profile")
     with pytest.raises(ValueError, match=r"none of its own.*--reference FILE"):
         replay(path, ReplayOptions())
 
@@ -156,7 +144,7 @@ def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
     samples = simulated(MARKED)
     for name, texts in (("a", ("segment 1", "segment 2", "segment 3")), ("b", ("on", "turned", "segment 3"))):
         marks = [(float(t) + 0.3, text) for t, text in zip(profile.rest_starts[:3], texts, strict=True)]
-        path = record(tmp_path / f"{name}.mcap", samples, kind="profile", attachment=profile_file(MARKED), marks=marks)
+        path = record(tmp_path / f"{name}.mcap", samples, attachment=profile_file(MARKED), marks=marks)
         result = replay(path, ReplayOptions())
         assert np.all(np.abs(shift(result)) < 4.0)
         assert result["rejected"] == 0
@@ -175,7 +163,7 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
         np.concatenate([still.gyro, early.gyro]),
         np.concatenate([still.accel, early.accel]),
     )
-    path = record(tmp_path / "a.mcap", late, kind="profile", attachment=profile_file(GYRO))
+    path = record(tmp_path / "a.mcap", late, attachment=profile_file(GYRO))
     log = reader.read(path)
     _, settings = job.prepare(log, replay_input.select(log, None, None), ReplayOptions())
     assert settings.offset_sd is not None
@@ -189,7 +177,7 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
 
 def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Path) -> None:
     """A profile that turns between two samples, and readings that do: nothing is known of the rate in between."""
-    slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, "profile", profile_file(TUMBLE))
+    slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, profile_file(TUMBLE))
     with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz.*nothing is known of the rate"):
         replay(slow, ReplayOptions())
     still = simulated(None, hz=0.1, seconds=100.0)
@@ -232,11 +220,12 @@ def table_trajectory(samples: Samples) -> ReferenceFile:
 
 
 @pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
-def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, kind: str) -> None:
+def test_a_part_knows_what_the_whole_knows_and_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
+    """--start and --end shift profile, marks and trajectory; a part may begin in the second dwell, at 90°."""
     samples = simulated(TUMBLE)
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
-    path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
+    path = record(tmp_path / "a.mcap", samples, attachment=file, marks=marks)
     t, whole = rows(path, ReplayOptions())
     part_t, part = rows(path, ReplayOptions(start=9.99, end=27.01))
     here = (t >= 9.99) & (t <= 27.01)
@@ -245,14 +234,6 @@ def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, k
     begin = 1 if kind == "trajectory" else 0
     assert np.allclose(part[begin:], whole[here][begin:], rtol=1e-9, atol=1e-11, equal_nan=True)
     assert (part[:, reference.VARIANCES] > 0.0).any()
-
-
-@pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
-def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
-    samples = simulated(TUMBLE)
-    file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
-    marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
-    path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
     result = replay(path, ReplayOptions(start=13.0))
     assert result["rejected"] == 0
     assert np.all(np.abs(shift(result)) < 4.0)
@@ -298,7 +279,7 @@ def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -
 def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
     samples = simulated(TUMBLE)
     for name, file in (("a", profile_file(TUMBLE)), ("b", table_trajectory(samples))):
-        path = record(tmp_path / f"{name}.mcap", samples, kind=file.kind, attachment=file)
+        path = record(tmp_path / f"{name}.mcap", samples, attachment=file)
         with pytest.raises(ValueError, match=r"`noise` is \"log\".*at rest"):
             replay(path, ReplayOptions(overrides={"noise": "log"}))
 
@@ -401,20 +382,13 @@ def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str
     assert own["nis"]["mean"] == pytest.approx(other["nis"]["mean"], rel=0.01)
 
 
-def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
+def test_nothing_is_overwritten_unless_asked_and_the_log_itself_never(tmp_path: Path) -> None:
     path, output = record(tmp_path / "a.mcap", simulated(None, seconds=5.0)), tmp_path / "e.mcap"
     output.write_bytes(b"dear")
-    with pytest.raises(FileExistsError):
-        replay(path, ReplayOptions(output=output))
-    assert output.read_bytes() == b"dear"
+    content = path.read_bytes()
+    for wanted, overwrite in ((output, False), (path, False), (path, True)):
+        with pytest.raises((FileExistsError, ValueError)):
+            replay(path, ReplayOptions(output=wanted, overwrite=overwrite))
+    assert (output.read_bytes(), path.read_bytes()) == (b"dear", content)
     replay(path, ReplayOptions(output=output, overwrite=True))
     assert len(written(output)[1]) == 5
-
-
-def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
-    path = record(tmp_path / "a.mcap", simulated(None, seconds=5.0))
-    content = path.read_bytes()
-    for overwrite in (False, True):
-        with pytest.raises((FileExistsError, ValueError)):
-            replay(path, ReplayOptions(output=path, overwrite=overwrite))
-        assert path.read_bytes() == content

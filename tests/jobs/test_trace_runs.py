@@ -6,22 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import logs
 from helpers.traces import arrays, imported, readings, tumble
 
 from filters.attitude import to_quaternion
-from filters.imu import AxisMap, parse_mount
+from filters.imu import AxisMap, Samples, parse_mount
 from filters.motion.kinematics import angles_of, attitudes
 from filters.tracing import residual
 from filters.tracing.run import Run
 from imutui.jobs import run_consistency, runs
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.runs import LoggedRun
-from imutui.logbook import schemas, trajectory_file
+from imutui.logbook import trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
-from imutui.logbook.writer import LogWriter
 
-START = 1_795_257_000_000_000_000
 DWELLS = """
 [[segment]]
 kind = "dwell"
@@ -56,16 +55,8 @@ def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float
     axes = AxisMap()
     gyro, accel = readings(t, np.rad2deg(angles), np.rad2deg(rates), axes)
     session = SessionInfo(rate_hz=hz, kind="simulated", reference="profile", **info)
-    log = LogWriter(path, session, "", START)
-    log.attach(reference.name, reference.media_type, reference.content, START)
-    for k, stamp in enumerate((START + np.round(t * 1e9).astype(int)).tolist()):
-        w, f = axes.gyro_to_body(np.deg2rad(gyro[k])), axes.accel_to_body(accel[k] * session.g_unit)
-        log.imu(stamp, stamp, w, f, valid=k != 7)
-    for mark in marks:
-        stamp = START + round(mark * 1e9)
-        log.message(schemas.EVENTS, schemas.event(stamp, "mark", "next"), stamp, stamp)
-    log.finish({}, START)
-    return path
+    samples = Samples(t, axes.gyro_to_body(np.deg2rad(gyro)), axes.accel_to_body(accel * session.g_unit))
+    return logs.of_samples(path, samples, session, reference, [(mark, "next") for mark in marks], {7})
 
 
 def worst(run: Run) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Logs with known content, written as the recorder does, and in every layout that others use."""
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,40 @@ from mcap.records import Attachment, Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
+from filters.imu import Samples
 from imutui.logbook import SessionInfo, schemas
+from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
 
 START = 1_795_257_000_000_000_000
+
+
+def of_samples(
+    path: Path,
+    samples: Samples,
+    info: SessionInfo,
+    reference: ReferenceFile | None = None,
+    marks: Iterable[tuple[float, str]] = (),
+    invalid: Collection[int] = (),
+) -> Path:
+    """A finished log of samples (body axes, SI): with the file of its motion, marks (s, text), and some no readings."""
+    log = LogWriter(path, info, "x = 1\n", START, overwrite=True)
+    if reference is not None:
+        log.attach(reference.name, reference.media_type, reference.content, START)
+    still = np.zeros(3)
+    log.message(schemas.REFERENCE, schemas.table_reference(START, info.reference, still, still), START, START)
+    rows = zip(samples.t.tolist(), samples.gyro, samples.accel, strict=True)
+    for k, (t, gyro, accel) in enumerate(rows):
+        stamp = START + round(t * 1e9)
+        log.imu(stamp, stamp, gyro, accel, valid=k not in invalid)
+    for t, text in marks:
+        stamp = START + round(t * 1e9)
+        log.message(schemas.EVENTS, schemas.event(stamp, "mark", text), stamp, stamp)
+    log.finish({}, START)
+    return path
+
 
 LAYOUTS: dict[str, dict[str, Any]] = {
     "zstd": {"compression": CompressionType.ZSTD},
