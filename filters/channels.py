@@ -5,21 +5,15 @@ Needs the standard library only, so that texts and reports can name channels wit
 
 import math
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-"""Names, in the order of all arrays of six in the instrument's axes."""
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")  # names, in the order of all arrays of six in the instrument's axes
 
-GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
-"""Numbers of the gyros and of the accelerometers."""
+GYROS, ACCELS = (0, 1, 2), (3, 4, 5)  # numbers of the gyros and of the accelerometers
 
-STANDARD_GRAVITY = 9.80665
-"""m/s² of one g, where a reading is in g."""
+STANDARD_GRAVITY = 9.80665  # m/s² of one g, where a reading is in g
 
-DPS = math.pi / 180.0
-"""rad/s of one deg/s, and rad of one degree."""
-G = STANDARD_GRAVITY
-"""m/s² of one g."""
-MG = 1e-3 * STANDARD_GRAVITY
-"""m/s² of one mg."""
+DPS = math.pi / 180.0  # rad/s of one deg/s, and rad of one degree
+G = STANDARD_GRAVITY  # m/s² of one g
+MG = 1e-3 * STANDARD_GRAVITY  # m/s² of one mg
 
 
 def error_unit(channel: int) -> tuple[str, float]:

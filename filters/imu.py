@@ -13,8 +13,7 @@ from filters.specification import IMU440CA_200 as IMU440CA_200
 from filters.specification import ImuSpec as ImuSpec
 from filters.types import Array
 
-LOOP_HZ = 400.0 / 3.0
-"""Readings a second of the IMU400CD's own loop: "up to 133 Hz" in scaled mode, one in 7.5 ms."""
+LOOP_HZ = 400.0 / 3.0  # readings a second of the IMU400CD's own loop: "up to 133 Hz" in scaled mode, one in 7.5 ms
 
 _Turn = tuple[NDArray[np.int_], Array]
 

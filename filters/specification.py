@@ -23,8 +23,7 @@ class ImuSpec:
     source: str = "Table 1"  # where the figures are from, for people
 
 
-IMU400CD_200 = ImuSpec()
-"""Table 1 of the paper."""
+IMU400CD_200 = ImuSpec()  # Table 1 of the paper
 IMU440CA_200 = ImuSpec(
     gyro_bias_limit=0.75 * _DEG,
     accel_bias_limit=15e-3 * STANDARD_GRAVITY,

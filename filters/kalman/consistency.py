@@ -25,10 +25,8 @@ from filters.types import Array
 
 TOLERANCE = np.array([0.6e-3 * STANDARD_GRAVITY] * 3 + [0.05 * np.pi / 180.0] * 3)
 """Standard deviation below which a bias counts as known: 0.6 mg, 0.05 deg/s (Table 1's resolution)."""
-HOLD = 10.0
-"""s that the conditions must hold, and over which means are taken."""
-REMAINDER_WINDOWS = 6
-"""Windows of 10 s, at most, that the remainder is told from."""
+HOLD = 10.0  # s that the conditions must hold, and over which means are taken
+REMAINDER_WINDOWS = 6  # windows of 10 s, at most, that the remainder is told from
 _BAND = 5.0
 _NOISE_BLOCKS = 600
 _NOISE_SD = 1.27

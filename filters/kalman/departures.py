@@ -14,8 +14,7 @@ from filters.kalman.consistency import TOLERANCE
 from filters.types import Array
 
 _LEAST_S = 3.0
-_CERTAIN_SD = 5.0
-"""Standard deviations from which a departure is told: there are six for each of many positions."""
+_CERTAIN_SD = 5.0  # standard deviations from which a departure is told: there are six for each of many positions
 _TURNING = np.deg2rad(1.0)
 _GROSS_FORCE = 0.3 * STANDARD_GRAVITY
 _GROSS_SHARE = 0.2

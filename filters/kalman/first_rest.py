@@ -16,8 +16,7 @@ WINDOW_S = 1.0
 _LEAST = 8
 _QUIET = 2.0
 """Standard deviation of a reading at rest, in the specification's: hands add to it, other instruments have more."""
-_WITHIN = 4.0
-"""Standard deviation within a rest, in that of its quietest window."""
+_WITHIN = 4.0  # standard deviation within a rest, in that of its quietest window
 _STEADY = np.repeat([np.deg2rad(0.2), 5e-3 * STANDARD_GRAVITY], 3)
 _MOVED = np.repeat([np.deg2rad(1.0), 30e-3 * STANDARD_GRAVITY], 3)
 

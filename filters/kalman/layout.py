@@ -6,8 +6,7 @@ row of `out` one estimate, `extra` and `across` the states beyond the 15, if eff
 rows of STRIDE.
 """
 
-STRIDE = 16
-"""Row length of the covariance: 15 states and one zero, a multiple of every vector width."""
+STRIDE = 16  # row length of the covariance: 15 states and one zero, a multiple of every vector width
 
 # state: latitude, longitude, height, velocity 3, quaternion n←b 4 (w first), accelerometer bias 3, gyro bias 3
 NAV = 16
@@ -19,8 +18,7 @@ CORE_NIS_SUM, CORE_NIS_COUNT, CORE_NIS_FIRST, CORE_NIS_LAST, CORE_DOF_LAST = 23,
 CORE_REJECTED, CORE_IN_A_ROW, CORE_OVERRULED = 28, 29, 30
 CORE_SAMPLES, CORE_NEXT_OUT = 31, 32
 CORE_SPREAD, CORE_DOF_SUM = 33, 34
-CORE_NU = 35
-"""Innovation of the last update, nine rows; NaN where a row was not known."""
+CORE_NU = 35  # innovation of the last update, nine rows; NaN where a row was not known
 CORE = 44
 
 # what is known at a sample: position, velocity, quaternion, variances of the nine rows (negative: not known), and the
@@ -54,5 +52,4 @@ OUT = 29 + 15 * STRIDE
 EXTRA_MEAN, EXTRA_TAU, EXTRA_DENSITY, EXTRA_ERROR, EXTRA_GAIN = 0, 1, 2, 3, 4
 EXTRA_BEFORE, EXTRA_SHARE, EXTRA_WHITE, EXTRA_OWN = 5, 11, 17, 32
 
-DONE, INDEFINITE, NOT_FINITE = -1, 1, 2
-"""Why `advance` returned early: `DONE` not at all."""
+DONE, INDEFINITE, NOT_FINITE = -1, 1, 2  # why `advance` returned early: `DONE` not at all

@@ -17,20 +17,14 @@ if TYPE_CHECKING:
     # what the effects are takes a filter; that there are some does not
     from filters.kalman.augmentation import MakeEffects
 
-FILTERS = ("spkf", "spkf-paper", "ekf")
-"""Filters by name; `filters.kalman.engines.ENGINES` makes them."""
-MEASUREMENTS = ("exact", "drawn")
-"""How the reference is fed: as it is, or with noise of covariance R."""
+FILTERS = ("spkf", "spkf-paper", "ekf")  # filters by name; `filters.kalman.engines.ENGINES` makes them
+MEASUREMENTS = ("exact", "drawn")  # how the reference is fed: as it is, or with noise of covariance R
 
-P0_ACCEL_BIAS_SD = 18e-3 * STANDARD_GRAVITY
-"""m/s²; 1.5 times Table 1."""
-P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0
-"""rad/s; 1.5 times Table 1."""
+P0_ACCEL_BIAS_SD = 18e-3 * STANDARD_GRAVITY  # m/s²; 1.5 times Table 1
+P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0  # rad/s; 1.5 times Table 1
 
-GAP_PERIODS = 2.5
-"""Sample periods beyond which a step is a gap."""
-MAX_TURN = 1.0
-"""rad between two samples that no filter can make up for."""
+GAP_PERIODS = 2.5  # sample periods beyond which a step is a gap
+MAX_TURN = 1.0  # rad between two samples that no filter can make up for
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,7 @@ from filters.types import Array
 LATITUDE, LONGITUDE, HEIGHT, ROLL, PITCH, YAW = 0, 1, 2, 6, 7, 8
 _CIRCULAR = [LONGITUDE, ROLL, PITCH, YAW]
 
-PITCH_ALARM = np.deg2rad(85.0)
-"""rad of pitch up to which the biases were measured to be right."""
+PITCH_ALARM = np.deg2rad(85.0)  # rad of pitch up to which the biases were measured to be right
 _PITCH_LIMIT = np.deg2rad(89.99)
 
 

@@ -13,10 +13,8 @@ from filters import attitude, earth
 from filters.state import NavState
 from filters.types import Array
 
-MAX_STEP_ANGLE = 0.2
-"""rad a substep may turn: RK4's error stays below 2e-4 deg a step."""
-MAX_STEP = 1.0
-"""s a substep may last."""
+MAX_STEP_ANGLE = 0.2  # rad a substep may turn: RK4's error stays below 2e-4 deg a step
+MAX_STEP = 1.0  # s a substep may last
 
 
 def propagate(state: NavState, gyro: Array, accel: Array, dt: float, gravity: float) -> NavState:

@@ -17,9 +17,8 @@ from filters.motion.reference import PAPER_R_SD, Path, Reference, Still, Traject
 from filters.state import NavState, Site
 from filters.types import Array
 
-SECONDS = 10.0
-SAMPLES = 10
-"""Still time, and samples, that roll and pitch are found from."""
+# still time, and samples, that roll and pitch are found from
+SECONDS, SAMPLES = 10.0, 10
 _VERTICAL = 0.7
 
 # a trajectory: slower is standing, and after so much of faster its heading can be found

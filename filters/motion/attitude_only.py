@@ -13,13 +13,10 @@ from filters.motion.reference import PAPER_R_SD, VARIANCES, VELOCITY, Path, Refe
 from filters.state import ATTITUDE, NavState, Site
 from filters.types import Array
 
-_SPEED_SD = 30.0
-"""m/s: of the velocity that is held."""
+_SPEED_SD = 30.0  # m/s: of the velocity that is held
 _START_SPEED_SD = 1.0
-_OFFSET_SD = 5e-3
-"""s: of the time of one recording in the other's, which a turning unit sees as an angle."""
-_HELD_S = 1.0
-"""From one row of velocity to the next, s."""
+_OFFSET_SD = 5e-3  # s: of the time of one recording in the other's, which a turning unit sees as an angle
+_HELD_S = 1.0  # from one row of velocity to the next, s
 
 
 def knows_attitude_only(trajectory: Trajectory) -> bool:

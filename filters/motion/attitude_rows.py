@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from filters.types import Array
 
-_FAR = 3.0
-"""Steps between rows that are no gap."""
+_FAR = 3.0  # steps between rows that are no gap
 _WINDOW_S = 1.0
 _QUIET = 3.0  # times the quietest windows' standard deviation
 _STILL_RATE = np.deg2rad(1.0)

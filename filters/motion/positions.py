@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 from filters.motion.segments import Dwell, Rate, Segment
 
-LEVEL = Dwell((0.0, 0.0, 0.0), 10.0)
-"""A short rest, level."""
+LEVEL = Dwell((0.0, 0.0, 0.0), 10.0)  # a short rest, level
 SIX = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0))
 """Each axis up and down: outer, middle, inner, deg."""
 TWELVE = (

@@ -20,12 +20,9 @@ from filters.motion.kinematics import PieceTable, Swing, each, envelope, piece_t
 from filters.motion.segments import Dwell, Sampled, Segment, check_positive
 from filters.types import Array
 
-ALIGNS = ("none", "marks", "gyro")
-"""How profile time may be joined to log time."""
-SLEW = math.radians(20.0)
-"""rad/s: limit of the rate in moves, unless a profile says otherwise."""
-ACCEL = math.radians(100.0)
-"""rad/s²: of moves and ramps, unless a profile says otherwise."""
+ALIGNS = ("none", "marks", "gyro")  # how profile time may be joined to log time
+SLEW = math.radians(20.0)  # rad/s: limit of the rate in moves, unless a profile says otherwise
+ACCEL = math.radians(100.0)  # rad/s²: of moves and ramps, unless a profile says otherwise
 
 
 @dataclass(frozen=True)

@@ -42,10 +42,8 @@ AWAY = 60.0
 
 Measured: with a wait of 60 s between dwells biases are within two of their standard deviations; with 300 s, nine off.
 """
-AFTER = 2.0
-"""s for which a trajectory is still of use after its last row: the filter predicts."""
-SETTLE = 2.0
-"""s after a mark, or after coming to rest, before a dwell's rows are used."""
+AFTER = 2.0  # s for which a trajectory is still of use after its last row: the filter predicts
+SETTLE = 2.0  # s after a mark, or after coming to rest, before a dwell's rows are used
 _TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE)
 
 

@@ -22,8 +22,7 @@ import numpy as np
 
 from filters.errors import InputError
 
-AXES = ("outer", "middle", "inner")
-"""Of the table, in the order of all arrays of three table angles."""
+AXES = ("outer", "middle", "inner")  # of the table, in the order of all arrays of three table angles
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,8 @@ from filters.types import Array
 BIAS: tuple[Hypothesis, ...] = tuple(deterministic.bias(c) for c in ACCELS)
 SCALE: tuple[Hypothesis, ...] = tuple(deterministic.scale(c) for c in ACCELS)
 MISALIGNMENT: tuple[Hypothesis, ...] = (deterministic.cross_axis(ACCELS[0]), deterministic.cross_axis(ACCELS[1], 2))
-FORMS = (BIAS, SCALE, MISALIGNMENT)
-"""Groups of effects, each taken together, in the order in which they join."""
-FEWEST = 9
-"""Distinct directions below which misalignment is not asked for."""
+FORMS = (BIAS, SCALE, MISALIGNMENT)  # groups of effects, each taken together, in the order in which they join
+FEWEST = 9  # distinct directions below which misalignment is not asked for
 BEYOND: tuple[Hypothesis, ...] = (
     *(deterministic.g_squared(c, c - ACCELS[0]) for c in ACCELS),
     *(deterministic.nonlinearity_cubic(c) for c in ACCELS),

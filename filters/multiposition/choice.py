@@ -18,12 +18,9 @@ from filters.multiposition.triad import Triad
 from filters.multiposition.turns import Turns
 from filters.types import Array
 
-ACCEPT = 9.0
-"""Score that an effect beyond the usual ones must exceed."""
-KEEP = 4.5
-"""Score below which an effect is taken out again."""
-_FREE = 6
-"""Rests beyond the number of parameters before more effects are tried."""
+ACCEPT = 9.0  # score that an effect beyond the usual ones must exceed
+KEEP = 4.5  # score below which an effect is taken out again
+_FREE = 6  # rests beyond the number of parameters before more effects are tried
 
 Groups = Sequence[Sequence[Hypothesis]]
 

@@ -20,8 +20,7 @@ from filters.tracing.run import Run
 from filters.tracing.trace_document import HeldOut
 from filters.types import Array
 
-FEWEST = 3
-"""Errors of which a figure is made."""
+FEWEST = 3  # errors of which a figure is made
 
 
 def norms_left_out(rests: Rests, chosen: Choice) -> Array:

@@ -13,8 +13,7 @@ from scipy import optimize
 
 from filters.types import Array
 
-Residuals = Callable[[Array], tuple[Array, Array]]
-"""Residuals (n,) and their derivatives (n, p) at parameters (p,)."""
+Residuals = Callable[[Array], tuple[Array, Array]]  # residuals (n,) and their derivatives (n, p) at parameters (p,)
 _ROUNDS = 6
 
 

@@ -103,8 +103,7 @@ def _difference(with_it: Array, without: Array, seed: int) -> tuple[float, float
 _IMPLAUSIBLE = 5.0
 _RIVAL = -6.0
 _LIMIT_SD = 5.0
-_AT_FLOOR = 1.2
-"""Rests left out of a fit are a little off by what the fit itself does not know."""
+_AT_FLOOR = 1.2  # rests left out of a fit are a little off by what the fit itself does not know
 _NEVER = ("mounting", "tilt", "lever_arm", "delay", "earth_rate")
 """What rests and turns cannot show: how the triads sit in the case, what the turns leave open, Earth's rate."""
 

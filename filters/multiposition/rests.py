@@ -14,18 +14,14 @@ from filters.channels import ACCELS, GYROS
 from filters.tracing.run import Run
 from filters.types import Array
 
-WINDOW_S = 1.0
-"""Length of a window, s; no rest is shorter."""
+WINDOW_S = 1.0  # length of a window, s; no rest is shorter
 _HOP_S = 0.1
-_WITHIN = 4.0
-"""Standard deviation of a window at rest, in those of the quietest: a hand, a table that is walked past."""
-_QUIETEST = 0.05
-"""Share of the windows that are surely at rest where a unit rests at all."""
+_WITHIN = 4.0  # standard deviation of a window at rest, in those of the quietest: a hand, a table that is walked past
+_QUIETEST = 0.05  # share of the windows that are surely at rest where a unit rests at all
 _BLOCK_S = 0.5
 _GAP_PERIODS = 2.5
 _DISTINCT = np.deg2rad(10.0)
-_CLIPPED = 3
-"""Samples in a row at a channel's extreme: a reading at its limit."""
+_CLIPPED = 3  # samples in a row at a channel's extreme: a reading at its limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,8 @@ BIAS: tuple[Hypothesis, ...] = tuple(deterministic.bias(c) for c in GYROS)
 SCALE: tuple[Hypothesis, ...] = tuple(deterministic.scale(c) for c in GYROS)
 MISALIGNMENT: tuple[Hypothesis, ...] = tuple(deterministic.cross_axis(c) for c in GYROS)
 G_SENSITIVITY: tuple[Hypothesis, ...] = tuple(deterministic.g_sensitivity(c) for c in GYROS)
-GROUPS = (SCALE, MISALIGNMENT, G_SENSITIVITY)
-"""What is asked for beside the bias of each power-on."""
-LONGEST_S = 60.0
-"""A turn that takes longer says more of the drift of the bias than of the turn."""
+GROUPS = (SCALE, MISALIGNMENT, G_SENSITIVITY)  # what is asked for beside the bias of each power-on
+LONGEST_S = 60.0  # a turn that takes longer says more of the drift of the bias than of the turn
 _STEP = 1e-4
 _GAP_PERIODS = 2.5
 

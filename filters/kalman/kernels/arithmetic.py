@@ -13,8 +13,7 @@ from filters.kalman.layout import STRIDE
 numba.config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]
 
 LANES = 32
-CENTRE = 15
-"""Lanes 0..14 are x̂ + columns, 15 the centre, 16..30 x̂ - columns, 31 a copy of the centre."""
+CENTRE = 15  # lanes 0..14 are x̂ + columns, 15 the centre, 16..30 x̂ - columns, 31 a copy of the centre
 
 
 _WITHIN: dict[str, Any] = {
@@ -27,8 +26,7 @@ _WITHIN: dict[str, Any] = {
 }
 
 
-PARTS: list[Any] = []
-"""The functions of `compiled`, in the order in which they were read."""
+PARTS: list[Any] = []  # the functions of `compiled`, in the order in which they were read
 
 
 def compiled(function: Callable[..., Any]) -> Any:

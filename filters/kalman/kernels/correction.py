@@ -2,6 +2,7 @@
 
 import math
 
+from filters.kalman import layout
 from filters.kalman.kernels.arithmetic import (
     compiled,
     difference,
@@ -15,26 +16,7 @@ from filters.kalman.kernels.arithmetic import (
     store,
 )
 from filters.kalman.kernels.extra_states import add_errors, correct_extra, keep, restore
-from filters.kalman.layout import (
-    CORE_DOF_LAST,
-    CORE_DOF_SUM,
-    CORE_IN_A_ROW,
-    CORE_NIS_COUNT,
-    CORE_NIS_FIRST,
-    CORE_NIS_LAST,
-    CORE_NIS_SUM,
-    CORE_NU,
-    CORE_OVERRULED,
-    CORE_REJECTED,
-    KNOWN_Q,
-    KNOWN_R,
-    KNOWN_V,
-    NAV_BA,
-    NAV_Q,
-    NAV_V,
-    PAR_GATE,
-    STRIDE,
-)
+from filters.kalman.layout import STRIDE
 
 MAX_REJECTIONS = 5
 """Updates that may be left out in a row: the reference is not wrong for long, so after these the filter is."""
@@ -49,16 +31,16 @@ def apply(core, error):  # type: ignore[no-untyped-def]
     core[1] += error[1] / r_e
     core[2] -= error[2]
     for i in range(3):
-        core[NAV_V + i] += error[3 + i]
+        core[layout.NAV_V + i] += error[3 + i]
     for i in range(6):
-        core[NAV_BA + i] += error[9 + i]
+        core[layout.NAV_BA + i] += error[9 + i]
     x, y, z = error[6], error[7], error[8]
     half = 0.5 * math.sqrt(x * x + y * y + z * z) + 1e-300
     k = 0.5 * math.sin(half) / half
-    q = product((math.cos(half), k * x, k * y, k * z), quaternion(core, NAV_Q, 1))
+    q = product((math.cos(half), k * x, k * y, k * z), quaternion(core, layout.NAV_Q, 1))
     size = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for i in range(4):
-        core[NAV_Q + i] = q[i] * size
+        core[layout.NAV_Q + i] = q[i] * size
 
 
 @compiled
@@ -71,8 +53,8 @@ def innovation(core, known, at, nu):  # type: ignore[no-untyped-def]
     nu[1] = d * (r_e + core[2]) * math.cos(core[0])
     nu[2] = core[2] - known[at + 2]
     for i in range(3):
-        nu[3 + i] = known[at + KNOWN_V + i] - core[NAV_V + i]
-    turned = logarithm(difference(quaternion(known, at + KNOWN_Q, 1), quaternion(core, NAV_Q, 1)))
+        nu[3 + i] = known[at + layout.KNOWN_V + i] - core[layout.NAV_V + i]
+    turned = logarithm(difference(quaternion(known, at + layout.KNOWN_Q, 1), quaternion(core, layout.NAV_Q, 1)))
     for i in range(3):
         nu[6 + i] = turned[i]
 
@@ -95,13 +77,13 @@ def correct(run, samples, k, at, work, extra):  # type: ignore[no-untyped-def]
     nis = 0.0
     dof = 0
     for r in range(9):
-        variance = known[at + KNOWN_R + r]
-        core[CORE_NU + r] = math.nan
+        variance = known[at + layout.KNOWN_R + r]
+        core[layout.CORE_NU + r] = math.nan
         if variance < 0.0:
             continue
         if samples.draws.size:
             nu[r] += math.sqrt(variance) * samples.draws[k, r]
-        core[CORE_NU + r] = nu[r]
+        core[layout.CORE_NU + r] = nu[r]
         S = P[r * STRIDE + r] + variance
         if not S > 0.0:
             return r
@@ -117,27 +99,27 @@ def correct(run, samples, k, at, work, extra):  # type: ignore[no-untyped-def]
             store(P, i * STRIDE, plus(row(P, i * STRIDE), -gain[i], u))
         if extra is not None:
             correct_extra(extra, r, root, normal, u)
-    core[CORE_DOF_LAST] = dof
+    core[layout.CORE_DOF_LAST] = dof
     if dof == 0:
-        core[CORE_NIS_LAST] = math.nan
+        core[layout.CORE_NIS_LAST] = math.nan
         return -1
-    core[CORE_NIS_LAST] = nis
-    if core[CORE_NIS_COUNT] == 0.0:
-        core[CORE_NIS_FIRST] = nis
-    core[CORE_NIS_SUM] += nis
-    core[CORE_DOF_SUM] += dof
-    core[CORE_NIS_COUNT] += 1.0
-    if nis > run.par[PAR_GATE + dof]:
-        if core[CORE_IN_A_ROW] < MAX_REJECTIONS:
-            core[CORE_REJECTED] += 1.0
-            core[CORE_IN_A_ROW] += 1.0
+    core[layout.CORE_NIS_LAST] = nis
+    if core[layout.CORE_NIS_COUNT] == 0.0:
+        core[layout.CORE_NIS_FIRST] = nis
+    core[layout.CORE_NIS_SUM] += nis
+    core[layout.CORE_DOF_SUM] += dof
+    core[layout.CORE_NIS_COUNT] += 1.0
+    if nis > run.par[layout.PAR_GATE + dof]:
+        if core[layout.CORE_IN_A_ROW] < MAX_REJECTIONS:
+            core[layout.CORE_REJECTED] += 1.0
+            core[layout.CORE_IN_A_ROW] += 1.0
             for i in range(15 * STRIDE):
                 P[i] = saved[i]
             if extra is not None:
                 restore(extra)
             return -1
-        core[CORE_OVERRULED] += 1.0
-    core[CORE_IN_A_ROW] = 0.0
+        core[layout.CORE_OVERRULED] += 1.0
+    core[layout.CORE_IN_A_ROW] = 0.0
     apply(core, error)
     if extra is not None:
         add_errors(extra)

@@ -7,22 +7,9 @@ on z; see `carry`.
 
 import math
 
+from filters.kalman import layout
 from filters.kalman.kernels.arithmetic import LANES, compiled, plus, row, store
-from filters.kalman.layout import (
-    EXTRA_BEFORE,
-    EXTRA_DENSITY,
-    EXTRA_ERROR,
-    EXTRA_GAIN,
-    EXTRA_MEAN,
-    EXTRA_OWN,
-    EXTRA_SHARE,
-    EXTRA_TAU,
-    EXTRA_WHITE,
-    PAR_KAPPA,
-    PAR_LINEAR,
-    PAR_NOISE,
-    STRIDE,
-)
+from filters.kalman.layout import STRIDE
 
 
 @compiled
@@ -36,17 +23,17 @@ def drift(extra, dt):  # type: ignore[no-untyped-def]
     """x ← x exp(-dt/τ), with its covariances, and the variance that w adds over dt; as `augmentation.drift`."""
     p, states, across = count(extra), extra.states, extra.across
     for j in range(p):
-        tau, density = states[EXTRA_TAU * p + j], states[EXTRA_DENSITY * p + j]
+        tau, density = states[layout.EXTRA_TAU * p + j], states[layout.EXTRA_DENSITY * p + j]
         power = density * density
         fade = math.exp(-dt / tau)
         grown = power * dt if math.isinf(tau) else -0.5 * power * tau * math.expm1(-2.0 * dt / tau)
-        states[EXTRA_MEAN * p + j] *= fade
+        states[layout.EXTRA_MEAN * p + j] *= fade
         for i in range(STRIDE):
             across[j * STRIDE + i] *= fade
         for i in range(p):
-            states[(EXTRA_OWN + j) * p + i] *= fade
-            states[(EXTRA_OWN + i) * p + j] *= fade
-        states[(EXTRA_OWN + j) * p + j] += grown
+            states[(layout.EXTRA_OWN + j) * p + i] *= fade
+            states[(layout.EXTRA_OWN + i) * p + j] *= fade
+        states[(layout.EXTRA_OWN + j) * p + j] += grown
 
 
 @compiled
@@ -60,10 +47,10 @@ def take_away(extra, k, par, work):  # type: ignore[no-untyped-def]
         start, end = 0.0, 0.0
         for j in range(p):
             last = phi[k, i, j]
-            first = states[(EXTRA_BEFORE + i) * p + j] if par[PAR_LINEAR] != 0.0 else last
-            states[(EXTRA_SHARE + i) * p + j] = 0.5 * (first + last)
-            start += first * states[EXTRA_MEAN * p + j]
-            end += last * states[EXTRA_MEAN * p + j]
+            first = states[(layout.EXTRA_BEFORE + i) * p + j] if par[layout.PAR_LINEAR] != 0.0 else last
+            states[(layout.EXTRA_SHARE + i) * p + j] = 0.5 * (first + last)
+            start += first * states[layout.EXTRA_MEAN * p + j]
+            end += last * states[layout.EXTRA_MEAN * p + j]
         if i < 3:
             work.accel[i] -= start
             work.accel[3 + i] -= end
@@ -78,7 +65,7 @@ def note_regressor(extra, k):  # type: ignore[no-untyped-def]
     p = count(extra)
     for j in range(p):
         for i in range(6):
-            extra.states[(EXTRA_BEFORE + i) * p + j] = extra.phi[k, i, j]
+            extra.states[(layout.EXTRA_BEFORE + i) * p + j] = extra.phi[k, i, j]
 
 
 @compiled
@@ -89,9 +76,9 @@ def gather(P, extra, kept):  # type: ignore[no-untyped-def]
         kept[i] = P[(9 + i // 6) * STRIDE + 9 + i % 6]
     for j in range(p):
         for r in range(15):
-            states[(EXTRA_WHITE + r) * p + j] = across[j * STRIDE + r]
+            states[(layout.EXTRA_WHITE + r) * p + j] = across[j * STRIDE + r]
     for i in range(6):
-        share = (EXTRA_SHARE + i) * p
+        share = (layout.EXTRA_SHARE + i) * p
         for r in range(15):
             s = 0.0
             for j in range(p):
@@ -101,10 +88,10 @@ def gather(P, extra, kept):  # type: ignore[no-untyped-def]
         for j in range(p):
             s = 0.0
             for m in range(p):
-                s += states[share + m] * states[(EXTRA_OWN + m) * p + j]
-            states[(EXTRA_WHITE + 9 + i) * p + j] += s
+                s += states[share + m] * states[(layout.EXTRA_OWN + m) * p + j]
+            states[(layout.EXTRA_WHITE + 9 + i) * p + j] += s
             for m in range(6):
-                P[(9 + i) * STRIDE + 9 + m] += s * states[(EXTRA_SHARE + m) * p + j]
+                P[(9 + i) * STRIDE + 9 + m] += s * states[(layout.EXTRA_SHARE + m) * p + j]
 
 
 @compiled
@@ -115,7 +102,7 @@ def carry(P, extra, par, dt, work):  # type: ignore[no-untyped-def]
     is not correlated with z, and x and b act on nav' through z alone. Hence Cov(nav', x) is that times Cov(z, x).
     """
     p, states, across, E, L = count(extra), extra.states, extra.across, work.E, work.L
-    white = EXTRA_WHITE * p
+    white = layout.EXTRA_WHITE * p
     for j in range(15):
         pivot = 1.0 / L[j * STRIDE + j]
         for i in range(p):
@@ -123,7 +110,7 @@ def carry(P, extra, par, dt, work):  # type: ignore[no-untyped-def]
         for r in range(j + 1, 15):
             for i in range(p):
                 states[white + r * p + i] -= L[j * STRIDE + r] * states[white + j * p + i]
-    half = 0.5 / math.sqrt(15.0 + par[PAR_KAPPA])
+    half = 0.5 / math.sqrt(15.0 + par[layout.PAR_KAPPA])
     for r in range(9):
         for i in range(p):
             s = 0.0
@@ -134,33 +121,33 @@ def carry(P, extra, par, dt, work):  # type: ignore[no-untyped-def]
             # b is the effective bias less φ x
             s = P[r * STRIDE + 9 + i]
             for j in range(p):
-                s -= states[(EXTRA_SHARE + i) * p + j] * across[j * STRIDE + r]
+                s -= states[(layout.EXTRA_SHARE + i) * p + j] * across[j * STRIDE + r]
             P[r * STRIDE + 9 + i] = s
             P[(9 + i) * STRIDE + r] = s
     for i in range(36):
         P[(9 + i // 6) * STRIDE + 9 + i % 6] = work.kept[i]
     for i in range(6):
-        P[(9 + i) * STRIDE + 9 + i] += par[PAR_NOISE + 6 + i] * dt
+        P[(9 + i) * STRIDE + 9 + i] += par[layout.PAR_NOISE + 6 + i] * dt
 
 
 @compiled
 def keep(extra):  # type: ignore[no-untyped-def]
     """Keep the covariances of x before an update, and forget its errors."""
     p, states, across = count(extra), extra.states, extra.across
-    own = EXTRA_OWN * p
+    own = layout.EXTRA_OWN * p
     for i in range(p * STRIDE):
         across[p * STRIDE + i] = across[i]
     for i in range(p * p):
         states[own + p * p + i] = states[own + i]
     for i in range(p):
-        states[EXTRA_ERROR * p + i] = 0.0
+        states[layout.EXTRA_ERROR * p + i] = 0.0
 
 
 @compiled
 def restore(extra):  # type: ignore[no-untyped-def]
     """Bring back the covariances of x from before an update."""
     p, states, across = count(extra), extra.states, extra.across
-    own = EXTRA_OWN * p
+    own = layout.EXTRA_OWN * p
     for i in range(p * STRIDE):
         across[i] = across[p * STRIDE + i]
     for i in range(p * p):
@@ -171,15 +158,15 @@ def restore(extra):  # type: ignore[no-untyped-def]
 def correct_extra(extra, r, root, normal, u):  # type: ignore[no-untyped-def]
     """Update of x by row r: `u` is that row of P over √S, `root` 1/√S, `normal` the innovation over √S."""
     p, states, across = count(extra), extra.states, extra.across
-    gain = EXTRA_GAIN * p
+    gain = layout.EXTRA_GAIN * p
     for j in range(p):
         k = across[j * STRIDE + r] * root
         states[gain + j] = k
-        states[EXTRA_ERROR * p + j] += normal * k
+        states[layout.EXTRA_ERROR * p + j] += normal * k
         store(across, j * STRIDE, plus(row(across, j * STRIDE), -k, u))
     for j in range(p):
         for i in range(p):
-            states[(EXTRA_OWN + j) * p + i] -= states[gain + j] * states[gain + i]
+            states[(layout.EXTRA_OWN + j) * p + i] -= states[gain + j] * states[gain + i]
 
 
 @compiled
@@ -187,7 +174,7 @@ def add_errors(extra):  # type: ignore[no-untyped-def]
     """Add to x what the update found it to be off by."""
     p, states = count(extra), extra.states
     for j in range(p):
-        states[EXTRA_MEAN * p + j] += states[EXTRA_ERROR * p + j]
+        states[layout.EXTRA_MEAN * p + j] += states[layout.EXTRA_ERROR * p + j]
 
 
 @compiled
@@ -195,5 +182,5 @@ def effect(extra, k, i):  # type: ignore[no-untyped-def]
     """Effect on channel i at sample k."""
     p, s = count(extra), 0.0
     for j in range(p):
-        s += extra.phi[k, i, j] * extra.states[EXTRA_MEAN * p + j]
+        s += extra.phi[k, i, j] * extra.states[layout.EXTRA_MEAN * p + j]
     return s

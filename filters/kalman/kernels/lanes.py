@@ -3,6 +3,7 @@
 import math
 
 from filters import earth
+from filters.kalman import layout
 from filters.kalman.kernels.arithmetic import (
     CENTRE,
     LANES,
@@ -25,17 +26,7 @@ from filters.kalman.kernels.arithmetic import (
     vector,
 )
 from filters.kalman.kernels.correction import apply
-from filters.kalman.layout import (
-    NAV,
-    NAV_BA,
-    NAV_BG,
-    NAV_Q,
-    NAV_V,
-    PAR_GRAVITY_ANOMALY,
-    PAR_KAPPA,
-    PAR_NOISE,
-    STRIDE,
-)
+from filters.kalman.layout import NAV, STRIDE
 from filters.kalman.strapdown import MAX_STEP, MAX_STEP_ANGLE
 
 _OMEGA = earth.EARTH_RATE
@@ -63,9 +54,9 @@ def _start(core, L, scale, X):  # type: ignore[no-untyped-def]
         _both(X, LANES + j, scale * L[at + 1] * per_e)
         _both(X, 2 * LANES + j, -(scale * L[at + 2]))
         for r in range(3):
-            _both(X, (NAV_V + r) * LANES + j, scale * L[at + 3 + r])
+            _both(X, (layout.NAV_V + r) * LANES + j, scale * L[at + 3 + r])
         for r in range(6):
-            _both(X, (NAV_BA + r) * LANES + j, scale * L[at + 9 + r])
+            _both(X, (layout.NAV_BA + r) * LANES + j, scale * L[at + 9 + r])
         ex, ey, ez = scale * L[at + 6], scale * L[at + 7], scale * L[at + 8]
         if ex != 0.0 or ey != 0.0 or ez != 0.0:
             t = 0.25 * (ex * ex + ey * ey + ez * ez)
@@ -76,7 +67,7 @@ def _start(core, L, scale, X):  # type: ignore[no-untyped-def]
                 c, h = math.cos(half), 0.5 * math.sin(half) / half
             for side in range(2):
                 k = h - 2.0 * side * h
-                turned = product((c, k * ex, k * ey, k * ez), quaternion(core, NAV_Q, 1))
+                turned = product((c, k * ex, k * ey, k * ez), quaternion(core, layout.NAV_Q, 1))
                 _store_quaternion(X, j + 16 * side, turned)
 
 
@@ -84,7 +75,7 @@ def _start(core, L, scale, X):  # type: ignore[no-untyped-def]
 def _store_quaternion(X, j, q):  # type: ignore[no-untyped-def]
     """Attitude of lane j."""
     for r in range(4):
-        X[(NAV_Q + r) * LANES + j] = q[r]
+        X[(layout.NAV_Q + r) * LANES + j] = q[r]
 
 
 @compiled
@@ -94,7 +85,7 @@ def _fastest(X, gyro):  # type: ignore[no-untyped-def]
     for end in range(2):
         g = vector(gyro, 3 * end, 1)
         for j in range(LANES):
-            x, y, z = along(g, -1.0, vector(X, NAV_BG * LANES + j, LANES))
+            x, y, z = along(g, -1.0, vector(X, layout.NAV_BG * LANES + j, LANES))
             square = x * x + y * y + z * z
             if square > fastest:
                 fastest = square
@@ -215,8 +206,8 @@ def _errors(X, E):  # type: ignore[no-untyped-def]
     lat, lon, height = vector(X, CENTRE, LANES)
     r_n, r_e = radii(math.sin(lat))
     r_n, r_e = r_n + height, (r_e + height) * math.cos(lat)
-    v0, v1, v2 = vector(X, NAV_V * LANES + CENTRE, LANES)
-    centre = quaternion(X, NAV_Q * LANES + CENTRE, LANES)
+    v0, v1, v2 = vector(X, layout.NAV_V * LANES + CENTRE, LANES)
+    centre = quaternion(X, layout.NAV_Q * LANES + CENTRE, LANES)
     for j in range(LANES):
         E[j] = (X[j] - lat) * r_n
         E[LANES + j] = (X[LANES + j] - lon) * r_e
@@ -290,7 +281,7 @@ def _add_noise(q, par, dt, held, turned, C, P):  # type: ignore[no-untyped-def]
     C[6], C[7], C[8] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
     for block in range(2):
         at = 3 + 3 * block
-        n0, n1, n2 = vector(par, PAR_NOISE + 3 * block, 1)
+        n0, n1, n2 = vector(par, layout.PAR_NOISE + 3 * block, 1)
         k = dt * held
         n0, n1, n2 = n0 * k, n1 * k, n2 * k
         unseen = turned * turned * block
@@ -302,7 +293,7 @@ def _add_noise(q, par, dt, held, turned, C, P):  # type: ignore[no-untyped-def]
                     s += unseen
                 P[(at + i) * STRIDE + at + j] += s
     for i in range(6):
-        P[(9 + i) * STRIDE + 9 + i] += par[PAR_NOISE + 6 + i] * dt
+        P[(9 + i) * STRIDE + 9 + i] += par[layout.PAR_NOISE + 6 + i] * dt
 
 
 @compiled
@@ -318,11 +309,11 @@ def predict(core, P, par, dt, held, turned, work):  # type: ignore[no-untyped-de
     failed = cholesky(P, L)
     if failed >= 0:
         return failed
-    spread = 15.0 + par[PAR_KAPPA]
+    spread = 15.0 + par[layout.PAR_KAPPA]
     scale = math.sqrt(spread)
-    q = quaternion(core, NAV_Q, 1)
+    q = quaternion(core, layout.NAV_Q, 1)
     _start(core, L, scale, X)
-    gravity = gravity_at(par[PAR_GRAVITY_ANOMALY], core[0], core[2])
+    gravity = gravity_at(par[layout.PAR_GRAVITY_ANOMALY], core[0], core[2])
     fastest = math.sqrt(_fastest(X, gyro))
     n = max(1, math.ceil(dt * max(fastest / MAX_STEP_ANGLE, 1.0 / MAX_STEP) - 1e-9))
     for k in range(n):

@@ -15,47 +15,7 @@ from filters.kalman.kernels.arithmetic import LANES, entry, inlined
 from filters.kalman.kernels.correction import correct, innovation
 from filters.kalman.kernels.extra_states import carry, drift, effect, gather, note_regressor, take_away
 from filters.kalman.kernels.lanes import predict
-from filters.kalman.layout import (
-    CORE_ACCEL,
-    CORE_DOF_LAST,
-    CORE_GYRO,
-    CORE_NEXT_OUT,
-    CORE_NIS_LAST,
-    CORE_NIS_SUM,
-    CORE_NU,
-    CORE_SAMPLES,
-    CORE_SPREAD,
-    CORE_T,
-    DONE,
-    INDEFINITE,
-    KNOWN,
-    KNOWN_FORCE,
-    KNOWN_RATE,
-    MOMENT_COUNT,
-    MOMENT_MEAN,
-    MOMENT_SCATTER,
-    NAV,
-    NAV_BA,
-    NAV_BG,
-    NOT_FINITE,
-    OUT_DOF,
-    OUT_INDEX,
-    OUT_NAV,
-    OUT_NIS,
-    OUT_NU,
-    OUT_P,
-    OUT_T,
-    PAR_EVERY,
-    PAR_LINEAR,
-    PAR_NOISE,
-    PAR_PERIOD,
-    PAR_WHITE,
-    STRIDE,
-    SUM_BIAS,
-    SUM_BIASES,
-    SUM_RESIDUAL,
-    SUM_RESIDUALS,
-)
+from filters.kalman.layout import NAV, STRIDE
 from filters.kalman.settings import GAP_PERIODS
 from filters.types import Array
 
@@ -122,49 +82,49 @@ def _tally(run, samples, k, at, nu, extra):  # type: ignore[no-untyped-def]
     """Sums for the convergence monitor, moments of the error while `CORE_SPREAD` is set; residuals without effects."""
     core, sums, moments, known = run.core, run.sums, run.moments, samples.known
     for i in range(3):
-        sums[SUM_BIAS + i] += core[NAV_BA + i]
-        sums[SUM_BIAS + 3 + i] += core[NAV_BG + i]
-    sums[SUM_BIASES] += 1.0
-    if not math.isnan(known[at + KNOWN_RATE]):
+        sums[layout.SUM_BIAS + i] += core[layout.NAV_BA + i]
+        sums[layout.SUM_BIAS + 3 + i] += core[layout.NAV_BG + i]
+    sums[layout.SUM_BIASES] += 1.0
+    if not math.isnan(known[at + layout.KNOWN_RATE]):
         for i in range(3):
-            sums[SUM_RESIDUAL + i] += samples.accel[k, i] - known[at + KNOWN_FORCE + i]
-            sums[SUM_RESIDUAL + 3 + i] += samples.gyro[k, i] - known[at + KNOWN_RATE + i]
+            sums[layout.SUM_RESIDUAL + i] += samples.accel[k, i] - known[at + layout.KNOWN_FORCE + i]
+            sums[layout.SUM_RESIDUAL + 3 + i] += samples.gyro[k, i] - known[at + layout.KNOWN_RATE + i]
         if extra is not None:
             for i in range(6):
-                sums[SUM_RESIDUAL + i] -= effect(extra, k, i)
-        sums[SUM_RESIDUALS] += 1.0
-    if core[CORE_SPREAD] != 0.0:
+                sums[layout.SUM_RESIDUAL + i] -= effect(extra, k, i)
+        sums[layout.SUM_RESIDUALS] += 1.0
+    if core[layout.CORE_SPREAD] != 0.0:
         innovation(core, known, at, nu)
-        moments[MOMENT_COUNT] += 1.0
-        share = 1.0 / moments[MOMENT_COUNT]
+        moments[layout.MOMENT_COUNT] += 1.0
+        share = 1.0 / moments[layout.MOMENT_COUNT]
         for i in range(15):
             # error of the state against what is known: the innovation the other way round; biases as they are
-            value = -nu[i] if i < 9 else core[NAV_BA + i - 9]
-            before = value - moments[MOMENT_MEAN + i]
-            moments[MOMENT_MEAN + i] += before * share
+            value = -nu[i] if i < 9 else core[layout.NAV_BA + i - 9]
+            before = value - moments[layout.MOMENT_MEAN + i]
+            moments[layout.MOMENT_MEAN + i] += before * share
             nu[i] = before
         for i in range(15):
             for j in range(15):
-                moments[MOMENT_SCATTER + 15 * i + j] += nu[i] * nu[j] * (1.0 - share)
+                moments[layout.MOMENT_SCATTER + 15 * i + j] += nu[i] * nu[j] * (1.0 - share)
 
 
 @inlined
 def _write(run, t, rows):  # type: ignore[no-untyped-def]
     """Write a row of output, and when the next one is due."""
     core, out = run.core, run.out
-    out[rows, OUT_INDEX] = core[CORE_SAMPLES] - 1.0
-    out[rows, OUT_T] = t
+    out[rows, layout.OUT_INDEX] = core[layout.CORE_SAMPLES] - 1.0
+    out[rows, layout.OUT_T] = t
     for i in range(NAV):
-        out[rows, OUT_NAV + i] = core[i]
-    out[rows, OUT_NIS] = core[CORE_NIS_LAST]
-    out[rows, OUT_DOF] = core[CORE_DOF_LAST]
+        out[rows, layout.OUT_NAV + i] = core[i]
+    out[rows, layout.OUT_NIS] = core[layout.CORE_NIS_LAST]
+    out[rows, layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
     for i in range(9):
-        out[rows, OUT_NU + i] = core[CORE_NU + i]
+        out[rows, layout.OUT_NU + i] = core[layout.CORE_NU + i]
     for i in range(15 * STRIDE):
-        out[rows, OUT_P + i] = run.P[i]
-    core[CORE_NEXT_OUT] += run.par[PAR_EVERY]
-    if core[CORE_NEXT_OUT] <= t:
-        core[CORE_NEXT_OUT] = t + run.par[PAR_EVERY]
+        out[rows, layout.OUT_P + i] = run.P[i]
+    core[layout.CORE_NEXT_OUT] += run.par[layout.PAR_EVERY]
+    if core[layout.CORE_NEXT_OUT] <= t:
+        core[layout.CORE_NEXT_OUT] = t + run.par[layout.PAR_EVERY]
 
 
 @inlined
@@ -173,15 +133,15 @@ def _read(run, samples, k, work):  # type: ignore[no-untyped-def]
     core, par = run.core, run.par
     for i in range(3):
         gyro, accel = samples.gyro[k, i], samples.accel[k, i]
-        linear = par[PAR_LINEAR] != 0.0
-        work.gyro[i] = core[CORE_GYRO + i] if linear else gyro
-        work.accel[i] = core[CORE_ACCEL + i] if linear else accel
+        linear = par[layout.PAR_LINEAR] != 0.0
+        work.gyro[i] = core[layout.CORE_GYRO + i] if linear else gyro
+        work.accel[i] = core[layout.CORE_ACCEL + i] if linear else accel
         work.gyro[3 + i] = gyro
         work.accel[3 + i] = accel
     if samples.noise_scale.size:
         for i in range(6):
             factor = samples.noise_scale[k, i]
-            par[PAR_NOISE + i] = par[PAR_WHITE + i] * factor * factor
+            par[layout.PAR_NOISE + i] = par[layout.PAR_WHITE + i] * factor * factor
 
 
 @inlined
@@ -189,7 +149,7 @@ def _unseen_turn(core, gyro, dt):  # type: ignore[no-untyped-def]
     """Angle that the unit may have turned in a gap, rad: what the two ends say of the rate is off by as much."""
     square = 0.0
     for i in range(3):
-        first, last = gyro[i] - core[NAV_BG + i], gyro[3 + i] - core[NAV_BG + i]
+        first, last = gyro[i] - core[layout.NAV_BG + i], gyro[3 + i] - core[layout.NAV_BG + i]
         square += max(first * first, last * last)
     return math.sqrt(square) * dt
 
@@ -198,8 +158,8 @@ def _unseen_turn(core, gyro, dt):  # type: ignore[no-untyped-def]
 def _step(run, samples, k, at, work, extra):  # type: ignore[no-untyped-def]
     """Predict to sample k and correct there. Returns why it failed (`DONE`: it did not) and the row of P at fault."""
     core, P, par = run.core, run.P, run.par
-    dt = samples.t[k] - core[CORE_T]
-    held = max(1.0, dt / par[PAR_PERIOD])
+    dt = samples.t[k] - core[layout.CORE_T]
+    held = max(1.0, dt / par[layout.PAR_PERIOD])
     _read(run, samples, k, work)
     if extra is not None:
         drift(extra, dt)
@@ -208,16 +168,16 @@ def _step(run, samples, k, at, work, extra):  # type: ignore[no-untyped-def]
     turned = _unseen_turn(core, work.gyro, dt) if held > GAP_PERIODS else 0.0
     failed = predict(core, P, par, dt, held, turned, work)
     if failed >= 0:
-        return INDEFINITE, failed
+        return layout.INDEFINITE, failed
     if extra is not None:
         carry(P, extra, par, dt, work)
     failed = correct(run, samples, k, at, work, extra)
     if failed >= 0:
-        return INDEFINITE, failed
-    check = core[0] + core[CORE_NIS_SUM]
+        return layout.INDEFINITE, failed
+    check = core[0] + core[layout.CORE_NIS_SUM]
     for i in range(NAV):
         check += core[i]
-    return (DONE, 0) if math.isfinite(check) else (NOT_FINITE, 0)
+    return (layout.DONE, 0) if math.isfinite(check) else (layout.NOT_FINITE, 0)
 
 
 def _loop(sources: int) -> Callable[..., Any]:
@@ -240,28 +200,28 @@ def _loop(sources: int) -> Callable[..., Any]:
         """
         _ = sources
         core = run.core
-        stride = KNOWN if samples.known.size > KNOWN else 0
+        stride = layout.KNOWN if samples.known.size > layout.KNOWN else 0
         rows = 0
         k = first
         while k < samples.t.size and samples.t[k] < stop and rows < run.out.shape[0]:
             t, at = samples.t[k], k * stride
-            if core[CORE_SAMPLES] > 0.0:
+            if core[layout.CORE_SAMPLES] > 0.0:
                 why, failed = _step(run, samples, k, at, work, extra)
-                if why != DONE:
+                if why != layout.DONE:
                     return k, rows, why, failed
-            core[CORE_T] = t
+            core[layout.CORE_T] = t
             for i in range(3):
-                core[CORE_GYRO + i] = samples.gyro[k, i]
-                core[CORE_ACCEL + i] = samples.accel[k, i]
+                core[layout.CORE_GYRO + i] = samples.gyro[k, i]
+                core[layout.CORE_ACCEL + i] = samples.accel[k, i]
             _tally(run, samples, k, at, work.nu, extra)
             if extra is not None:
                 note_regressor(extra, k)
-            core[CORE_SAMPLES] += 1.0
-            if t >= core[CORE_NEXT_OUT] - 1e-9:
+            core[layout.CORE_SAMPLES] += 1.0
+            if t >= core[layout.CORE_NEXT_OUT] - 1e-9:
                 _write(run, t, rows)
                 rows += 1
             k += 1
-        return k, rows, DONE, 0
+        return k, rows, layout.DONE, 0
 
     return advance
 
