@@ -20,7 +20,6 @@ def drifting(seed: int, count: int, period: float, white: float, drift: float) -
 
 @pytest.mark.parametrize("drift", [0.0, 0.3])
 def test_the_deviation_is_that_of_allantools(drift: float) -> None:
-    """The overlapping estimator agrees with an independent one to 1e-10, with a bias of a thousand sd in the way."""
     x = drifting(1, 5000, 0.05, 1.0, drift)[:, 0] + 5000.0
     factors = np.array([1, 2, 3, 7, 64, 1000, 2400])
     tau, adev = allan.deviation(x, 0.05, factors)
@@ -38,7 +37,6 @@ def test_the_deviation_is_its_definition() -> None:
 
 
 def test_channels_together_are_channels_alone() -> None:
-    """Columns do not see each other."""
     x = drifting(3, 1000, 0.05, 1.0, 0.1)
     tau, together = allan.deviation(x, 0.05)
     assert together.shape == (tau.size, 3)
@@ -46,14 +44,12 @@ def test_channels_together_are_channels_alone() -> None:
 
 
 def test_default_times_are_octaves_up_to_a_quarter() -> None:
-    """1, 2, 4, ... samples; the last fits four times into the record."""
     tau, _ = allan.deviation(np.zeros(1000), 0.5)
     assert np.array_equal(tau, 0.5 * 2.0 ** np.arange(8))
 
 
 @pytest.mark.parametrize(("period", "count"), [(0.05, 2400), (3 / 400, 16000), (1.0, 1200)])
 def test_white_noise_is_found_within_its_own_standard_deviation(period: float, count: int) -> None:
-    """Over 60 seeds and 3 channels: the errors' scatter is what `white_sd` claims, their mean below half of it."""
     levels = [allan.noise_of(drifting(seed, count, period, 2.0, 0.0), period) for seed in range(60)]
     z = np.array([(level.white - 2.0) / level.white_sd for level in levels])
     # 180 values of unit variance scatter by 5 %; the claim itself is good to 15 %; B and K, not negative, cost 0.3 sd
@@ -65,14 +61,12 @@ def test_white_noise_is_found_within_its_own_standard_deviation(period: float, c
 
 @pytest.mark.parametrize("drift", [0.02, 0.1])
 def test_random_walk_is_found_beside_white_noise(drift: float) -> None:
-    """An hour at 20 Hz: over 20 seeds and 3 channels K is right by a fifth in the mean, N by a hundredth."""
     levels = [allan.noise_of(drifting(seed, 72000, 0.05, 1.0, drift), 0.05) for seed in range(20)]
     assert abs(np.mean([level.drift for level in levels]) / drift - 1.0) < 0.2
     assert abs(np.mean([level.white for level in levels]) - 1.0) < 0.01
 
 
 def test_no_drift_is_found_where_none_is() -> None:
-    """White noise alone, ten minutes at 20 Hz: half of the channels have K exactly zero, and it hardly ever shows."""
     K = np.array([allan.noise_of(drifting(seed, 12000, 0.05, 1.0, 0.0), 0.05).drift for seed in range(40)])
     assert np.mean(K == 0.0) > 0.4
     # its share of the Allan variance at the longest time, 51 s, against white noise's
@@ -116,7 +110,6 @@ def test_quantised_increments_do_not_hide_white_noise() -> None:
 
 
 def test_noise_does_not_depend_on_unit_or_bias() -> None:
-    """A factor on the samples is a factor on the levels; a constant is nothing."""
     x = drifting(5, 5000, 0.05, 1.0, 0.1)
     a, b = allan.noise_of(x, 0.05), allan.noise_of(1e-6 * x + 3e-4, 0.05)
     for name in ("white", "white_sd", "instability", "drift"):
@@ -124,7 +117,6 @@ def test_noise_does_not_depend_on_unit_or_bias() -> None:
 
 
 def test_a_stuck_channel_has_no_noise() -> None:
-    """Zeros, not an error: the other channels are wanted all the same."""
     x = drifting(6, 2000, 0.05, 1.0, 0.0)
     x[:, 1] = 0.1
     level = allan.noise_of(x, 0.05)
@@ -133,14 +125,12 @@ def test_a_stuck_channel_has_no_noise() -> None:
 
 
 def test_one_channel_may_come_as_a_vector() -> None:
-    """Shape (N,) gives levels of shape (1,)."""
     x = drifting(7, 2000, 0.05, 1.0, 0.0)
     assert allan.noise_of(x[:, 0], 0.05).white.shape == (1,)
     assert np.isclose(allan.noise_of(x[:, 0], 0.05).white[0], allan.noise_of(x, 0.05).white[0], rtol=1e-9)
 
 
 def test_bad_arguments_are_errors_in_words() -> None:
-    """Gaps, short records, periods and factors name themselves and what they should be."""
     x = np.ones(100)
     with pytest.raises(ValueError, match="2 values that are not finite"):
         allan.deviation(np.array([1.0, np.nan, np.inf, 2.0]), 0.1)
@@ -157,7 +147,6 @@ def test_bad_arguments_are_errors_in_words() -> None:
 
 
 def test_noise_of_a_stream_is_that_of_all_samples_at_once() -> None:
-    """To the last digits while all differences are taken; by thousandths of its standard deviation beyond."""
     x = drifting(5, 30000, 0.05, 1.0, 0.02) + np.array([9.8, 0.0, -1000.0])
     whole = allan.noise_of(x, 0.05)
     for overlap, rtol, sd in ((8192, 1e-9, 1e-9), (512, 1e-2, 2e-3)):
@@ -170,7 +159,6 @@ def test_noise_of_a_stream_is_that_of_all_samples_at_once() -> None:
 
 
 def test_noise_of_a_short_or_stuck_stream_is_told_as_of_all_at_once() -> None:
-    """Too few samples, or none, and a channel of one value."""
     running = allan.RunningAllan(1)
     for count in (0, 60):
         running.add(np.ones((count, 1)))

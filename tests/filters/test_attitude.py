@@ -11,19 +11,16 @@ angles = st.floats(-np.pi, np.pi)
 
 @given(vectors)
 def test_log_undoes_exp(v: np.ndarray) -> None:
-    """A rotation vector shorter than π comes back, tiny and nearly half-turn ones included."""
     v = v if np.linalg.norm(v) < np.pi else v / np.linalg.norm(v) * 3.1
     assert np.allclose(attitude.log(attitude.exp(v)), v, atol=1e-9)
 
 
 @given(vectors)
 def test_exp_agrees_with_scipy(v: np.ndarray) -> None:
-    """An independent implementation gives the same matrix."""
     assert np.allclose(attitude.exp(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-14)
 
 
 def test_log_keeps_its_digits_near_zero_and_near_a_half_turn() -> None:
-    """Rotations of 1e-9 rad and of π - 1e-6 rad come back to 1e-15 and 1e-9."""
     tiny = np.array([1e-9, -2e-9, 3e-9])
     assert np.allclose(attitude.log(attitude.exp(tiny)), tiny, atol=1e-15)
     far = np.array([0.6, 0.0, -0.8]) * (np.pi - 1e-6)
@@ -31,7 +28,6 @@ def test_log_keeps_its_digits_near_zero_and_near_a_half_turn() -> None:
 
 
 def test_exp_takes_many_at_once() -> None:
-    """Leading axes are kept, and each matrix is that of its vector."""
     v = np.random.default_rng(1).normal(size=(4, 5, 3))
     C = attitude.exp(v)
     assert C.shape == (4, 5, 3, 3)
@@ -47,19 +43,16 @@ def test_exp_takes_many_at_once() -> None:
 
 @given(angles, st.floats(-1.5, 1.5), angles)
 def test_roll_pitch_yaw_round_trip(roll: float, pitch: float, yaw: float) -> None:
-    """The 3-2-1 reading gives back the angles away from ±90° pitch."""
     rpy = attitude.to_rpy(attitude.from_rpy(roll, pitch, yaw))
     assert np.allclose(np.exp(1j * rpy), np.exp(1j * np.array([roll, pitch, yaw])), atol=1e-9)
 
 
 def test_table_angles_are_about_north_east_and_down() -> None:
-    """C_nb = Rx(outer) Ry(middle) Rz(inner), the innermost axis turning with the other two."""
     C = attitude.table(0.3, -0.4, 0.5)
     assert np.allclose(C, Rotation.from_euler("XYZ", [0.3, -0.4, 0.5]).as_matrix(), atol=1e-15)
 
 
 def test_one_table_angle_alone_is_roll_pitch_or_yaw() -> None:
-    """With two angles zero the table's angle and the display's are the same."""
     for i in range(3):
         one = np.zeros(3)
         one[i] = 0.7
@@ -67,7 +60,6 @@ def test_one_table_angle_alone_is_roll_pitch_or_yaw() -> None:
 
 
 def test_rpy_jacobian_is_the_derivative() -> None:
-    """Small errors ε_n move roll, pitch and yaw as the matrix says."""
     C = attitude.from_rpy(0.3, -0.5, 1.2)
     h = 1e-6
     numeric = [
@@ -78,6 +70,5 @@ def test_rpy_jacobian_is_the_derivative() -> None:
 
 
 def test_skew_is_the_cross_product() -> None:
-    """skew(a) b = a × b."""
     a, b = np.array([1.0, -2.0, 3.0]), np.array([0.5, 4.0, -1.0])
     assert np.array_equal(attitude.skew(a) @ b, np.cross(a, b))

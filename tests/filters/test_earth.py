@@ -5,7 +5,6 @@ from filters.state import PAPER_SITE
 
 
 def test_gravity_at_the_papers_site_is_what_the_contract_says() -> None:
-    """WGS-84 normal gravity at the table: 9.78637 m/s²."""
     assert abs(PAPER_SITE.gravity - 9.78637) < 5e-6
 
 
@@ -16,13 +15,11 @@ def test_gravity_meets_the_defining_values_at_equator_and_pole() -> None:
 
 
 def test_gravity_falls_by_the_free_air_gradient() -> None:
-    """Close to the ground gravity falls by 0.3086 mGal a metre."""
     low, high = (earth.normal_gravity(np.array(0.7), np.array(h)) for h in (0.0, 100.0))
     assert abs((low - high) / 100.0 - 3.086e-6) < 5e-9
 
 
 def test_radii_are_those_of_the_ellipsoid() -> None:
-    """At the pole both radii are a²/b; at the equator the meridian's is b²/a and the other a."""
     a, b = earth.SEMI_MAJOR_AXIS, earth.SEMI_MINOR_AXIS
     pole, equator = np.array(np.pi / 2), np.array(0.0)
     assert np.allclose([earth.meridian_radius(pole), earth.transverse_radius(pole)], a * a / b, rtol=1e-12)
@@ -31,6 +28,5 @@ def test_radii_are_those_of_the_ellipsoid() -> None:
 
 
 def test_earth_rate_points_north_and_up_in_the_north() -> None:
-    """Ω_e (cos φ, 0, -sin φ) in north-east-down."""
     rate = earth.earth_rate_n(np.array(np.deg2rad(30.0)))
     assert np.allclose(rate, earth.EARTH_RATE * np.array([np.sqrt(0.75), 0.0, -0.5]))

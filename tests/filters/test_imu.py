@@ -15,7 +15,6 @@ UPSIDE_DOWN = "x,-y,-z"
 
 
 def test_every_mounting_reads_back_as_it_was_written() -> None:
-    """parse_mount and format_mount are inverse over all 48 signed permutations."""
     for order in itertools.permutations("xyz"):
         for signs in itertools.product(("", "-"), repeat=3):
             text = ",".join(s + a for s, a in zip(signs, order, strict=True))
@@ -24,7 +23,6 @@ def test_every_mounting_reads_back_as_it_was_written() -> None:
 
 @pytest.mark.parametrize("text", ["x,y", "x,y,y", "a,b,c", "x;y;z", "--x,y,z", ""])
 def test_a_mounting_that_is_none_is_refused(text: str) -> None:
-    """The error quotes what was written."""
     with pytest.raises(ValueError, match="mount"):
         parse_mount(text)
 
@@ -38,13 +36,11 @@ def test_a_left_handed_mounting_is_refused_unless_the_gyro_signs_mend_it() -> No
 
 @pytest.mark.parametrize("sign", [0, 2, -3])
 def test_an_accelerometer_sign_is_plus_or_minus_one(sign: int) -> None:
-    """Anything else is refused with its value."""
     with pytest.raises(ValueError, match=str(sign)):
         AxisMap(accel_sign=sign)
 
 
 def test_instrument_and_body_are_inverse() -> None:
-    """What goes from instrument to body axes comes back, for rates and for forces."""
     axes = AxisMap(parse_mount("-y,z,-x"), 1, np.ones(3))
     v = np.array([1.0, 2.0, 3.0])
     assert np.array_equal(axes.gyro_to_instrument(axes.gyro_to_body(v)), v)
@@ -54,7 +50,6 @@ def test_instrument_and_body_are_inverse() -> None:
 
 @pytest.mark.parametrize(("sign", "mount"), [(-1, "x,y,z"), (1, "x,y,z"), (1, UPSIDE_DOWN), (-1, "y,-x,z")])
 def test_one_truth_gives_the_same_physics_whatever_the_sign_and_the_mounting(sign: int, mount: str) -> None:
-    """Biases put on the readings in the instrument's axes are the biases reported in the instrument's axes."""
     axes = AxisMap(parse_mount(mount), sign)
     rate, force = reference.level(PAPER_SITE).rates_and_forces()
     bias_reading_gyro = np.array([0.004, -0.006, 0.008])

@@ -45,7 +45,6 @@ def biases(estimator: Estimator) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", ["spkf", "ekf", "spkf-paper"])
 def test_the_first_innovation_tells_a_wrong_accelerometer_sign(name: str) -> None:
-    """At 10 Hz, long before there is a mean over 10 s, NIS of the first update is far out and names the sign."""
     samples, _ = simulation.simulate(rate_hz=10.0, seconds=0.4, seed=1)
     right, wrong = run(samples, 10.0, name=name), run(replace(samples, accel=-samples.accel), 10.0, name=name)
     assert right.alarms() == []
@@ -60,21 +59,18 @@ def test_the_first_innovation_tells_a_wrong_accelerometer_sign(name: str) -> Non
 
 @pytest.mark.parametrize("hz", [1.0, 20.0, 133.0])
 def test_a_wrong_accelerometer_sign_is_named_within_two_seconds(hz: float) -> None:
-    """Whatever the rate, two seconds of 2 g too much are enough to say what is wrong."""
     samples, _ = simulation.simulate(rate_hz=hz, seconds=2.0 + 1.0 / hz, seed=1)
     assert any("wrong accelerometer sign" in text for text in run(replace(samples, accel=-samples.accel), hz).alarms())
 
 
 @pytest.mark.parametrize("hz", [1.0, 20.0, 133.0])
 def test_a_wrong_accelerometer_sign_is_named_after_ten_seconds(hz: float) -> None:
-    """The mean of ten seconds says by how much the accelerometers are off, and why."""
     samples, _ = simulation.simulate(rate_hz=hz, seconds=12.0, seed=1)
     alarms = run(replace(samples, accel=-samples.accel), hz).alarms()
     assert any("off the reference by 2.00 g: wrong accelerometer sign" in text for text in alarms)
 
 
 def test_a_wrong_accelerometer_sign_on_a_table_is_named_too() -> None:
-    """On a profile that starts upside down the first innovation says it as well."""
     profile = Profile((dwell(180, 0, 0, 6.0), dwell(90, 0, 0, 6.0)))
     samples, _ = simulation.simulate(profile, rate_hz=20.0, seconds=profile.duration, seed=1)
     assert run(samples, 20.0, profile).alarms() == []
@@ -84,7 +80,6 @@ def test_a_wrong_accelerometer_sign_on_a_table_is_named_too() -> None:
 
 
 def test_a_table_that_is_elsewhere_is_among_the_causes() -> None:
-    """A unit that stays where it was while the profile goes on contradicts it; only a profile has segments to blame."""
     profile = Profile((dwell(0, 0, 0, 6.0), dwell(90, 0, 0, 20.0)))
     samples, _ = simulation.simulate(rate_hz=20.0, seconds=profile.duration, seed=1)
     where = "attitude, or the table is not where the segment says"
@@ -94,7 +89,6 @@ def test_a_table_that_is_elsewhere_is_among_the_causes() -> None:
 
 @pytest.mark.parametrize("channel", range(6))
 def test_a_bias_of_four_times_table_1_is_named_and_one_of_two_is_not(channel: int) -> None:
-    """The alarm names sensor and axis, and only that one; the limit of Table 1 itself gives none."""
     for times in (1.0, 2.0, 4.0):
         bias = np.zeros(6)
         bias[channel] = -times * LIMITS[channel]
@@ -104,7 +98,6 @@ def test_a_bias_of_four_times_table_1_is_named_and_one_of_two_is_not(channel: in
 
 
 def test_the_paper_s_euler_angles_say_so_at_90_degrees_of_pitch() -> None:
-    """A dwell at 89.9° names the singularity and the filter to use; `spkf` has no such place, and 45° no such word."""
     upright, slanted = (Profile((dwell(0, angle, 0, 5.0),)) for angle in (89.9, 45.0))
     samples, _ = simulation.simulate(upright, rate_hz=20.0, seconds=5.0, seed=1)
     alarms = run(samples, 20.0, upright, "spkf-paper").alarms()
@@ -117,7 +110,6 @@ def test_the_paper_s_euler_angles_say_so_at_90_degrees_of_pitch() -> None:
 
 
 def test_having_been_at_90_degrees_of_pitch_is_said_to_the_end() -> None:
-    """Level again after a dwell at 89.9°, what the biases went through there is still an alarm."""
     profile = Profile((dwell(0, 0, 0, 2.0), dwell(0, 89.9, 0, 4.0), dwell(0, 0, 0, 3.0)), offset_sd=0.0)
     samples, _ = simulation.simulate(profile, rate_hz=20.0, seconds=profile.duration, seed=1)
     assert any("pitch" in text for text in run(samples, 20.0, profile, "spkf-paper").alarms())
@@ -125,7 +117,6 @@ def test_having_been_at_90_degrees_of_pitch_is_said_to_the_end() -> None:
 
 @pytest.mark.parametrize("profile", [None, Profile((dwell(0, 0, 0, 8.0), dwell(0, 90, 0, 8.0), dwell(180, 0, 0, 8.0)))])
 def test_clean_data_raise_no_alarm(profile: Profile | None) -> None:
-    """Twenty units with biases anywhere within Table 1, still and on a table: not one sentence."""
     seconds = 30.0 if profile is None else profile.duration
     for seed in range(20):
         samples, _ = simulation.simulate(profile, rate_hz=20.0, seconds=seconds, seed=seed)
@@ -155,7 +146,6 @@ W = np.deg2rad(50.0)
 
 
 def test_scale_factor_at_one_rate_is_taken_for_bias_and_said_so() -> None:
-    """1 % at 50 deg/s all the time: the z gyro bias is off by 0.5 deg/s, many standard deviations, and is named."""
     without, _, _ = turned(ONE_WAY, None)
     estimate, sd, said = turned(ONE_WAY, SCALE)
     # the half seconds of speeding up and slowing down dilute it by less than 2 %
@@ -168,7 +158,6 @@ def test_scale_factor_at_one_rate_is_taken_for_bias_and_said_so() -> None:
 
 @pytest.mark.parametrize("axis", AXES)
 def test_scale_factor_at_two_rates_both_ways_leaves_the_bias_right(axis: str) -> None:
-    """±30 and ±60 deg/s about each axis: within 3 sd but for a five hundredth of scale · rate, and nothing to say."""
     number = AXES.index(axis)
     segments = tuple(rate(axis, sign * dps, 15.0) for dps in (30.0, 60.0) for sign in (1, -1))
     effect = Effect("scale", ("g" + "xyz"[number],), {"relative": 0.01})
@@ -180,7 +169,6 @@ def test_scale_factor_at_two_rates_both_ways_leaves_the_bias_right(axis: str) ->
 
 
 def test_a_lever_arm_at_one_rate_is_taken_for_bias_and_said_so() -> None:
-    """3 cm at 50 deg/s: the x accelerometer bias is off by -ω² r, and the accelerometers are named."""
     without, _, _ = turned(ONE_WAY, None)
     estimate, sd, said = turned(ONE_WAY, LEVER)
     assert estimate[0] - without[0] == pytest.approx(-(W**2) * 0.03, rel=0.03)

@@ -108,7 +108,6 @@ def by_numpy(parameters: engines.Parameters, feed: FilterInput, nav: state.NavSt
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("p", [1, 2, 6])
 def test_the_compiled_step_is_the_readable_one(p: int, moving: bool) -> None:
-    """Extra states that drift and that are constant, noise by sample, a gap: a thousandth of a standard deviation."""
     rng = np.random.default_rng(p)
     n = 240
     t = np.arange(n) * DT
@@ -197,7 +196,6 @@ THERMAL_SD = [0.3e-3 * 9.8, np.deg2rad(0.02)]
 
 
 def test_errors_of_all_states_lie_in_the_band_and_the_bias_suffers_without_the_effect() -> None:
-    """Thermal drift of two channels, 24 seeds: NEES of 17 states and NIS within 99.8 %; without it y is off."""
     n, seeds, sums = 1200, 24, np.zeros(4)
     updates = 0
     for seed in range(seeds):
@@ -226,7 +224,6 @@ def test_errors_of_all_states_lie_in_the_band_and_the_bias_suffers_without_the_e
 
 
 def test_a_drifting_state_is_followed_within_its_band() -> None:
-    """Gauss-Markov drift of the z gyro, 0.3 deg/s over 20 s, 24 seeds: NEES of 16 states within 99.8 %."""
     n, seeds, total = 1000, 24, 0.0
     sigma, tau = np.deg2rad(0.3), 20.0
     keep = np.exp(-DT / tau)
@@ -254,7 +251,6 @@ def test_a_drifting_state_is_followed_within_its_band() -> None:
 
 
 def test_scale_factors_are_found_on_a_table_that_turns() -> None:
-    """Three gyro scale factors from known rates, 24 seeds: NEES of 18 states within 99.8 %, each known to 0.3 %."""
     n, seeds, total = 900, 24, 0.0
     turns = [Rate("inner", 0.6, 6.0), Rate("middle", -0.5, 6.0), Rate("outer", 0.6, 6.0), Dwell((0.0, 0.0, 0.0), 30.0)]
     profile = Profile((Dwell((0.0, 0.0, 0.0), 3.0), *turns), offset_sd=1e-6)
@@ -321,7 +317,6 @@ def lagged() -> Lagged:
 
 @pytest.mark.parametrize("kind", ["level", "gravity", "trajectory"])
 def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> None:
-    """Effects with a memory, scaled noise and samples left out: live and replay agree, whatever the reference."""
     n = 600
     t, gyro, accel = still(n, 3, np.zeros(6), np.zeros(6))
     row = [PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0]
@@ -351,7 +346,6 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> N
 
 
 def test_a_sample_that_is_not_used_is_as_if_it_had_not_come() -> None:
-    """Left out by an effect or before the filter: the same estimates; the gap is counted."""
     n = 400
     t, gyro, accel = still(n, 4, np.zeros(6), np.zeros(6))
     use = (t < 5.0) | (t > 6.0)
@@ -366,7 +360,6 @@ def test_a_sample_that_is_not_used_is_as_if_it_had_not_come() -> None:
 
 
 def test_states_of_effects_live_through_a_long_gap() -> None:
-    """They drift as they would have, without correlation to what is lost; the whole covariance stays one."""
     t, gyro, accel = still(400, 3, np.zeros(6), np.zeros(6))
     t[200:] += 60.0
     estimator = Estimator(Settings(DT, effects=lagged))
@@ -388,7 +381,6 @@ def no_states(**fields: object) -> Columns:
 
 
 def test_noise_by_sample_is_that_of_the_channel() -> None:
-    """Three times the noise on the x gyro is the filter with three times the noise there; factor 1 changes no bit."""
     samples = still(300, 5, np.zeros(6), np.zeros(6))
     scale = np.array([1.0, 1.0, 1.0, 3.0, 1.0, 1.0])
     spec = Noise.of(IMU400CD_200)
@@ -409,7 +401,6 @@ def test_noise_by_sample_is_that_of_the_channel() -> None:
 
 
 def test_the_monitor_judges_residuals_without_the_effect() -> None:
-    """6 deg/s that an effect explains: no alarm, converged, and and what is left looks like the bias."""
     error = np.zeros(6)
     error[3] = np.deg2rad(6.0)
     samples = still(700, 6, np.zeros(6), np.tile(error, (700, 1)))
@@ -430,7 +421,6 @@ def test_the_monitor_judges_residuals_without_the_effect() -> None:
 
 
 def test_the_temperature_of_each_sample_reaches_the_effects() -> None:
-    """As given; NaN where none is."""
     t, gyro, accel = still(10, 7, np.zeros(6), np.zeros(6))
     estimator = Estimator(Settings(DT, effects=partial(no_states)))
     list(runner.run(estimator, t[:5], gyro[:5], accel[:5], warming(t[:5])))
@@ -445,7 +435,6 @@ def test_the_temperature_of_each_sample_reaches_the_effects() -> None:
 
 @pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
 def test_effects_join_one_filter_only(name: str) -> None:
-    """The others say which."""
     with pytest.raises(ValueError, match=f'"{name}", but effects .* "spkf" only'):
         Settings(DT, filter=name, effects=no_states)
 
@@ -461,14 +450,12 @@ def test_effects_join_one_filter_only(name: str) -> None:
     ],
 )
 def test_effects_whose_numbers_do_not_belong_together_are_refused(wrong: dict[str, np.ndarray], words: str) -> None:
-    """Before the first sample, naming the number."""
     effects = replace(constants([0.0, 0.0], THERMAL_SD, thermal), **wrong)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=words):
         Estimator(Settings(DT, effects=lambda: effects))
 
 
 def test_a_driver_that_is_not_known_is_an_error_with_the_time() -> None:
-    """No temperature, no thermal effect: the message names the state; an unused sample needs none."""
     samples = still(100, 8, np.zeros(6), np.zeros(6))
     make = partial(constants, [0.0, 0.0], THERMAL_SD, thermal)
     temperature = np.where(samples[0] > 2.0, np.nan, 25.0)

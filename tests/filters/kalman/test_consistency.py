@@ -70,7 +70,6 @@ def trial(name: str, seed: int, hz: float, times: tuple[float, ...], noise: floa
 def test_errors_and_innovations_are_as_large_as_the_filter_says(
     name: str, hz: float, seeds: int, times: tuple[float, ...]
 ) -> None:
-    """Started from P0, measured with draws from R: NEES of 15 states and mean NIS of 9 rows in their 99.8 % bands."""
     trials = [trial(name, seed, hz, times) for seed in range(seeds)]
     low, high = chi2.ppf(TAILS, SIZE * seeds) / seeds
     for time, nees in zip(times, np.mean([one.nees for one in trials], axis=0), strict=True):
@@ -95,14 +94,12 @@ def test_a_filter_that_believes_in_half_the_noise_leaves_the_band() -> None:
 @pytest.mark.parametrize(("dof", "count"), [(9, 1), (9, 7980), (5, 40), (7.5, 1000)])
 @pytest.mark.parametrize("level", [0.95, 0.998])
 def test_the_nis_band_is_scipys_chi_square(dof: float, count: int, level: float) -> None:
-    """Both ends are quantiles of chi-square with dof · count degrees of freedom, over count."""
     tail = 0.5 * (1.0 - level)
     expected = chi2.ppf([tail, 1.0 - tail], dof * count) / count
     assert np.allclose(consistency.nis_band(dof, count, level), expected, rtol=1e-9)
 
 
 def test_the_gates_are_the_one_in_a_billion_quantiles() -> None:
-    """For 1 to 9 rows the upper 1e-9 quantile of chi-square; nothing to reject without rows."""
     gates = consistency.nis_gates()
     assert gates.shape == (10,)
     assert np.isinf(gates[0])
@@ -165,7 +162,6 @@ def test_the_monitor_does_not_flicker_in_its_first_minutes() -> None:
 
 @pytest.mark.parametrize("axis", range(6))
 def test_a_jump_of_one_bias_takes_back_that_bias_alone(axis: int) -> None:
-    """30 sd of a 10 s mean off: converged no more after 10 s outside the band, at the latest 20 s later."""
     clean = Clean(31 + axis)
     clean.run(100)
     assert all(since is not None for since in clean.before)
@@ -179,7 +175,6 @@ def test_a_jump_of_one_bias_takes_back_that_bias_alone(axis: int) -> None:
 
 
 def test_the_verdict_comes_back_with_the_bias() -> None:
-    """The jump undone, the bias is converged anew ten good seconds after the window is clean again."""
     clean = Clean(41)
     clean.run(100)
     shift = np.zeros(6)
@@ -202,7 +197,6 @@ def test_without_residuals_the_first_two_conditions_judge() -> None:
 
 
 def test_without_residuals_a_bias_that_is_uncertain_or_wanders_does_not_converge() -> None:
-    """The first two conditions still can say no: sd above tolerance, or an estimate on the move."""
     tolerance = consistency.TOLERANCE
     uncertain, wandering = ConvergenceMonitor(0.05), ConvergenceMonitor(0.05)
     for monitor in (uncertain, wandering):
@@ -217,7 +211,6 @@ def test_without_residuals_a_bias_that_is_uncertain_or_wanders_does_not_converge
 
 
 def test_tolerances_are_the_resolutions_of_table_1() -> None:
-    """0.6 mg and 0.05 deg/s."""
     assert np.allclose(consistency.TOLERANCE[:3] / STANDARD_GRAVITY, 0.6e-3)
     assert np.allclose(np.rad2deg(consistency.TOLERANCE[3:]), 0.05)
 
@@ -239,7 +232,6 @@ def remainders(drift: np.ndarray, seconds: int = 120, seeds: int = 60) -> np.nda
 
 
 def test_the_remainder_is_one_where_nothing_is_wrong() -> None:
-    """Six windows of 10 s of white noise about the mean of ten minutes: rms over seeds within 10 % of 1."""
     ratios = remainders(np.zeros(6), seconds=600, seeds=15)
     assert np.sqrt(np.mean(ratios**2)) == pytest.approx(1.0, abs=0.1)
     # beyond 2.5 is chi-square of six beyond 37.5: once in a million
@@ -248,7 +240,6 @@ def test_the_remainder_is_one_where_nothing_is_wrong() -> None:
 
 @pytest.mark.parametrize("axis", range(6))
 def test_the_remainder_shows_a_drift_that_no_sample_shows(axis: int) -> None:
-    """An eighth of the noise of one second a second on one channel: beyond 2 there, and about 1 elsewhere."""
     drift = np.zeros(6)
     drift[axis] = SIGMA[axis] / 40.0
     ratios = remainders(drift, seeds=10)
@@ -257,7 +248,6 @@ def test_the_remainder_shows_a_drift_that_no_sample_shows(axis: int) -> None:
 
 
 def test_the_remainder_of_the_filter_itself_is_one_without_and_more_with_a_temperature_effect() -> None:
-    """Two minutes at 4 Hz through the filter: clean, about 1; warming up by what Table 1's unit does, beyond 2."""
     dt, rate, force = 0.25, *LEVEL.rates_and_forces()
     for warm, low, high in ((0.0, 0.5, 1.3), (1.0, 2.0, np.inf)):
         squares = []
@@ -278,7 +268,6 @@ def test_the_remainder_of_the_filter_itself_is_one_without_and_more_with_a_tempe
 
 
 def test_the_remainder_is_told_from_windows_that_do_not_overlap() -> None:
-    """One after 10 s, another every 10 s, six at most; none where nothing is known of a perfect unit."""
     clean = Clean(3)
     counts = []
     for _ in range(90):

@@ -46,7 +46,6 @@ def said(estimator: Estimator, **info: object) -> str:
 
 
 def test_a_good_unit_on_its_profile_departs_nowhere() -> None:
-    """Noise alone is no departure, nor is a level unit without a profile."""
     assert run(POSITIONS).departure() is None
     assert Estimator(Settings(1.0 / HZ)).departure() is None
 
@@ -61,7 +60,6 @@ def test_a_good_unit_on_its_profile_departs_nowhere() -> None:
 def test_a_scale_factor_of_one_per_cent_is_named_with_position_channel_and_size(
     profile: Profile, channel: str, what: str, against: str
 ) -> None:
-    """It is no alarm: reference and readings belong together."""
     estimator = run(profile, effects=(Effect("scale", (channel,), {"relative": 0.01}),))
     found = said(estimator)
     assert found.startswith("segment ")
@@ -87,7 +85,6 @@ def test_a_position_that_was_not_gone_to_is_the_tables_and_another_one_the_profi
 
 
 def test_the_sentence_is_in_the_instruments_own_axes() -> None:
-    """A unit mounted upside down reads the same physics on its own channel."""
     estimator = run(POSITIONS, effects=(Effect("scale", ("ax",), {"relative": 0.01}),))
     straight, mounted = said(estimator), said(estimator, mount="y,x,-z")
     assert ": ax reads" in straight

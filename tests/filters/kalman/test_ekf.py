@@ -36,7 +36,6 @@ def differences(nav: NavState, gyro: np.ndarray, accel: np.ndarray, dt: float, g
 
 @pytest.mark.parametrize("seed", range(20))
 def test_every_column_of_the_jacobian_is_the_derivative_of_the_mechanisation(seed: int) -> None:
-    """At 20 random states F is dΦ/dt at zero, entry by entry, down to the radii's change with latitude."""
     nav, gyro, accel = moving(seed)
     F = ekf.jacobian(nav, accel)
     h = 4e-3
@@ -56,7 +55,6 @@ def test_every_column_of_the_jacobian_is_the_derivative_of_the_mechanisation(see
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_transition_is_the_derivative_of_the_step(seed: int) -> None:
-    """Over 0.3 s of turning, in several substeps, Φ agrees with central differences."""
     nav, gyro, accel = moving(seed)
     end, Phi = ekf.transition(nav, gyro, accel, 0.3, GRAVITY)
     error = (Phi - differences(nav, gyro, accel, 0.3, GRAVITY)) * SIZES / SIZES[:, None]
@@ -66,7 +64,6 @@ def test_a_transition_is_the_derivative_of_the_step(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_transition_follows_readings_that_change(seed: int) -> None:
-    """The same with rates that turn about within 0.3 s, ten times faster than any table can."""
     nav, gyro, accel = moving(seed)
     rates, forces = np.array([gyro, -0.5 * gyro]), np.array([accel, 2.0 * accel + 1.0])
     end, Phi = ekf.transition(nav, rates, forces, 0.3, GRAVITY)
@@ -87,7 +84,6 @@ def test_the_printed_jacobian_is_wrong_where_the_docstring_says() -> None:
 
 
 def test_prediction_is_that_of_the_sigma_points_for_small_errors() -> None:
-    """For a small P both filters predict one mean and one covariance, to 1e-5 standard deviations."""
     rng = np.random.default_rng(8)
     C_nb = attitude.from_rpy(0.5, 1.2, -2.0)
     nav = NavState.at_rest(PAPER_SITE, C_nb)
@@ -106,7 +102,6 @@ def test_prediction_is_that_of_the_sigma_points_for_small_errors() -> None:
 
 
 def test_a_reading_held_is_one_that_is_equal_at_both_ends() -> None:
-    """Readings of shape (3,) stand for the whole step."""
     nav, gyro, accel = moving(3)
     belief = ekf.start(nav, SIZES)
     a = ekf.predict(belief, gyro, accel, 0.05, GRAVITY, np.zeros((15, 15)))
@@ -124,7 +119,6 @@ def test_kappa_means_nothing_here() -> None:
 
 
 def test_bad_arguments_are_errors_in_words() -> None:
-    """A step backwards and a start of another size name themselves."""
     nav, gyro, accel = moving(5)
     with pytest.raises(ValueError, match="`dt` is -1"):
         ekf.predict(ekf.start(nav, SIZES), gyro, accel, -1.0, GRAVITY, np.zeros((15, 15)))

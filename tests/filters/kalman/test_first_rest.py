@@ -40,7 +40,6 @@ def filtered(given: Readings, size: int, reference: str = "turned") -> tuple[Est
 
 
 def test_the_filter_runs_on_the_first_rest_as_on_a_still_unit_and_holds_its_biases() -> None:
-    """Equal to reference `gravity` on those samples alone; later samples change nothing."""
     given = readings()
     estimator, made = filtered(given, 4096)
     assert 14 * 100 <= estimator.samples <= 15 * 100
@@ -55,7 +54,6 @@ def test_the_filter_runs_on_the_first_rest_as_on_a_still_unit_and_holds_its_bias
 
 @pytest.mark.parametrize("size", [1, 37])
 def test_how_many_samples_come_at_once_changes_nothing(size: int) -> None:
-    """Live, one by one, gives what a replay gives."""
     given = readings(before=3.2)
     one, made = filtered(given, size)
     all_at_once, expected = filtered(given, given.t.size)
@@ -66,7 +64,6 @@ def test_how_many_samples_come_at_once_changes_nothing(size: int) -> None:
 
 
 def test_a_rest_may_come_after_motion_and_be_shorter_than_levelling_takes() -> None:
-    """Motion before it is left out; a rest of some seconds is used as it is."""
     estimator, made = filtered(readings(seconds=5.0, before=3.2), 4096)
     assert estimator.first_rest is not None
     assert estimator.first_rest.begun == pytest.approx(4.0)
@@ -76,7 +73,6 @@ def test_a_rest_may_come_after_motion_and_be_shorter_than_levelling_takes() -> N
 
 
 def test_without_a_rest_nothing_is_used() -> None:
-    """A unit that never rests has no estimate."""
     given = readings()
     gyro = given.gyro + 0.5 * np.sin(3.0 * given.t)[:, None]
     estimator, made = filtered(Readings(given.t, gyro, given.accel, given.temperature), 4096)
@@ -85,7 +81,6 @@ def test_without_a_rest_nothing_is_used() -> None:
 
 
 def test_a_slow_turn_ends_the_rest() -> None:
-    """A unit that creeps out of its direction is no longer at rest, however smoothly."""
     given = readings(seconds=60.0).part(slice(0, 5500))
     tilt = np.deg2rad(0.3) * np.maximum(given.t - 20.0, 0.0)
     accel = given.accel + 9.8 * np.sin(tilt)[:, None] * np.array([1.0, 0.0, 0.0])

@@ -64,7 +64,6 @@ def run(
 
 @pytest.mark.parametrize("name", CASES)
 def test_biases_are_held_and_nothing_is_integrated_once_the_reference_has_ended(name: str) -> None:
-    """Minutes on, biases and their certainty are those of its end; height does not run away, rows go on without it."""
     settings, motion, end, marks = CASES[name]
     samples = readings(motion, 300.0)
     estimator, rows = run(settings, samples, marks, 8192)
@@ -92,7 +91,6 @@ def test_biases_are_held_and_nothing_is_integrated_once_the_reference_has_ended(
 
 @pytest.mark.parametrize("name", CASES)
 def test_it_is_the_same_however_many_samples_come_at_once(name: str) -> None:
-    """Live, one by one, and a replay: rows and the end are equal to the last bit."""
     settings, motion, _, marks = CASES[name]
     samples = readings(motion, 50.0)
     one, many = run(settings, samples, marks, 1), run(settings, samples, marks, 8192)
@@ -104,7 +102,6 @@ def test_it_is_the_same_however_many_samples_come_at_once(name: str) -> None:
 
 
 def test_the_walk_of_the_biases_adds_to_their_covariance_while_they_are_held() -> None:
-    """q T for each, and nothing else."""
     settings, motion, end, _ = CASES["trajectory"]
     noisy = Settings(settings.period, reference="trajectory", motion=settings.motion, noise=WALK)
     sds = []
@@ -117,7 +114,6 @@ def test_the_walk_of_the_biases_adds_to_their_covariance_while_they_are_held() -
 
 
 def test_another_mark_is_a_reference_again() -> None:
-    """A dwell that is gone to once more: navigation begins anew as behind a long gap, and goes on without an alarm."""
     settings, _, _, marks = CASES["marks"]
     again = Profile((*MARKED.segments, Dwell((0.0, 0.0, 0.0), 300.0)))
     samples = readings(again, 130.0)
@@ -130,7 +126,6 @@ def test_another_mark_is_a_reference_again() -> None:
 
 @pytest.mark.parametrize(("first", "between"), [(28.0, 0.0), (300.0, 0.0), (1.0, 300.0)])
 def test_an_operator_may_take_as_long_as_it_takes(first: float, between: float) -> None:
-    """Before the first dwell and between two: biases are as good as they claim, and nothing is off the reference."""
     waits = (*(Dwell(dwell.angles, dwell.seconds + between) for dwell in MARKED.segments if isinstance(dwell, Dwell)),)
     moved = Profile((Dwell((0.0, 0.0, 0.0), first + 20.0 + between), waits[1]))
     settings, arrived = Settings(1.0 / HZ, reference="profile", motion=MARKED), moved.rest_starts[1] + 0.5
@@ -166,7 +161,6 @@ def test_a_profile_by_marks_awaits_its_first_dwell() -> None:
 
 
 def test_stretches_are_in_order_and_leave_no_sample_out() -> None:
-    """Whatever is known where; the first sample of a run is never held."""
     ended, whole, nothing = (np.zeros(reference.COLUMNS) for _ in range(3))
     ended[reference.VARIANCES], nothing[reference.VARIANCES] = reference.ENDED, -1.0
     for kinds in itertools.product((ended, whole, nothing), repeat=4):

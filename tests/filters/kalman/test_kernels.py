@@ -50,7 +50,6 @@ def _compile(environment: Mapping[str, str]) -> list[str]:
 
 
 def test_compiling_is_told_part_by_part_and_done_once(tmp_path: Path) -> None:
-    """From the first part to the last the first time on a machine; the second time there is nothing to tell."""
     told = _told(tmp_path)
     assert len(told) > 10
     assert f"this machine: 1 of {len(told)} parts" in told[0]

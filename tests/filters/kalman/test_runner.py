@@ -37,7 +37,6 @@ def feed(estimator: Estimator, samples: tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def test_equal_samples_give_equal_estimates_bit_for_bit() -> None:
-    """Two runs over the same samples agree in every bit of state and covariance."""
     samples = noisy(200)
     first, second = (feed(Estimator(Settings(DT)), samples) for _ in range(2))
     for a, b in zip(first, second, strict=True):
@@ -46,7 +45,6 @@ def test_equal_samples_give_equal_estimates_bit_for_bit() -> None:
 
 
 def test_drawn_noise_depends_on_seed_and_sample_number_alone() -> None:
-    """The same seed repeats the innovations, another one does not."""
     samples = noisy(20)
 
     def innovations(seed: int) -> list[float]:
@@ -59,7 +57,6 @@ def test_drawn_noise_depends_on_seed_and_sample_number_alone() -> None:
 
 @pytest.mark.parametrize("name", ["spkf", "spkf-paper", "ekf"])
 def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(name: str) -> None:
-    """Live feeds single samples, replay arrays: states, covariances, verdicts and totals are equal."""
     n = 600 if name == "spkf" else 250
     t, gyro, accel = noisy(n, bias=np.array([0.05, 0, 0, 0, 0.01, 0]))
     for reference_name, measurements in (("level", "exact"), ("gravity", "drawn")):
@@ -81,7 +78,6 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(name: str) -> N
 
 
 def test_the_compiled_step_is_the_readable_one() -> None:
-    """Still, tilted, turning and across a gap: compiled and numpy agree to a millionth of a standard deviation."""
     rng = np.random.default_rng(5)
     n = 300
     t = np.arange(n) * DT
@@ -136,7 +132,6 @@ def test_a_gap_is_counted_and_widens_the_band_as_a_held_sample_does(name: str) -
 
 
 def test_flagged_and_missing_samples_leave_errors_within_their_band() -> None:
-    """A fifth of the samples missing, over 40 seeds: 240 squared normalised errors within their 99.8 % band."""
     total = 0.0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -159,7 +154,6 @@ def test_flagged_and_missing_samples_leave_errors_within_their_band() -> None:
 def test_behind_a_long_gap_the_biases_are_as_good_as_before_and_as_the_filter_says(
     name: str, kind: str, seeds: int
 ) -> None:
-    """Half a minute without samples: errors stay within their band, nothing is an outlier, learning goes on."""
     n, total = 160, 0.0
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -200,7 +194,6 @@ def test_behind_a_gap_that_ends_in_motion_navigation_begins_anew_at_rest() -> No
 
 @pytest.mark.parametrize("name", ["spkf", "ekf", "spkf-paper"])
 def test_a_long_gap_is_the_same_however_samples_come(name: str) -> None:
-    """One by one or all at once, whether it begins or ends a block: equal to the last bit."""
     t, gyro, accel = noisy(120)
     t[50:] += 7.0
     t[90:] += 3600.0
@@ -214,7 +207,6 @@ def test_a_long_gap_is_the_same_however_samples_come(name: str) -> None:
 
 
 def test_rotation_between_slow_samples_is_refused_with_the_reason() -> None:
-    """20 deg/s at 0.1 Hz turns 200 deg between two samples; the same rate at 20 Hz is welcome."""
     t, gyro, accel = np.arange(5) * 10.0, np.tile(np.deg2rad([0, 0, 20.0]), (5, 1)), np.tile(FORCE, (5, 1))
     with pytest.raises(ValueError, match=r"200 deg between two samples .* nothing is known of the rate"):
         feed(Estimator(Settings(10.0)), (t, gyro, accel))
@@ -222,14 +214,12 @@ def test_rotation_between_slow_samples_is_refused_with_the_reason() -> None:
 
 
 def test_a_profile_too_fast_for_the_rate_is_refused_before_it_starts() -> None:
-    """A table that turns between two samples by more than a radian cannot be filtered."""
     profile = Profile((Dwell((0.0, 0.0, 0.0), 5.0), Dwell((0.0, 1.5, 0.0), 5.0)))
     with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz"):
         Estimator(Settings(10.0, reference="profile", motion=profile))
 
 
 def test_outliers_of_a_reference_are_left_out_and_counted() -> None:
-    """One row of a trajectory 3 m/s off: one rejection, and the estimate does not move; a lasting one is believed."""
     n = 400
     t, gyro, accel = noisy(n)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (n, 1))
@@ -248,7 +238,6 @@ def test_outliers_of_a_reference_are_left_out_and_counted() -> None:
 
 
 def test_a_partly_known_attitude_corrects_what_it_knows() -> None:
-    """Yaw alone in the trajectory: the vertical gyro bias is seen; without it, it is not."""
     n = 200
     bias = np.array([0, 0, 0, 0, 0, 0.01])
     t, gyro, accel = noisy(n, bias=bias)
@@ -269,7 +258,6 @@ def test_a_partly_known_attitude_corrects_what_it_knows() -> None:
 
 
 def test_attitude_is_found_from_a_trajectory_that_moves() -> None:
-    """Still, then driving off on a bend: the heading of 2.2 rad comes out of the velocities, and biases with it."""
     rng = np.random.default_rng(8)
     n = 2400
     t = np.arange(n) * DT
@@ -300,7 +288,6 @@ def test_attitude_is_found_from_a_trajectory_that_moves() -> None:
 
 
 def test_time_that_does_not_increase_is_refused() -> None:
-    """The error names the sample and both times."""
     estimator = Estimator(Settings(DT))
     runner.step(estimator, 0.0, RATE, FORCE)
     with pytest.raises(ValueError, match="sample 1"):
@@ -309,13 +296,11 @@ def test_time_that_does_not_increase_is_refused() -> None:
 
 @pytest.mark.parametrize("field", ["filter", "reference", "measurements"])
 def test_a_name_that_is_none_is_refused_with_those_there_are(field: str) -> None:
-    """Settings say what they may be."""
     with pytest.raises(ValueError, match=f'`{field}` is "nonsense", not one of'):
         Settings(DT, **{field: "nonsense"})
 
 
 def test_gravity_reference_finds_the_attitude_and_the_vertical_bias() -> None:
-    """Tilted by 20°: gyro biases and the vertical accelerometer bias within 4 sd; horizontals are not observable."""
     C_nb = attitude.from_rpy(np.deg2rad(12), np.deg2rad(-16), 0.0)
     bias = np.array([0.0, 0.0, 0.08, 0.004, -0.003, 0.006])
     estimator = Estimator(Settings(DT, reference="gravity"))
@@ -330,12 +315,10 @@ def test_gravity_reference_finds_the_attitude_and_the_vertical_bias() -> None:
 
 
 def test_a_log_shorter_than_the_alignment_is_used_all_the_same() -> None:
-    """Five seconds with reference gravity give a hundred estimates at the end."""
     assert len(feed(Estimator(Settings(DT, reference="gravity")), noisy(100))) == 100
 
 
 def test_a_moving_unit_has_no_gravity_reference() -> None:
-    """A mean force that is not gravity is an error, not an attitude."""
     with pytest.raises(ValueError, match="not at rest"):
         alignment.level_by_gravity(PAPER_SITE, np.array([0.0, 5.0, -5.0]), 0.1)
 
@@ -349,14 +332,12 @@ def test_a_wrong_accelerometer_sign_raises_an_alarm_that_names_it() -> None:
 
 
 def test_a_bias_of_several_times_the_limit_raises_an_alarm_that_names_it() -> None:
-    """5 deg/s on x is five times Table 1."""
     estimator = Estimator(Settings(DT))
     feed(estimator, noisy(400, bias=np.array([0, 0, 0, np.deg2rad(5.0), 0, 0])))
     assert ["x gyro" in alarm for alarm in estimator.alarms()] == [True]
 
 
 def test_a_bias_that_jumps_loses_its_convergence_after_ten_seconds() -> None:
-    """Ten seconds of residuals outside the band take the verdict back, on that axis alone."""
     estimator = Estimator(Settings(DT))
     jump = np.array([0, 0, 0, 0, np.deg2rad(3.0), 0])
     feed(estimator, noisy(800), last=False)
@@ -372,7 +353,6 @@ def test_a_bias_that_jumps_loses_its_convergence_after_ten_seconds() -> None:
 
 
 def test_a_clean_hour_never_loses_its_convergence() -> None:
-    """3600 s of clean blocks at 1 Hz: once declared, no bias is taken back."""
     rng = np.random.default_rng(12)
     monitor = consistency.ConvergenceMonitor(1.0)
     sigma = np.repeat([1 / 60, np.deg2rad(0.075)], 3)
@@ -392,7 +372,6 @@ def test_a_clean_hour_never_loses_its_convergence() -> None:
 
 
 def test_noise_is_measured_through_drift_and_steps() -> None:
-    """The median of block differences gives the white level within 15 % though the mean wanders and jumps."""
     rng = np.random.default_rng(13)
     monitor = consistency.ConvergenceMonitor(0.1)
     monitor.begin(0.0)
@@ -405,13 +384,11 @@ def test_noise_is_measured_through_drift_and_steps() -> None:
 
 
 def test_the_nis_band_is_that_of_the_mean_of_chi_squares() -> None:
-    """9 rows, 1000 updates: 8.74 to 9.26."""
     low, high = consistency.nis_band(9, 1000)
     assert (round(low, 2), round(high, 2)) == (8.74, 9.26)
 
 
 def test_spread_is_the_scatter_after_convergence() -> None:
-    """The moments over converged samples are those of numpy over the estimates."""
     estimator = Estimator(Settings(DT))
     estimates = feed(estimator, noisy(900))
     moments = estimator.after_convergence
@@ -422,7 +399,6 @@ def test_spread_is_the_scatter_after_convergence() -> None:
 
 
 def test_draws_are_standard_normal_and_each_samples_own() -> None:
-    """A stretch from the middle is that stretch of the whole; mean and variance of 90 000 draws fit."""
     whole = draws(4, 0, 10_000)
     assert np.array_equal(draws(4, 500, 20), whole[500:520])
     assert abs(whole.mean()) < 4 / np.sqrt(whole.size)
@@ -431,7 +407,6 @@ def test_draws_are_standard_normal_and_each_samples_own() -> None:
 
 
 def test_simulated_readings_go_forward_only() -> None:
-    """A block that is gone is an error, not a wrong number."""
     unit = simulation.StillUnit(0, 133.0)
     unit.reading(5000)
     with pytest.raises(ValueError, match="gone"):
@@ -439,7 +414,6 @@ def test_simulated_readings_go_forward_only() -> None:
 
 
 def test_equal_seeds_make_equal_units_and_others_do_not() -> None:
-    """Truth and readings are functions of the seed."""
     a, b, c = (simulation.StillUnit(seed, 133.0).samples(10) for seed in (1, 1, 2))
     assert np.array_equal(a.gyro, b.gyro)
     assert not np.array_equal(a.gyro, c.gyro)

@@ -42,7 +42,6 @@ def bias_errors(estimator: Estimator, truth: simulation.Truth) -> np.ndarray:
 
 
 def test_bias_errors_fit_their_standard_deviations_over_twenty_seeds() -> None:
-    """Simulated units with Table 1 noise: 120 squared normalised errors sum to within their 99.8 % chi-square band."""
     z = np.array([bias_errors(*filtered(seed, seconds=30.0, factor=14)) for seed in range(20)])
     total = float(np.sum(z**2))
     assert 77.0 < total < 174.0, f"{total:.1f} of 120"  # chi2.ppf([.001, .999], 120)
@@ -51,7 +50,6 @@ def test_bias_errors_fit_their_standard_deviations_over_twenty_seeds() -> None:
 
 
 def test_standard_deviations_and_convergence_meet_the_operators_bar_in_a_minute() -> None:
-    """After 60 s at 20 Hz: below 0.6 mg and 0.05 deg/s, every bias declared converged, no alarm."""
     estimator, _ = filtered(11, seconds=60.0)
     assert estimator.latest is not None
     sd = np.sqrt(np.diag(estimator.latest.belief.P))
@@ -63,27 +61,23 @@ def test_standard_deviations_and_convergence_meet_the_operators_bar_in_a_minute(
 
 @pytest.mark.parametrize("kappa", [0.0, spkf.PAPER_KAPPA])
 def test_drawn_measurements_make_nis_a_test_that_the_filter_passes(kappa: float) -> None:
-    """With noise of covariance R fed, the mean NIS of 9 rows lies in its 99.9 % band, for both kappas."""
     estimator, _ = filtered(2, measurements="drawn", seed=5, kappa=kappa)
     mean = estimator.nis_sum / estimator.nis_count
     assert abs(mean - 9.0) < 3.3 * np.sqrt(2 * 9 / estimator.nis_count)
 
 
 def test_exact_measurements_make_nis_small() -> None:
-    """Fed exact, the mean NIS is far below 9: no test, as the results say."""
     estimator, _ = filtered(2)
     assert estimator.nis_sum / estimator.nis_count < 1.0
 
 
 def test_both_kappas_agree_in_the_papers_case() -> None:
-    """Level and still, kappa 0 and -12 give estimates within a thousandth of a standard deviation."""
     a, truth = filtered(4, seconds=10.0)
     b, _ = filtered(4, seconds=10.0, kappa=spkf.PAPER_KAPPA)
     assert np.max(np.abs(bias_errors(a, truth) - bias_errors(b, truth))) < 1e-3
 
 
 def test_prediction_is_that_of_a_linear_filter_for_small_errors() -> None:
-    """One sigma-point prediction equals Φ P Φᵀ + Q with Φ by central differences, to a millionth."""
     rng = np.random.default_rng(8)
     C_nb = attitude.from_rpy(0.5, 1.2, -2.0)
     nav = NavState.at_rest(PAPER_SITE, C_nb)
@@ -103,7 +97,6 @@ def test_prediction_is_that_of_a_linear_filter_for_small_errors() -> None:
 
 
 def test_correction_is_that_of_the_information_form() -> None:
-    """P⁻¹ grows by Hᵀ R⁻¹ H, whatever form the gain is written in."""
     rng = np.random.default_rng(9)
     A = rng.normal(size=(15, 15))
     P = A @ A.T + 15 * np.eye(15)
@@ -115,7 +108,6 @@ def test_correction_is_that_of_the_information_form() -> None:
 
 
 def test_the_start_is_the_papers_noise_set() -> None:
-    """P0 of the nine navigation states is R; biases start at 18 mg and 1.5 deg/s."""
     estimator = Estimator(Settings(0.05))
     runner.step(estimator, 0.0, *LEVEL.rates_and_forces())
     assert estimator.latest is not None
@@ -125,7 +117,6 @@ def test_the_start_is_the_papers_noise_set() -> None:
 
 
 def test_process_noise_is_table_1_times_dt() -> None:
-    """4.5 deg/√h and 1 m/s/√h over 1 s: 0.075 deg and 1/60 m/s; none on position and biases."""
     sd = np.sqrt(np.diag(spkf.process_noise(Noise.of(IMU400CD_200), np.eye(3), 1.0)))
     assert np.allclose(sd[state.VELOCITY], 1 / 60)
     assert np.allclose(sd[state.ATTITUDE], np.deg2rad(0.075))
@@ -133,7 +124,6 @@ def test_process_noise_is_table_1_times_dt() -> None:
 
 
 def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
-    """Nothing is added to help a factorisation: the error names the matrix."""
     P = np.eye(15)
     P[9, 9] = -1.0
     with pytest.raises(spkf.DivergenceError, match="state covariance"):
@@ -141,7 +131,6 @@ def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
 
 
 def test_a_gated_correction_changes_nothing() -> None:
-    """Beyond the gate the belief is the same object, and the innovation says so."""
     belief = spkf.start(LEVEL.nav, np.ones(15))
     far = LEVEL.nav.plus(np.concatenate([np.zeros(3), [50.0], np.zeros(11)]))
     after, innovation = spkf.correct(belief, far, LEVEL.rows, LEVEL.R_sd, gate=66.0)
@@ -151,7 +140,6 @@ def test_a_gated_correction_changes_nothing() -> None:
 
 
 def test_attitude_near_ninety_degrees_of_pitch_is_nothing_special() -> None:
-    """At 89.9° of pitch a still unit's biases come out as at level: errors within 4 standard deviations."""
     tilted = Profile((Dwell((0.0, np.deg2rad(89.9), 0.0), 20.0),))
     C_nb = attitude.table(0.0, np.deg2rad(89.9), 0.0)
     rate, force = (C_nb.T @ v for v in LEVEL.rates_and_forces())

@@ -49,7 +49,6 @@ def difference(a: spkf.Belief, b: spkf.Belief) -> tuple[float, float]:
 
 @pytest.mark.parametrize("module", [ekf, spkf_paper])
 def test_filters_agree_in_the_papers_case(module: ModuleType) -> None:
-    """Level and still, 30 s at 20 Hz: all three within a hundredth of a standard deviation, in all 15 states."""
     estimate, sd = difference(filtered(module), filtered(spkf))
     assert estimate < 0.01
     assert sd < 0.01
@@ -57,7 +56,6 @@ def test_filters_agree_in_the_papers_case(module: ModuleType) -> None:
 
 @pytest.mark.parametrize("module", [ekf, spkf_paper])
 def test_filters_agree_at_another_attitude(module: ModuleType) -> None:
-    """At roll 30°, pitch -40°, yaw 110° too, once units and angles are converted on the way in and out."""
     known = attitude_of(30.0, -40.0, 110.0)
     estimate, sd = difference(filtered(module, known), filtered(spkf, known))
     assert estimate < 0.05
@@ -65,14 +63,12 @@ def test_filters_agree_at_another_attitude(module: ModuleType) -> None:
 
 
 def test_both_kappas_agree_in_the_papers_case() -> None:
-    """κ = -12, the paper's, and κ = 0: standard deviations equal to four digits, estimates within 1e-3 of them."""
     estimate, sd = difference(filtered(spkf_paper, kappa=spkf.PAPER_KAPPA), filtered(spkf_paper))
     assert estimate < 1e-3
     assert sd < 1e-4
 
 
 def test_yaw_at_180_degrees_is_nothing_special() -> None:
-    """A unit that points south, where yaw jumps between 180° and -180°, gets the biases of one that points at 150°."""
     estimates = []
     for yaw in (150.0, 180.0, -180.0):
         known = attitude_of(0.0, 0.0, yaw)
@@ -84,7 +80,6 @@ def test_yaw_at_180_degrees_is_nothing_special() -> None:
 
 
 def test_a_mean_across_180_degrees_is_not_zero() -> None:
-    """Turning through south, the predicted yaw keeps to the centre's branch and comes out within ±180°."""
     belief = spkf_paper.start(attitude_of(0.0, 0.0, 179.99), P0_SD)
     rate = np.array([0.0, 0.0, 10.0]) * DEG
     after = spkf_paper.predict(belief, rate, np.array([0.0, 0.0, -GRAVITY]), 0.1, GRAVITY, np.zeros((15, 15)))
@@ -93,7 +88,6 @@ def test_a_mean_across_180_degrees_is_not_zero() -> None:
 
 
 def test_an_innovation_of_yaw_takes_the_short_way() -> None:
-    """Known -179°, estimated 179°: the innovation is 2°."""
     belief = spkf_paper.start(attitude_of(0.0, 0.0, 179.0), P0_SD)
     after, innovation = spkf_paper.correct(belief, attitude_of(0.0, 0.0, -179.0), ROWS, PAPER_R_SD, None, np.inf)
     assert np.isclose(innovation.nu[8], 2.0 * DEG)
@@ -101,7 +95,6 @@ def test_an_innovation_of_yaw_takes_the_short_way() -> None:
 
 
 def test_the_equations_agree_with_the_mechanisation() -> None:
-    """(1)-(4) in Euler angles and `strapdown`, in rotation vectors, end at one place after 5 s of motion."""
     nav = attitude_of(10.0, -20.0, 170.0).plus(
         np.array([0, 0, 0, 30.0, -20.0, 10.0, 0, 0, 0, 0.01, -0.02, 0.03, 1e-3, 2e-3, -1e-3])
     )
@@ -121,7 +114,6 @@ def test_the_equations_agree_with_the_mechanisation() -> None:
 
 
 def test_a_long_step_is_cut() -> None:
-    """A second at 100 deg/s about two axes in one call ends where a thousand calls do, within 1e-4 rad and 1 mm/s."""
     x = spkf_paper.start(LEVEL, P0_SD).x
     gyro, accel = np.array([30.0, 0.0, 100.0]) * DEG, np.array([0.0, 0.0, -GRAVITY])
     coarse, fine = spkf_paper.integrate(x, gyro, accel, 1.0, GRAVITY), x
@@ -133,7 +125,6 @@ def test_a_long_step_is_cut() -> None:
 
 @pytest.mark.parametrize("angles", [(0.0, 0.0, 0.0), (20.0, -30.0, 70.0), (-170.0, 80.0, -120.0)])
 def test_a_covariance_survives_the_way_into_the_papers_coordinates_and_back(angles: tuple[float, float, float]) -> None:
-    """common(start(nav, sd)) is nav and diag(sd²), metres and the rotation vector in n."""
     nav = attitude_of(*angles)
     back = spkf_paper.common(spkf_paper.start(nav, P0_SD))
     assert np.max(np.abs(back.nav.minus(nav)) / P0_SD) < 1e-9
@@ -141,7 +132,6 @@ def test_a_covariance_survives_the_way_into_the_papers_coordinates_and_back(angl
 
 
 def test_prediction_is_that_of_the_tangent_space_for_small_errors() -> None:
-    """For a small P the Euler filter and `spkf` predict one mean and one covariance at a tilted, turning attitude."""
     rng = np.random.default_rng(8)
     nav = attitude_of(30.0, 50.0, -120.0)
     sizes = np.repeat([1.0, 1e-3, 1e-5, 1e-4, 1e-5], 3)
@@ -154,7 +144,6 @@ def test_prediction_is_that_of_the_tangent_space_for_small_errors() -> None:
 
 
 def test_drawn_measurements_make_nis_a_test_that_the_filter_passes() -> None:
-    """With noise of covariance R fed, the mean NIS lies in its 99.9 % band, tilted as well as level."""
     for known in (LEVEL, attitude_of(20.0, -50.0, 160.0)):
         rng = np.random.default_rng(3)
         belief = spkf_paper.start(known, P0_SD)
@@ -171,7 +160,6 @@ def test_drawn_measurements_make_nis_a_test_that_the_filter_passes() -> None:
 
 
 def test_a_shut_gate_leaves_the_belief_alone() -> None:
-    """Above the gate the innovation says so and nothing is updated; it is in metres, m/s and radians."""
     belief = spkf_paper.start(LEVEL, P0_SD)
     far = LEVEL.plus(np.array([0.0, 0.0, 3000.0, *np.zeros(12)]))
     after, innovation = spkf_paper.correct(belief, far, ROWS, PAPER_R_SD, None, 50.0)
@@ -184,7 +172,6 @@ def test_a_shut_gate_leaves_the_belief_alone() -> None:
 
 
 def test_some_rows_alone_can_be_known() -> None:
-    """Yaw and down velocity known: the update is that of `spkf` on the same rows."""
     rows, R_sd = np.array([5, 8]), PAPER_R_SD[[5, 8]]
     known = LEVEL.plus(np.array([0, 0, 0, 0, 0, 0.05, 0, 0, 0.5 * DEG, *np.zeros(6)]))
     a, i = spkf_paper.correct(spkf_paper.start(LEVEL, P0_SD), known, rows, R_sd, None, np.inf)
@@ -195,7 +182,6 @@ def test_some_rows_alone_can_be_known() -> None:
 
 
 def test_a_pitch_beyond_85_degrees_is_an_alarm_with_its_cause() -> None:
-    """Silent at 84°, in words at 88° up and down."""
     assert spkf_paper.alarm(spkf_paper.start(attitude_of(0.0, 84.0, 0.0), P0_SD)) is None
     text = spkf_paper.alarm(spkf_paper.start(attitude_of(0.0, 88.3, 0.0), P0_SD))
     assert text is not None
@@ -205,7 +191,6 @@ def test_a_pitch_beyond_85_degrees_is_an_alarm_with_its_cause() -> None:
 
 
 def test_a_pitch_of_90_degrees_is_divergence() -> None:
-    """No start there, and no way through: the error names the pitch."""
     with pytest.raises(spkf.DivergenceError, match=r"90\.00°"):
         spkf_paper.start(attitude_of(0.0, 90.0, 0.0), P0_SD)
     belief = spkf_paper.start(attitude_of(0.0, 80.0, 0.0), P0_SD)
@@ -216,7 +201,6 @@ def test_a_pitch_of_90_degrees_is_divergence() -> None:
 
 
 def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
-    """Nothing is added to help a factorisation: the error names the matrix."""
     P = np.eye(15)
     P[9, 9] = -1.0
     belief = PaperBelief(spkf_paper.start(LEVEL, P0_SD).x, P)
@@ -225,7 +209,6 @@ def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
 
 
 def test_bad_arguments_are_errors_in_words() -> None:
-    """Step, κ and the size of the start name themselves."""
     belief = spkf_paper.start(LEVEL, P0_SD)
     with pytest.raises(ValueError, match="`dt` is 0"):
         spkf_paper.predict(belief, np.zeros(3), np.zeros(3), 0.0, 9.8, np.zeros((15, 15)))

@@ -54,7 +54,6 @@ def integrate_in_ecef(
 
 
 def test_the_mechanisation_agrees_with_an_earth_fixed_one() -> None:
-    """Equations (1)-(4) and an independent formulation in Earth-fixed axes end at one place after 10 s of motion."""
     start = NavState.at_rest(PAPER_SITE, attitude.from_rpy(0.2, -0.3, 1.0))
     start = start.plus(np.array([0, 0, 0, 3.0, -2.0, 1.0, 0, 0, 0, 0.01, -0.02, 0.03, 1e-3, 2e-3, -1e-3]))
     gyro, accel = np.array([4.0, -3.0, 6.0]) * DEG, np.array([0.5, -1.0, -9.0])
@@ -69,7 +68,6 @@ def test_the_mechanisation_agrees_with_an_earth_fixed_one() -> None:
 
 
 def test_a_perfect_still_unit_stays_where_it_is() -> None:
-    """Readings of a unit at rest leave position, velocity and attitude alone for a minute."""
     rate = earth.earth_rate_n(np.array(PAPER_SITE.latitude))
     C_nb = attitude.from_rpy(0.4, 0.2, -2.0)
     force = C_nb.T @ np.array([0.0, 0.0, -PAPER_SITE.gravity])
@@ -81,7 +79,6 @@ def test_a_perfect_still_unit_stays_where_it_is() -> None:
 
 
 def test_long_steps_are_cut_so_that_fast_rotation_is_integrated_right() -> None:
-    """One second at 200 deg/s about a horizontal axis, through 90° of pitch, ends within 1e-6 rad and 0.1 mm/s."""
     start = NavState.at_rest(PAPER_SITE, np.eye(3))
     gyro, accel = np.array([0.0, 200.0, 0.0]) * DEG, np.array([0.0, 0.0, -PAPER_SITE.gravity])
     coarse = strapdown.propagate(start, gyro, accel, 1.0, PAPER_SITE.gravity)
@@ -106,7 +103,6 @@ def test_many_states_at_once_give_what_each_gives_alone() -> None:
 
 
 def test_errors_added_come_back_as_differences() -> None:
-    """plus and minus are inverse: metres, m/s, rotation vector in n, biases."""
     rng = np.random.default_rng(6)
     error = rng.normal(size=15) * np.repeat([20.0, 1.0, 0.1, 0.1, 0.01], 3)
     centre = NavState.at_rest(PAPER_SITE, attitude.from_rpy(1.0, -1.5, 2.0))

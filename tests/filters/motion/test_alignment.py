@@ -74,7 +74,6 @@ def found(profile: Profile, samples: Samples) -> tuple[float, float]:
 
 @pytest.mark.parametrize(("profile", "hz"), [(BOTH_WAYS, 133.0), (BOTH_WAYS, 20.0), (TUMBLE, 50.0), (ONE_WAY, 20.0)])
 def test_the_offset_is_found_to_within_what_it_claims(profile: Profile, hz: float) -> None:
-    """Two to twelve seconds late, 20 logs: no error beyond 4 sd, and their squares in the 99.8 % band of chi-square."""
     errors = []
     for seed in range(20):
         offset = float(np.random.default_rng([seed, 9]).uniform(2.0, 12.0))
@@ -89,20 +88,17 @@ def test_the_offset_is_found_to_within_what_it_claims(profile: Profile, hz: floa
 
 @pytest.mark.parametrize(("offset", "seconds"), [(-3.0, 60.0), (40.0, 80.0), (60.0, 110.0)])
 def test_a_profile_is_found_anywhere_in_a_log(offset: float, seconds: float) -> None:
-    """Begun before the log, late in it, or long before its end."""
     at, sd = found(SHORT, recorded(SHORT, offset, seconds)[0])
     assert abs(at - offset) < 4.0 * sd
 
 
 @pytest.mark.parametrize(("offset", "seconds"), [(110.0, 150.0), (103.0, 140.0), (700.0, 750.0)])
 def test_a_profile_is_found_late_in_a_long_log(offset: float, seconds: float) -> None:
-    """A log much longer than the profile, which comes in its last third."""
     at, sd = found(SHORT, recorded(SHORT, offset, seconds)[0])
     assert abs(at - offset) < 4.0 * sd
 
 
 def test_a_profile_that_never_turns_has_no_time_to_be_found() -> None:
-    """The error names the way out."""
     still = Profile((dwell(0, 0, 0, 20.0),), align="gyro")
     with pytest.raises(ValueError, match=r"never turns.*use marks"):
         found(still, recorded(still, 0.0, 20.0)[0])
@@ -133,7 +129,6 @@ def _other_axis(profile: Profile) -> Profile:
     ids=["sign", "axis", "rate"],
 )
 def test_a_profile_of_another_unit_is_refused_in_words(told: Profile) -> None:
-    """The wrong sign, the wrong axis, or another motion: an error that names what may be wrong."""
     with pytest.raises(ValueError, match=r"another profile, another `sign`, or another mounting"):
         found(told, recorded(BOTH_WAYS, 5.0, 60.0)[0])
 
@@ -156,7 +151,6 @@ def test_each_axis_is_looked_at_for_its_sign(sign: tuple[int, int, int]) -> None
 
 
 def test_moving_segments_are_used_once_aligned_and_only_then() -> None:
-    """With the joint's sd rows of the whole motion are known, wider by rate × sd; without it the dwells' alone."""
     samples, _ = recorded(BOTH_WAYS, 6.0, 60.0)
     offset, sd = found(BOTH_WAYS, samples)
     tables = [
@@ -173,7 +167,6 @@ def test_moving_segments_are_used_once_aligned_and_only_then() -> None:
 
 
 def test_biases_of_a_log_aligned_by_its_gyros_are_within_the_band() -> None:
-    """Offset from the log, profile over the log, 20 units: NEES of six biases in its 99.8 % band, nothing left out."""
     nees = 0.0
     for seed in range(20):
         samples, bias = recorded(TUMBLE, 4.0 + 0.1 * seed, TUMBLE.duration + 10.0, seed=seed)
@@ -258,7 +251,6 @@ MARKS = [(0.2, "segment 1"), (12.33, "next"), (24.0, "segment 5"), (24.01, "no, 
 def test_a_profile_live_and_all_at_once_are_the_same_to_the_last_bit(
     align: str, joint: float | None, marks: list[tuple[float, str]], measurements: str
 ) -> None:
-    """Sample by sample, in parts of any size, and whole: estimates, verdicts, sentences and totals are equal."""
     samples, _ = recorded(TUMBLE, 2.5, 45.0)
     # marks at the dwells' true times; in "none" they are text and nothing else
     settings = Settings(
@@ -296,7 +288,6 @@ def _followed(samples: Samples, hz: float, kind: str) -> Trajectory:
 
 @pytest.mark.parametrize("kind", ["whole", "yaw", "velocity"])
 def test_a_trajectory_live_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> None:
-    """All known, yaw alone (filled in by the filter's own roll and pitch), or no attitude at all: equal either way."""
     samples, _ = recorded(BOTH_WAYS, 2.5, 45.0)
     settings = Settings(0.05, reference="trajectory", motion=_followed(samples, 4.0, kind))
     whole, estimates = at_once(settings, samples, [])
@@ -309,7 +300,6 @@ def test_a_trajectory_live_and_all_at_once_are_the_same_to_the_last_bit(kind: st
 
 
 def test_biases_along_a_known_trajectory_are_right() -> None:
-    """Attitude known four times a second on a table that turns both ways: six biases within 4 sd."""
     samples, bias = recorded(BOTH_WAYS, 2.5, 45.0)
     settings = Settings(0.05, reference="trajectory", motion=_followed(samples, 4.0, "whole"))
     estimator, _ = at_once(settings, samples, [])

@@ -40,7 +40,6 @@ def test_noise_of_the_rows_does_not_add_up() -> None:
 
 
 def test_a_gap_is_unknown_and_nothing_is_taken_across_it() -> None:
-    """Rates beside a gap are those of the motion; in it they are unknown."""
     at = np.arange(3001) / HZ
     kept = (at < 10.0) | (at > 10.8)
     C, rate = motion(at)
@@ -53,7 +52,6 @@ def test_a_gap_is_unknown_and_nothing_is_taken_across_it() -> None:
 
 
 def test_rests_are_found_and_have_one_attitude() -> None:
-    """A unit that lies still is at rest though its rows are noisy; one that turns evenly is not, however quiet."""
     rng, t = np.random.default_rng(2), np.arange(6000) / HZ
     turn = np.interp(t, [0.0, 20.0, 30.0, 60.0], [0.0, 0.0, 1.0, 1.0 + 30.0 * np.deg2rad(0.3)])
     angles = np.column_stack([0.0 * t, 0.0 * t, turn]) + 1e-3 * rng.standard_normal((t.size, 3))
@@ -71,7 +69,6 @@ def test_rests_are_found_and_have_one_attitude() -> None:
 
 
 def test_nothing_is_at_rest_in_a_moving_recording() -> None:
-    """The quietest part of a motion is no rest."""
     t = np.arange(3000) / HZ
     C, rate = motion(t)
     known: Orientation = at_samples(t, t, C)

@@ -37,7 +37,6 @@ def dense(profile: Profile, count: int = 20011) -> np.ndarray:
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
 def test_rates_are_the_derivatives_of_angles(profile: Profile) -> None:
-    """Central differences agree wherever the table is, moves and envelopes included."""
     t, h = dense(profile), 1e-6
     t = t[(np.abs(t) > h) & (np.abs(t - profile.duration) > h)]
     quotient = (profile.angles(t + h) - profile.angles(t - h)) / (2.0 * h)
@@ -54,7 +53,6 @@ def test_angles_and_rates_do_not_jump() -> None:
 
 
 def test_max_rate_is_the_largest_rate_of_an_axis() -> None:
-    """A bound that is reached: by the rate segment, by a swing, by a move of limited length."""
     assert pytest.approx(60 * DEG) == TUMBLE.max_rate
     assert pytest.approx(60 * DEG) == np.abs(TUMBLE.rates(dense(TUMBLE))).max()
     swing = Profile((Sine("outer", 10 * DEG, 1.0, 2.0),))
@@ -66,7 +64,6 @@ def test_max_rate_is_the_largest_rate_of_an_axis() -> None:
 
 
 def test_a_move_is_a_trapezoid_of_all_axes_at_once() -> None:
-    """90° at 20 deg/s and 100 deg/s² take 4.7 s; the others go along in proportion; the dwell then counts."""
     assert TUMBLE.starts[1] == 3.0
     assert TUMBLE.rest_starts[1] == pytest.approx(3.0 + 90 / 20 + 20 / 100)
     assert TUMBLE.starts[2] == pytest.approx(TUMBLE.rest_starts[1] + 4.0)
@@ -76,7 +73,6 @@ def test_a_move_is_a_trapezoid_of_all_axes_at_once() -> None:
 
 
 def test_seconds_of_a_rate_are_those_at_that_rate() -> None:
-    """Ramps come before and after; whole turns are not unwound by the next dwell."""
     profile = Profile((Rate("inner", 50 * DEG, 10.0), Dwell((0.0, 0.0, 0.0), 1.0)))
     t = np.linspace(0.0, profile.starts[1], 11001)
     at_rate = np.isclose(profile.rates(t)[:, 2], 50 * DEG)
@@ -94,7 +90,6 @@ def test_a_dwell_goes_to_its_angles_the_way_they_are_written() -> None:
 
 
 def test_a_swing_starts_and_ends_at_rest_where_it_was() -> None:
-    """One period of envelope on either side; full amplitude between."""
     swing = Sine("middle", 10 * DEG, 0.5, 7.3)
     profile = Profile((Dwell((0.0, 5 * DEG, 0.0), 1.0), swing))
     assert profile.duration == pytest.approx(1.0 + 2.0 + 7.3 + 2.0)
@@ -107,7 +102,6 @@ def test_a_swing_starts_and_ends_at_rest_where_it_was() -> None:
 
 
 def test_segments_and_rest_are_told_at_every_time() -> None:
-    """Index counts the user's segments; a dwell is at rest only once the table has arrived; the end rests."""
     t = np.array([-1.0, 1.0, 3.5, 8.0, 14.0, 30.0, 1e6])
     assert TUMBLE.index(t).tolist() == [0, 0, 1, 1, 2, 3, 4]
     assert TUMBLE.phase(t).tolist() == [True, True, False, True, False, False, True]
@@ -124,7 +118,6 @@ def test_sampled_angles_have_no_dwell_that_begins_though_they_rest() -> None:
 
 
 def test_rest_means_no_rate() -> None:
-    """Wherever a profile says that it rests, its rates are zero."""
     t = dense(TUMBLE)
     assert not TUMBLE.rates(t)[TUMBLE.phase(t)].any()
     still = motion.from_samples([0, 1, 2, 3], [0, 0, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0])
@@ -133,7 +126,6 @@ def test_rest_means_no_rate() -> None:
 
 
 def test_sampled_angles_are_met_at_their_times() -> None:
-    """Interpolation goes through the samples; the profile's clock starts with the first."""
     late = motion.from_samples(T_SAMPLED + 100.0, np.sin(T_SAMPLED), T_SAMPLED, -T_SAMPLED)
     expected = np.stack([np.sin(T_SAMPLED), T_SAMPLED, -T_SAMPLED], axis=-1)
     assert np.allclose(late.angles(T_SAMPLED), expected)
@@ -141,7 +133,6 @@ def test_sampled_angles_are_met_at_their_times() -> None:
 
 
 def test_signs_turn_the_axes_of_a_table_that_counts_the_other_way() -> None:
-    """Angles and rates are physical ones: table's times sign."""
     t = dense(TUMBLE, 501)
     plain = Profile(TUMBLE.segments)
     assert np.array_equal(TUMBLE.angles(t), plain.angles(t) * [1, 1, -1])
@@ -150,7 +141,6 @@ def test_signs_turn_the_axes_of_a_table_that_counts_the_other_way() -> None:
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
 def test_numbers_do_not_depend_on_how_times_are_cut(profile: Profile) -> None:
-    """One by one, in odd pieces, backwards, strided: the same bits, body rates and attitudes too."""
     t = dense(profile, 1013)
     angles, rates = profile.angles(t), profile.rates(t)
     body, C_nb = kinematics.body_rate(angles, rates), kinematics.attitudes(angles)
@@ -165,7 +155,6 @@ def test_numbers_do_not_depend_on_how_times_are_cut(profile: Profile) -> None:
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
 def test_body_rate_is_what_turns_the_attitude(profile: Profile) -> None:
-    """Log(C(t - h)ᵀ C(t + h)) / 2h of the gimbal chain, for all three axes moving."""
     h = 1e-5
     for t in np.linspace(0.1, profile.duration - 0.1, 61):
         before, after = (attitude.table(*profile.angles(x)[0]) for x in (t - h, t + h))
@@ -176,7 +165,6 @@ def test_body_rate_is_what_turns_the_attitude(profile: Profile) -> None:
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(-7.0, 7.0), min_size=6, max_size=6))
 def test_many_attitudes_are_the_tables_one_by_one(numbers: list[float]) -> None:
-    """The written-out product of three rotations, and the rate it implies for any angles and rates."""
     angles, rates = np.array(numbers[:3]), np.array(numbers[3:])
     assert np.allclose(kinematics.attitudes(angles[None])[0], attitude.table(*angles))
     h = 1e-5
@@ -195,7 +183,6 @@ def test_many_attitudes_are_the_tables_one_by_one(numbers: list[float]) -> None:
     ],
 )
 def test_wrong_samples_are_refused_by_row(columns: tuple[list[float], ...], words: str) -> None:
-    """Lengths, order of time, and numbers."""
     with pytest.raises(ValueError, match=words):
         motion.from_samples(*columns)
 
@@ -204,7 +191,6 @@ def test_wrong_samples_are_refused_by_row(columns: tuple[list[float], ...], word
     "make", [lambda: Rate("yaw", 1.0, 1.0), lambda: Dwell((0.0, 0.0, 0.0), 0.0), lambda: Profile(())]
 )
 def test_misuse_names_the_argument(make: Any) -> None:
-    """Records refuse what no table can do."""
     with pytest.raises(ValueError, match="`"):
         make()
     assert AXES == ("outer", "middle", "inner")

@@ -56,7 +56,6 @@ def bias_errors(estimator: Estimator, truth: Truth) -> tuple[np.ndarray, np.ndar
 
 @pytest.mark.parametrize(("hz", "seeds"), [(133.0, 8), (20.0, 30)])
 def test_biases_found_on_a_table_are_as_good_as_the_filter_says(hz: float, seeds: int) -> None:
-    """Six positions through ±90° and ±50 deg/s, all of it used: NEES of the biases in its 99.8 % band, 3 sd kept."""
     nees, outside = 0.0, 0
     profile = SIX_POSITIONS_AND_RATES
     for seed in range(seeds):
@@ -79,7 +78,6 @@ def test_biases_found_on_a_table_are_as_good_as_the_filter_says(hz: float, seeds
 
 
 def test_a_table_taken_as_exact_leaves_errors_within_three_sd() -> None:
-    """Measurements "exact" are better than R says: of 120 biases of Table 1 at 20 Hz hardly one is beyond 3 sd."""
     outside = 0
     profile = SIX_POSITIONS_AND_RATES
     for seed in range(20):
@@ -101,7 +99,6 @@ def test_an_angle_that_the_profile_has_wrong_is_no_longer_within_the_band() -> N
 
 
 def test_a_perfect_unit_reads_what_the_reference_says() -> None:
-    """Rate and specific force in the rows are those of the simulation, which knows nothing of them, without errors."""
     quiet = simulation.simulate(
         SIX_POSITIONS_AND_RATES,
         rate_hz=20.0,
@@ -119,7 +116,6 @@ def _noiseless() -> ImuSpec:
 
 
 def test_a_joint_that_is_not_exact_adds_rate_times_its_sd_to_attitude() -> None:
-    """10 ms at 50 deg/s about an axis: 0.5 deg about that axis in n, the other rows as printed."""
     profile = Profile((Rate("inner", np.deg2rad(50.0), 10.0),), offset_sd=0.01)
     known = TableMotion(profile, PAPER_SITE, SPEC, 0.05).known(np.array([5.0]), -np.inf, np.zeros((1, 3)))[0]
     expected = reference.PAPER_R_SD**2
@@ -158,7 +154,6 @@ def rows(marks: list[tuple[float, str]], t: np.ndarray, gyro: np.ndarray | None 
 
 
 def test_rows_are_used_from_two_seconds_after_a_mark_and_never_beyond_the_dwells_end() -> None:
-    """Nothing before the first mark nor from a dwell's end to the next mark; in it, the named dwell's attitude."""
     t = np.arange(0.0, 60.0, 0.25)
     known = rows([(3.0, "segment 1"), (20.0, "segment 2"), (45.0, "segment 4")], t)
     used = (known[:, reference.VARIANCES] >= 0.0).all(axis=1)
@@ -181,7 +176,6 @@ def test_rows_are_used_from_two_seconds_after_a_mark_and_never_beyond_the_dwells
 
 
 def test_plain_marks_take_the_dwells_in_order() -> None:
-    """Marks "segment N", "Dwell N" and plain words may be mixed; a plain one is the next dwell, a rate has no mark."""
     t = np.arange(0.0, 60.0, 0.25)
     told = rows([(3.0, "segment 1"), (20.0, "segment 2"), (45.0, "segment 4")], t)
     for texts in (
@@ -198,7 +192,6 @@ def test_plain_marks_take_the_dwells_in_order() -> None:
 
 
 def test_a_dwell_that_is_said_to_end_is_used_no_more() -> None:
-    """From "segment 2 ends" on nothing is known until the next mark; the same segment may begin once more."""
     t = np.arange(0.0, 60.0, 0.25)
     whole = rows([(3.0, "segment 1"), (20.0, "segment 2"), (40.0, "segment 2")], t)
     cut = rows([(3.0, "segment 1"), (20.0, "segment 2"), (24.0, "segment 2 ends"), (40.0, "segment 2")], t)
@@ -210,7 +203,6 @@ def test_a_dwell_that_is_said_to_end_is_used_no_more() -> None:
 
 
 def test_a_gyro_that_is_not_quiet_keeps_rows_back() -> None:
-    """Three times the bias limit and five sd of noise on any axis, either sign, is a table that moves."""
     t = np.arange(5.0, 6.0, 0.05)
     quiet = TableMotion(MARKED, PAPER_SITE, SPEC, 0.05).quiet
     assert quiet == pytest.approx(3.0 * SPEC.gyro_bias_limit + 5.0 * SPEC.gyro_arw / np.sqrt(0.05))
@@ -241,7 +233,6 @@ POSITIONS = Profile(
 
 @pytest.mark.parametrize(("late", "at_rest"), [(0.0, True), (1.0, True), (3.0, True), (0.0, False)])
 def test_marks_that_come_late_do_not_harm_the_biases(late: float, at_rest: bool) -> None:
-    """On time, 1 s and 3 s late, or when the move begins: moves are predicted through, and errors stay within 3 sd."""
     outside = 0
     for seed in range(12):
         error, estimator = marked(POSITIONS, seed, 20.0, late, at_rest)
@@ -263,7 +254,6 @@ def test_a_late_mark_on_a_slow_table_does_not_harm_the_biases_either() -> None:
 
 
 def test_a_move_is_predicted_through_and_found_where_the_table_stops() -> None:
-    """Between two dwells there is no update, the attitude's sd grows, and the prediction meets the next dwell."""
     profile = Profile((dwell(0, 0, 0, 8.0), dwell(0, 90, 0, 8.0)), align="marks")
     samples, _ = simulation.simulate(profile, rate_hz=20.0, seconds=profile.duration, seed=4)
     estimator = Estimator(Settings(0.05, reference="profile", motion=profile))
@@ -287,7 +277,6 @@ def test_a_move_is_predicted_through_and_found_where_the_table_stops() -> None:
 
 @pytest.mark.parametrize("align", ["none", "gyro"])
 def test_a_log_that_begins_in_the_middle_of_a_profile_starts_where_the_table_is(align: str) -> None:
-    """Profile time 16 s at the first sample: the filter starts at the angles of then, not at those of the beginning."""
     profile = Profile((dwell(0, 0, 0, 8.0), dwell(90, 0, 0, 20.0), dwell(0, 0, 0, 8.0)), align=align, offset_sd=0.0)
     samples, truth = simulation.simulate(profile, rate_hz=20.0, seconds=profile.duration, seed=1)
     use = samples.t >= 16.0
@@ -302,7 +291,6 @@ def test_a_log_that_begins_in_the_middle_of_a_profile_starts_where_the_table_is(
 
 
 def test_rows_of_a_part_are_those_of_the_whole() -> None:
-    """A part's own clock and an offset of minus its start give the same rows as the whole log's clock."""
     t = np.arange(0.0, SIX_POSITIONS_AND_RATES.duration, 0.05)
     gyro = np.zeros((t.size, 3))
     for profile in (SIX_POSITIONS_AND_RATES, Profile((*TUMBLE, *RATES))):

@@ -35,7 +35,6 @@ def error(document: TraceFindings, metric: str) -> dict[str, float]:
 
 
 def test_effects_of_a_unit_are_found_within_their_standard_deviations_whatever_sign_and_mounting() -> None:
-    """Every effect that the unit has is found, no other, and errors over their sd are of the size of one."""
     scores: dict[str, list[float]] = {}
     for seed in range(11, 14):
         run = turned_run(*ACCELEROMETERS, *GYROS, seed=seed, axes=AXES[seed % 3])
@@ -66,7 +65,6 @@ def test_what_an_effect_explains_is_told_of_all_but_a_gyros_bias() -> None:
 
 
 def test_a_unit_without_errors_has_no_findings_but_small_biases() -> None:
-    """Forms are chosen by likelihood: nothing is found where there is nothing."""
     for seed in (21, 22):
         document = told(calibrate([turned_run(seed=seed, biased=False)], None))
         assert not document["findings"]
@@ -108,7 +106,6 @@ def measured(name: str, gravity: float | None) -> Run:
 
 
 def test_rests_are_found_where_the_unit_rests() -> None:
-    """Every dwell is found once, shortened by less than half a second, and nothing in the turns between."""
     run = turned_run(*ACCELEROMETERS, seed=5)
     rests = find_rests(run)
     assert len(rests) == 24
@@ -117,7 +114,6 @@ def test_rests_are_found_where_the_unit_rests() -> None:
 
 
 def test_a_violent_shake_is_no_rest_and_spoils_no_turn() -> None:
-    """Clipped samples count neither as rest nor as part of a turn; what is found stays what it was."""
     run = turned_run(*ACCELEROMETERS, seed=6)
     rests = find_rests(run)
     bad = shaken(run, rests[8].start_s + 0.5, rests[8].start_s + 3.8, 40.0)
@@ -131,7 +127,6 @@ def test_a_violent_shake_is_no_rest_and_spoils_no_turn() -> None:
 
 
 def test_fewer_than_nine_directions_give_bias_and_scale_and_say_the_rest() -> None:
-    """Misalignment is not asked of eight rests; what they cannot tell is in `untestable`."""
     run = turned_run(*ACCELEROMETERS[:3], seed=7, rests=8)
     document = told(calibrate([run], None))
     assert {"cross_axis"} <= {u["effect"] for u in document["untestable"]}
@@ -143,14 +138,12 @@ def test_fewer_than_nine_directions_give_bias_and_scale_and_say_the_rest() -> No
 
 
 def test_two_directions_tell_what_they_can_and_no_more() -> None:
-    """Of a unit laid on two sides only, what its accelerometers cannot tell is said, and no figure is made of it."""
     document = told(calibrate([turned_run(*ACCELEROMETERS, seed=8, rests=2, seconds=40.0)], None))
     assert {"bias", "scale", "cross_axis"} <= {u["effect"] for u in document["untestable"]}
     assert not [e for e in document["error"] if e["metric"] == "gravity_norm"]
 
 
 def test_without_gyros_the_accelerometers_are_calibrated_and_the_rest_is_said() -> None:
-    """A recording of some axes only: accelerometers are done, gyros have no status, and a note says why."""
     run = lacking(turned_run(*ACCELEROMETERS, seed=9), "gx", "gy", "gz")
     found = calibrate([run], None)
     document = told(found)
@@ -177,7 +170,6 @@ def test_a_gyro_that_reads_the_same_throughout_leaves_the_accelerometers() -> No
 
 
 def test_without_an_accelerometer_or_without_a_rest_the_message_says_what_to_do() -> None:
-    """What cannot be done is refused with the cure."""
     run = turned_run(seed=9)
     with pytest.raises(ValueError, match="accelerometer y was not recorded"):
         calibrate([lacking(run, "ay")], None)
@@ -194,7 +186,6 @@ def test_without_an_accelerometer_or_without_a_rest_the_message_says_what_to_do(
 
 
 def test_another_log_of_the_unit_judges_and_another_unit_contradicts() -> None:
-    """Held out, the same unit confirms every shared effect; a unit without those errors refutes them."""
     first, second = (turned_run(*ACCELEROMETERS, *GYROS, seed=seed) for seed in (31, 32))
     document = told(calibrate([first], second))
     shared = [f for f in document["findings"] if f["effect"] != "bias" or f["channels"][0][0] == "a"]
@@ -213,7 +204,6 @@ def test_another_log_of_the_unit_judges_and_another_unit_contradicts() -> None:
 
 
 def test_several_logs_share_what_is_the_units_and_keep_a_gyro_bias_each() -> None:
-    """Two power-ons with other gyro biases: one scale factor, two biases."""
     first, second = (turned_run(*ACCELEROMETERS, *GYROS, seed=seed) for seed in (41, 42))
     reading = second.reading.copy()
     reading[:, 0] += np.deg2rad(0.3)
@@ -228,7 +218,6 @@ def test_several_logs_share_what_is_the_units_and_keep_a_gyro_bias_each() -> Non
 
 
 def test_a_common_scale_factor_may_as_well_be_gravity() -> None:
-    """Gravity named wrong by 0.2 %: the scale factors have gravity's magnitude as a rival, and are confounded."""
     run = turned_run(seed=51)
     document = told(calibrate([replace(run, site=replace(run.site, gravity=run.site.gravity * 0.998))], None))
     scales = [f for f in document["findings"] if f["effect"] == "scale" and f["channels"][0][0] == "a"]
@@ -240,7 +229,6 @@ def test_a_common_scale_factor_may_as_well_be_gravity() -> None:
 
 
 def test_the_derivative_of_the_magnitude_is_that_of_the_model() -> None:
-    """The slope that the fit uses equals differences of the residuals."""
     rests = Rests(find_rests(turned_run(*ACCELEROMETERS, seed=3)), 9.78637)
     triad = accelerometer.triad_of(*accelerometer.FORMS, accelerometer.BEYOND[:4])
     # plausible sizes: a quadratic term of 1e-2 s²/m would be as large as gravity

@@ -213,14 +213,12 @@ CASES = [(name, n, case) for name, cases in EQUATIONS.items() for n, case in enu
 
 
 def test_every_effect_of_the_catalogue_is_measured_here() -> None:
-    """No name without a signature."""
     assert set(EQUATIONS) | ELSEWHERE == set(EFFECTS)
     assert not set(EQUATIONS) & ELSEWHERE
 
 
 @pytest.mark.parametrize(("name", "number", "case"), CASES, ids=[f"{name}-{n}" for name, n, _ in CASES])
 def test_an_effect_is_its_equation(name: str, number: int, case: Case) -> None:
-    """Reading with it less reading without it, against the equation evaluated here; other channels are untouched."""
     channel, parameters, equation, tolerance = case
     e = error(Effect(name, (channel,) if isinstance(channel, str) else channel, parameters))
     at = column(channel if isinstance(channel, str) else LOOKED_AT[name][number])
@@ -241,7 +239,6 @@ def corners() -> np.ndarray:
 
 
 def test_a_docstring_names_every_parameter() -> None:
-    """What a scenario may say of an effect stands beside its equation."""
     for name, kind in EFFECTS.items():
         for parameter in kind.parameters:
             own = parameter.name.replace("{x}2", "dps2") if name == "nonlinearity_quadratic" else parameter.name
@@ -253,7 +250,6 @@ def test_a_docstring_names_every_parameter() -> None:
 
 
 def test_delay_shifts_the_phase_of_a_swing() -> None:
-    """What is read is what was a while ago, on the channels named or on all."""
     e = recorded(replace(SCENE, effects=(Effect("delay", (), {"tau_s": 0.03}),)))
     assert np.allclose(e.samples.gyro[3:], CLEAN.samples.gyro[:-3], atol=1e-9)
     assert np.allclose(e.samples.accel[3:], CLEAN.samples.accel[:-3], atol=1e-9)
@@ -270,7 +266,6 @@ def still(*effects: Effect, seconds: float = 400.0, spec: ImuSpec = QUIET, seed:
 
 
 def test_telegraph_has_two_levels_held_for_exponential_times() -> None:
-    """Mean time of a level and the number of levels."""
     e = still(Effect("telegraph", ("gx",), {"dps": 0.05, "mean_s": 2.0}), seconds=4000.0)[:, 0]
     assert set(np.round(e, 9)) == {0.0, 0.05}
     switches = np.count_nonzero(np.diff(e))
@@ -278,7 +273,6 @@ def test_telegraph_has_two_levels_held_for_exponential_times() -> None:
 
 
 def test_random_walk_spreads_with_the_root_of_time() -> None:
-    """Increments over one and over ten seconds have the density asked for."""
     e = still(Effect("random_walk", ("az",), {"mg_per_sqrt_s": 0.2}), seconds=4000.0)[:, 5]
     for seconds in (1, 10):
         steps = np.diff(e[:: seconds * int(HZ)])
@@ -286,7 +280,6 @@ def test_random_walk_spreads_with_the_root_of_time() -> None:
 
 
 def test_gauss_markov_has_its_deviation_and_correlation_time() -> None:
-    """Stationary from the start; correlation exp(-1) after τ."""
     starts = [
         still(Effect("gauss_markov", ("gx",), {"dps": 0.01, "tau_s": 5.0}), seconds=0.01, seed=s)[0, 0]
         for s in range(100)
@@ -301,7 +294,6 @@ WHITE = replace(QUIET, gyro_arw=4.5 * DEG / 60.0, accel_vrw=1.0 / 60.0)
 
 
 def test_noise_level_follows_its_driver() -> None:
-    """Variance times exp(a + b d): with a alone, with time, with a rate of turn."""
     plain = still(spec=WHITE)[:, 0]
     loud = still(Effect("noise_level", ("gx",), {"log_variance": np.log(4.0)}), spec=WHITE)
     assert np.allclose(loud[:, 0], 2.0 * plain)
@@ -324,7 +316,6 @@ def test_noise_level_follows_its_driver() -> None:
     ],
 )
 def test_every_driver_of_the_noise_level_drives(driver: str) -> None:
-    """In s, degC, K/s, deg/s, g and degrees."""
     effect = Effect("noise_level", ("gx",), {"driver": driver, "log_variance_per_unit": 1e-3})
     noisy = replace(SCENE, spec=WHITE)
     with_it, without = recorded(replace(noisy, effects=(effect,))), recorded(noisy)
@@ -345,7 +336,6 @@ def test_every_driver_of_the_noise_level_drives(driver: str) -> None:
 
 
 def test_bandwidth_limits_signal_and_noise_and_keeps_the_density() -> None:
-    """Low frequencies pass, high ones do not; a swing lags by the limit's own delay."""
     e = still(Effect("bandwidth", ("gx",), {"hz": 5.0}), spec=WHITE)
     f, density = signal.welch(e[:, 0], HZ, nperseg=1024)
     expected = (4.5 / 60.0) ** 2 * 2.0
@@ -361,7 +351,6 @@ def test_bandwidth_limits_signal_and_noise_and_keeps_the_density() -> None:
 
 
 def test_noise_crosstalk_correlates_two_channels_and_keeps_their_levels() -> None:
-    """ρ between the two named, none elsewhere."""
     e = still(Effect("noise_crosstalk", ("ax", "ay"), {"correlation": 0.4}), spec=WHITE)
     plain = still(spec=WHITE)
     correlation = np.corrcoef(e.T)
@@ -372,14 +361,12 @@ def test_noise_crosstalk_correlates_two_channels_and_keeps_their_levels() -> Non
 
 
 def test_spikes_are_single_readings_of_one_size() -> None:
-    """Up and down, as many an hour as asked for."""
     e = still(Effect("spikes", ("gz",), {"dps": 20.0, "per_hour": 900.0}))[:, 2]
     assert set(np.round(e, 6)) == {-20.0, 0.0, 20.0}
     assert np.count_nonzero(e) == pytest.approx(100, abs=50)
 
 
 def test_stuck_repeats_one_reading() -> None:
-    """From the reading at its time, for as long as asked, then no more."""
     effect = Effect("stuck", ("gy",), {"at_s": 10.0, "seconds": 12.0})
     values = still(effect, spec=WHITE, seconds=30.0)[:, 1]
     plain = still(spec=WHITE, seconds=30.0)[:, 1]
@@ -388,7 +375,6 @@ def test_stuck_repeats_one_reading() -> None:
 
 
 def test_saturation_piles_up_at_its_limit() -> None:
-    """In deg/s for a gyro and in g for an accelerometer."""
     e = readings(recorded(replace(SCENE, effects=(Effect("saturation", ("gz",), {"limit_dps": 40.0}),))))
     assert np.abs(e[:, 2]).max() == pytest.approx(40.0)
     assert np.array_equal(np.abs(e[:, 2]) > 39.999, np.abs(SEEN.x[:, 2]) >= 40.0)
@@ -398,7 +384,6 @@ def test_saturation_piles_up_at_its_limit() -> None:
 
 
 def test_coarse_readings_lie_on_a_lattice() -> None:
-    """Of the spacing asked for, nearest neighbours."""
     effect = Effect("coarse", ("ax",), {"lattice_mg": 3.0})
     values = readings(recorded(replace(SCENE, spec=WHITE, effects=(effect,))))[:, 3] / 3.0
     plain = readings(recorded(replace(SCENE, spec=WHITE)))[:, 3] / 3.0
@@ -407,7 +392,6 @@ def test_coarse_readings_lie_on_a_lattice() -> None:
 
 
 def test_dropouts_leave_gaps_and_true_stamps() -> None:
-    """Lost readings are missing and the others are what they were."""
     effect = Effect("dropout", (), {"probability": 0.1, "at_s": 5.0, "seconds": 2.0})
     r = recorded(replace(SCENE, effects=(effect,)))
     assert np.array_equal(r.samples.gyro, CLEAN.samples.gyro[r.number])
@@ -419,7 +403,6 @@ def test_dropouts_leave_gaps_and_true_stamps() -> None:
 
 
 def test_jitter_is_in_the_stamps_and_not_in_the_readings() -> None:
-    """Normal, and never so far that two readings change places."""
     r = recorded(replace(SCENE, effects=(Effect("jitter", (), {"sd_s": 0.001}),)))
     late = r.samples.t - CLEAN.samples.t
     assert late.std() == pytest.approx(0.001, rel=0.05)
@@ -432,7 +415,6 @@ def test_jitter_is_in_the_stamps_and_not_in_the_readings() -> None:
 
 
 def test_a_thermal_slope_is_found_by_regression_under_noise() -> None:
-    """With Table 1's noise and band limit the reading against temperature has the slope put in."""
     effects = (Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), Effect("thermal_lin", ("ax",), {"mg_per_k": 0.6}))
     scene = Scenario(seed=2, temperature=Temperature(((0.0, 10.0), (900.0, 60.0))), effects=effects)
     r = recorded(scene, 0, 900.0, LOOP_HZ)
@@ -442,7 +424,6 @@ def test_a_thermal_slope_is_found_by_regression_under_noise() -> None:
 
 
 def test_tumbling_a_gyro_that_feels_gravity_shows_by_how_much() -> None:
-    """Six attitudes: the rate less Earth's, against the reading of the accelerometers."""
     poses = [(0, 0), (90, 0), (180, 0), (270, 0), (0, 90), (0, -90)]
     profile = Profile(tuple(Dwell((o * DEG, m * DEG, 0.0), 5.0) for o, m in poses))
     scene = replace(SCENE, profile=profile, effects=(Effect("g_sensitivity", ("gx",), {"y_dps_per_g": 0.05}),))
@@ -457,7 +438,6 @@ def test_tumbling_a_gyro_that_feels_gravity_shows_by_how_much() -> None:
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (90.0, 0.0, 0.0), (30.0, -60.0, 45.0)])
 def test_a_unit_at_rest_reads_gravity_and_earth_rate(pose: tuple[float, float, float]) -> None:
-    """C_nbᵀ of both, plus bias, in body axes."""
     angles = tuple(np.deg2rad(pose))
     scene = replace(
         SCENE, profile=Profile((Dwell(angles, 1.0),)), accel_bias=(0.1, 0.2, 0.3), gyro_bias=(0.01, 0.0, -0.02)
@@ -489,7 +469,6 @@ MANY = (
 
 
 def test_readings_are_the_same_one_by_one_and_as_arrays() -> None:
-    """All effects at once, to the bit, with readings skipped and asked for twice."""
     scene = Scenario(seed=9, profile=MOVING, temperature=HEATED, effects=MANY)
     unit = Unit(scene)
     r = unit.record(4000)
@@ -507,7 +486,6 @@ def test_readings_are_the_same_one_by_one_and_as_arrays() -> None:
 
 
 def test_a_seed_and_a_power_on_decide_everything_random() -> None:
-    """Equal ones give equal readings; another seed or power-on another noise, another phase, other drift."""
     tone = Effect("tone", ("gx",), {"dps": 1.0, "hz": 5.0})
     scene = replace(SCENE, profile=None, effects=(tone,), power_ons=(PowerOn(), PowerOn(), PowerOn(seed=77)))
     runs = [recorded(scene, k, 2.0).samples.gyro for k in (0, 0, 1, 2)]
@@ -519,7 +497,6 @@ def test_a_seed_and_a_power_on_decide_everything_random() -> None:
 
 
 def test_biases_differ_from_power_on_to_power_on_as_asked() -> None:
-    """By the deviation asked for; a power-on may name its own, and its own temperature."""
     own = PowerOn(gyro_bias=(0.1, 0.2, 0.3), temperature=Temperature(((0.0, 50.0),)))
     scene = Scenario(seed=3, gyro_bias_run_sd=0.01, accel_bias_run_sd=0.0, power_ons=(PowerOn(),) * 200 + (own,))
     biases = np.array([Unit(scene, k).truth.gyro_bias for k in range(200)])
@@ -548,7 +525,6 @@ def test_one_seed_is_one_physics_however_the_unit_sits_and_reads(axes: AxisMap) 
 
 
 def test_a_lever_arm_is_along_the_instruments_axes() -> None:
-    """A mounted unit with its accelerometers off along its own y is one off along the body axis that y is on."""
     axes = AxisMap(parse_mount("y,z,x"))
     plain = recorded(replace(SCENE, effects=(Effect("lever_arm", (), {"x_m": 0.05}),)))
     turned = recorded(replace(SCENE, axes=axes, effects=(Effect("lever_arm", (), {"y_m": 0.05}),)))
@@ -556,7 +532,6 @@ def test_a_lever_arm_is_along_the_instruments_axes() -> None:
 
 
 def test_temperature_warms_up_or_follows_its_history() -> None:
-    """The default is 24 degC and 6 K more; a history is straight lines, its rate their slopes."""
     t = np.array([0.0, 10.0, 20.0, 40.0, 60.0])
     assert HEATED.at(t) == pytest.approx([20.0, 20 + 50 / 3, 35.0, 15 + 40 / 3, 35.0])
     assert HEATED.rate(t) == pytest.approx([5 / 3, 5 / 3, -2.0, 4 / 3, 0.0])
@@ -566,7 +541,6 @@ def test_temperature_warms_up_or_follows_its_history() -> None:
 
 
 def test_simulate_gives_what_a_filter_with_that_specification_believes() -> None:
-    """Truth at the instants, bias, and white noise of deviation density · √rate, without memory."""
     spec = ImuSpec(gyro_arw=1e-3, accel_vrw=1e-2)
     truth = Truth(np.array([0.1, -0.2, 0.3]), np.array([0.01, -0.02, 0.03]))
     s, told = simulation.simulate(MOVING, rate_hz=20.0, seconds=30.0, seed=3, spec=spec, truth=truth)
@@ -587,7 +561,6 @@ def test_simulate_gives_what_a_filter_with_that_specification_believes() -> None
 
 
 def test_a_long_run_at_full_rate_has_every_packet() -> None:
-    """Ten minutes of a moving unit."""
     scene = Scenario(
         profile=Profile((Rate("inner", 30 * DEG, 500.0), Sine("middle", 0.2, 0.5, 90.0))), effects=MANY[:4]
     )
@@ -622,7 +595,6 @@ WRONG = [
 
 @pytest.mark.parametrize(("make", "words"), WRONG)
 def test_misuse_names_the_argument_and_its_value(make: Callable[[], object], words: list[str]) -> None:
-    """And says what would fit."""
     with pytest.raises(ValueError, match=" ") as caught:
         make()
     assert all(word in str(caught.value) for word in words), str(caught.value)
