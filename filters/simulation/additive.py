@@ -5,7 +5,9 @@ power-on, all in the instrument's axes and sign. e is the error, in dps or mg by
 """
 
 import math
-from typing import ClassVar, Protocol, runtime_checkable
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,41 +16,43 @@ from filters.effects.inputs import PLAYS, REFERENCE_DEGC
 from filters.errors import InputError
 from filters.first_order import first_order
 from filters.motion.segments import AXES
-from filters.simulation.parameters import GYRO_CHANNELS, ScenarioParameter, Setup, TrueInputs, positive
+from filters.simulation.parameters import GYRO_CHANNELS, EffectKind, ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
 _REFERENCE = ScenarioParameter("reference", "reference_degc", REFERENCE_DEGC)
 
 
-@runtime_checkable
-class Additive(Protocol):
+class Additive(EffectKind):
     """An error of one channel, over successive stretches of readings."""
 
+    @abstractmethod
     def error(self, inputs: TrueInputs) -> Array:
         """Error of the next readings, rad/s or m/s², shape (N,)."""
-        ...
+
+    def own(self, inputs: TrueInputs) -> Array:
+        """x, what the channel itself senses, shape (N,)."""
+        return inputs.perfect[:, self.channel]
+
+    def warmer(self, inputs: TrueInputs) -> Array:
+        """T - T0, K, shape (N,)."""
+        return inputs.temperature - self.number("reference")
 
 
-class ThermalLin:
+class ThermalLin(Additive):
     """e = k (T - T0); `{e}_per_k`, `reference_degc` (25)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_per_k"), _REFERENCE)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._reference = setup.number("k"), setup.number("reference")
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * (inputs.temperature - self._reference)
+        return self.number("k") * self.warmer(inputs)
 
 
-class ThermalPoly:
+class ThermalPoly(Additive):
     """e = k1 dT + k2 dT² + k3 dT³, dT = T - T0.
 
     `{e}_per_k` (0), `{e}_per_k2`, `{e}_per_k3` (0), `reference_degc` (25).
     """
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (
         ScenarioParameter("k1", "{e}_per_k", 0.0),
         ScenarioParameter("k2", "{e}_per_k2"),
@@ -56,37 +60,28 @@ class ThermalPoly:
         _REFERENCE,
     )
 
-    def __init__(self, setup: Setup) -> None:
-        self._k = [setup.number(key) for key in ("k1", "k2", "k3")]
-        self._reference = setup.number("reference")
-
     def error(self, inputs: TrueInputs) -> Array:
-        d = inputs.temperature - self._reference
-        k1, k2, k3 = self._k
+        d = self.warmer(inputs)
+        k1, k2, k3 = (self.number(key) for key in ("k1", "k2", "k3"))
         return ((k3 * d + k2) * d + k1) * d
 
 
-class ThermalRate:
+class ThermalRate(Additive):
     """e = k T'; `{e}_s_per_k`, that is per K/s."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_s_per_k"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k = setup.number("k")
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.temperature_rate
+        return self.number("k") * inputs.temperature_rate
 
 
-class ThermalLag:
+class ThermalLag(Additive):
     """e = k (T_τ - T), T_τ following T as a first-order lag does, from equality at power-on; `{e}_per_k`, `tau_s`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_per_k"), positive("tau", "tau_s"))
 
     def __init__(self, setup: Setup) -> None:
-        self._k = setup.number("k")
+        super().__init__(setup)
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
         self._memory: float | None = None
 
@@ -94,20 +89,20 @@ class ThermalLag:
         if self._memory is None:
             self._memory = self._pole * float(inputs.temperature[0])
         lagged, self._memory = first_order(inputs.temperature, 1.0 - self._pole, self._pole, self._memory)
-        return self._k * (lagged - inputs.temperature)
+        return self.number("k") * (lagged - inputs.temperature)
 
 
-class Hysteresis:
+class Hysteresis(Additive):
     """e = k · mean over n of P_n(T - T(0)) / width: six play operators P_n, n = 1 … 6, of half-widths n width / 6.
 
     A play operator moves with its input but for a free stretch of twice its half-width:
     P(k) = min(max(P(k - 1), u(k) - r), u(k) + r), P = 0 at power-on. `{e}` (per `width_k` of travel), `width_k` (10).
     """
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}"), positive("width", "width_k", 10.0))
 
     def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
         width = setup.number("width")
         self._k = setup.number("k") / (width * PLAYS)
         self._half_widths = width * np.arange(1, PLAYS + 1)[:, None] / PLAYS
@@ -132,150 +127,113 @@ class Hysteresis:
         return self._k * out
 
 
-class Warmup:
+class Warmup(Additive):
     """e = k exp(-t/τ); `{e}`, `tau_s`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}"), positive("tau", "tau_s"))
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._tau = setup.number("k"), setup.number("tau")
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * np.exp(-inputs.t / self._tau)
+        return self.number("k") * np.exp(-inputs.t / self.number("tau"))
 
 
-class Ramp:
+class Ramp(Additive):
     """e = k t; `{e}_per_s`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_per_s"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k = setup.number("k")
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.t
+        return self.number("k") * inputs.t
 
 
-class Scale:
+class Scale(Additive):
     """e = k x; `relative`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._channel = setup.number("k"), setup.channel
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.perfect[:, self._channel]
+        return self.number("k") * self.own(inputs)
 
 
-class Asymmetry:
+class Asymmetry(Additive):
     """e = k abs(x); `relative`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._channel = setup.number("k"), setup.channel
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * np.abs(inputs.perfect[:, self._channel])
+        return self.number("k") * np.abs(self.own(inputs))
 
 
-class NonlinearityCubic:
+class NonlinearityCubic(Additive):
     """e = k x³; `{e}_per_{x}3`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_per_{x}3", inputs=-3),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._channel = setup.number("k"), setup.channel
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.perfect[:, self._channel] ** 3
+        return self.number("k") * self.own(inputs) ** 3
 
 
-class NonlinearityQuadratic:
+class NonlinearityQuadratic(Additive):
     """e = k ω² of a gyro (an accelerometer's is g_squared); `dps_per_dps2`."""
 
     channels: ClassVar = GYRO_CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}_per_{x}2", inputs=-2),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._channel = setup.number("k"), setup.channel
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.perfect[:, self._channel] ** 2
+        return self.number("k") * self.own(inputs) ** 2
 
 
-class ThermalScale:
+class ThermalScale(Additive):
     """e = k x (T - T0); `relative_per_k`, `reference_degc` (25)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "relative_per_k"), _REFERENCE)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._reference, self._channel = setup.number("k"), setup.number("reference"), setup.channel
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.perfect[:, self._channel] * (inputs.temperature - self._reference)
+        return self.number("k") * self.own(inputs) * self.warmer(inputs)
 
 
-class CrossAxis:
+class CrossAxis(Additive):
     """e = sum of k_j x_j over the sensors of the same kind on the other axes; `x_rad`, `y_rad`, `z_rad` (0 each)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:
-        own = setup.channel % 3
-        self._k = np.array([setup.number(axis) for axis in "xyz"])
-        if self._k[own] != 0.0:
+        super().__init__(setup)
+        own = "xyz"[setup.channel % 3]
+        if self.number(own) != 0.0:
             name = CHANNELS[setup.channel]
-            raise InputError(f"`{'xyz'[own]}_rad` is {self._k[own]:g} on {name}: that is its own axis, a scale factor")
-        self._inputs = slice(0, 3) if setup.channel < 3 else slice(3, 6)
+            raise InputError(f"`{own}_rad` is {self.number(own):g} on {name}: that is its own axis, a scale factor")
 
     def error(self, inputs: TrueInputs) -> Array:
-        return _weighted(self._k, inputs.perfect[:, self._inputs])
+        return _weighted(self.number, inputs.perfect[:, :3] if self.channel < 3 else inputs.perfect[:, 3:])
 
 
-class GSensitivity:
+class GSensitivity(Additive):
     """e = G · f of a gyro, f as the accelerometers read it; `x_dps_per_g`, `y_dps_per_g`, `z_dps_per_g` (0 each)."""
 
     channels: ClassVar = GYRO_CHANNELS
     parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_dps_per_g", 0.0, factor=DPS / G) for axis in "xyz")
 
-    def __init__(self, setup: Setup) -> None:
-        self._k = np.array([setup.number(axis) for axis in "xyz"])
-
     def error(self, inputs: TrueInputs) -> Array:
-        return _weighted(self._k, inputs.perfect[:, 3:6])
+        return _weighted(self.number, inputs.perfect[:, 3:6])
 
 
-class GSquared:
+class GSquared(Additive):
     """e = k f_j²; `{e}_per_g2`, `axis` x, y or z (the channel's own)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (
         ScenarioParameter("k", "{e}_per_g2", factor=G**-2),
         ScenarioParameter("axis", "axis", "own", choices=("own", "x", "y", "z")),
     )
 
-    def __init__(self, setup: Setup) -> None:
-        axis = setup.word("axis")
-        self._k = setup.number("k")
-        self._column = 3 + (setup.channel % 3 if axis == "own" else "xyz".index(axis))
-
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * inputs.perfect[:, self._column] ** 2
+        axis = self.word("axis")
+        column = 3 + (self.channel % 3 if axis == "own" else "xyz".index(axis))
+        return self.number("k") * inputs.perfect[:, column] ** 2
 
 
-class Harmonic:
+class Harmonic(Additive):
     """e = a sin(h θ) + b cos(h θ) of a table angle; `sin_{e}`, `cos_{e}` (0 each), `order` h (1), `axis` (inner)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (
         ScenarioParameter("a", "sin_{e}", 0.0),
         ScenarioParameter("b", "cos_{e}", 0.0),
@@ -283,19 +241,14 @@ class Harmonic:
         ScenarioParameter("axis", "axis", "inner", choices=AXES),
     )
 
-    def __init__(self, setup: Setup) -> None:
-        self._a, self._b, self._order = (setup.number(key) for key in ("a", "b", "order"))
-        self._axis = AXES.index(setup.word("axis"))
-
     def error(self, inputs: TrueInputs) -> Array:
-        angle = self._order * inputs.angles[:, self._axis]
-        return self._a * np.sin(angle) + self._b * np.cos(angle)
+        angle = self.number("order") * inputs.angles[:, AXES.index(self.word("axis"))]
+        return self.number("a") * np.sin(angle) + self.number("b") * np.cos(angle)
 
 
-class Tone:
+class Tone(Additive):
     """e = k sin(2π f t + φ), a line of vibration; `{e}`, `hz`, `phase_rad` (drawn from the power-on)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (
         ScenarioParameter("k", "{e}"),
         positive("hz", "hz"),
@@ -303,26 +256,23 @@ class Tone:
     )
 
     def __init__(self, setup: Setup) -> None:
-        self._k, self._omega = setup.number("k"), 2.0 * math.pi * setup.number("hz")
+        super().__init__(setup)
         drawn, phase = setup.rng.uniform(0.0, 2.0 * math.pi), setup.number("phase")
         self._phase = phase if math.isfinite(phase) else drawn
 
     def error(self, inputs: TrueInputs) -> Array:
-        return self._k * np.sin(self._omega * inputs.t + self._phase)
+        return self.number("k") * np.sin(2.0 * math.pi * self.number("hz") * inputs.t + self._phase)
 
 
-class Step:
+class Step(Additive):
     """e = k from t0 on; `{e}`, `at_s`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}"), ScenarioParameter("at", "at_s", least=0.0))
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._at = setup.number("k"), setup.number("at")
-
     def error(self, inputs: TrueInputs) -> Array:
-        return np.where(inputs.t >= self._at, self._k, 0.0)
+        return np.where(inputs.t >= self.number("at"), self.number("k"), 0.0)
 
 
-def _weighted(weights: Array, columns: Array) -> Array:
-    return np.asarray(weights[0] * columns[:, 0] + weights[1] * columns[:, 1] + weights[2] * columns[:, 2])
+def _weighted(weight: Callable[[str], float], columns: Array) -> Array:
+    """Sum over the three axes, in order."""
+    return np.asarray(weight("x") * columns[:, 0] + weight("y") * columns[:, 1] + weight("z") * columns[:, 2])

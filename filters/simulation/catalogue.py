@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,23 +11,22 @@ from filters.channels import CHANNELS
 from filters.errors import InputError
 from filters.first_order import first_order
 from filters.simulation import additive, output, truth
-from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
+from filters.simulation.parameters import EffectKind, ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
 # -------------------------------------------------------------------------------------------------------------- drift
 # Errors that nothing logged drives: two-level noise, random walk, Gauss-Markov drift. Drawn anew at each power-on.
 
 
-class Telegraph:
+class Telegraph(additive.Additive):
     """e = k s(t), s in {0, 1}, each level held for an exponential time; `{e}`, `mean_s` (mean of those times)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("k", "{e}"), positive("mean", "mean_s"))
 
     def __init__(self, setup: Setup) -> None:
-        self._k, self._mean, self._rng = setup.number("k"), setup.number("mean"), setup.rng
-        self._level = int(self._rng.integers(2))
-        self._until = self._rng.exponential(self._mean)
+        super().__init__(setup)
+        self._level = int(self.rng.integers(2))
+        self._until = self.rng.exponential(self.number("mean"))
 
     def error(self, inputs: TrueInputs) -> Array:
         out = np.empty(inputs.t.size)
@@ -37,48 +36,45 @@ class Telegraph:
             out[done:end] = self._level
             if end < out.size:
                 self._level = 1 - self._level
-                self._until += self._rng.exponential(self._mean)
+                self._until += self.rng.exponential(self.number("mean"))
             done = end
-        return self._k * out
+        return self.number("k") * out
 
 
-class RandomWalk:
+class RandomWalk(additive.Additive):
     """e(k+1) = e(k) + q √T n(k), n white of unit variance, T the sampling period, from 0; `{e}_per_sqrt_s` is q."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("q", "{e}_per_sqrt_s", least=0.0),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._sd, self._rng = setup.number("q") / math.sqrt(setup.rate_hz), setup.rng
-        self._at = 0.0
+    _at = 0.0
 
     def error(self, inputs: TrueInputs) -> Array:
-        walk = self._at + np.cumsum(self._sd * self._rng.standard_normal(inputs.t.size))
+        sd = self.number("q") / math.sqrt(self.rate_hz)
+        walk = self._at + np.cumsum(sd * self.rng.standard_normal(inputs.t.size))
         self._at = float(walk[-1])
         return walk
 
 
-class GaussMarkov:
+class GaussMarkov(additive.Additive):
     """e(k+1) = p e(k) + σ √(1 - p²) n(k), p = exp(-T/τ), stationary from the start; `{e}` is σ, `tau_s`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("sd", "{e}", least=0.0), positive("tau", "tau_s"))
 
     def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
         self._sd = setup.number("sd") * math.sqrt(-math.expm1(-2.0 / (setup.rate_hz * setup.number("tau"))))
-        self._rng = setup.rng
-        self._memory = self._pole * setup.number("sd") * float(self._rng.standard_normal())
+        self._memory = self._pole * setup.number("sd") * float(self.rng.standard_normal())
 
     def error(self, inputs: TrueInputs) -> Array:
-        drive = self._sd * self._rng.standard_normal(inputs.t.size)
+        drive = self._sd * self.rng.standard_normal(inputs.t.size)
         out, self._memory = first_order(drive, 1.0, self._pole, self._memory)
         return out
 
 
 # ---------------------------------------------------------------------------------------------------------- catalogue
 
-EFFECTS: dict[str, type[Any]] = {
+EFFECTS: dict[str, type[EffectKind]] = {
     "thermal_lin": additive.ThermalLin,
     "thermal_poly": additive.ThermalPoly,
     "thermal_rate": additive.ThermalRate,
@@ -116,9 +112,6 @@ EFFECTS: dict[str, type[Any]] = {
     "dropout": output.Dropout,
     "jitter": output.Jitter,
 }
-"""Name to class. A class has `channels` (where it may be), `parameters`, and its equation in its docstring. It is made
-from a `Setup` for each channel, or once for all: with `everywhere` on all of `channels` (a scenario may name some of
-them if it has `selectable` too), with `together` on those that a scenario names."""
 
 
 @dataclass(frozen=True)
@@ -137,19 +130,19 @@ class Effect:
         if self.name not in EFFECTS:
             raise InputError(f'`name` is "{self.name}", no effect; known: {", ".join(EFFECTS)}')
         kind = EFFECTS[self.name]
-        if not self.channels and not getattr(kind, "everywhere", False):
+        if not self.channels and not kind.everywhere:
             raise InputError(f"`channel` is missing for {self.name}: one or several of {', '.join(kind.channels)}")
         for channel in self.channels:
             if channel not in kind.channels:
                 raise InputError(f'`channel` is "{channel}"; {self.name} can be on {", ".join(kind.channels)}')
         if len(set(self.channels)) < len(self.channels):
             raise InputError(f"`channel` is {list(self.channels)}: one is named twice")
-        whole = getattr(kind, "everywhere", False) and not getattr(kind, "selectable", False)
+        whole = kind.everywhere and not kind.selectable
         if whole and self.channels and set(self.channels) != set(kind.channels):
             raise InputError(f"`channel` is {list(self.channels)}; {self.name} is on all it concerns: leave it out")
         self.made(1.0, lambda _: np.random.default_rng(0))
 
-    def made(self, rate_hz: float, rng: Callable[[int], np.random.Generator]) -> list[tuple[int, Any]]:
+    def made(self, rate_hz: float, rng: Callable[[int], np.random.Generator]) -> list[tuple[int, EffectKind]]:
         """The effect at work: an object for each channel, or one for all of them, under the first one's number.
 
         `rate_hz`: of the readings.
@@ -158,15 +151,14 @@ class Effect:
         """
         kind = EFFECTS[self.name]
         numbers = tuple(CHANNELS.index(channel) for channel in self.channels or kind.channels)
-        one = getattr(kind, "everywhere", False) or getattr(kind, "together", False)
+        one = kind.everywhere or kind.together
         return [
             (n, kind(Setup(n, numbers, self._values(kind, n), rate_hz, rng(n))))
             for n in (numbers[:1] if one else numbers)
         ]
 
-    def _values(self, kind: type[Any], channel: int) -> dict[str, float | str]:
-        parameters: tuple[ScenarioParameter, ...] = kind.parameters
-        names = {parameter.name_on(channel): parameter for parameter in parameters}
+    def _values(self, kind: type[EffectKind], channel: int) -> dict[str, float | str]:
+        names = {parameter.name_on(channel): parameter for parameter in kind.parameters}
         for name in self.parameters:
             if name not in names:
                 where = f"{self.name} on {CHANNELS[channel]}"

@@ -1,7 +1,8 @@
 """Noise and its colour, and what the electronics and the line do to finished readings."""
 
 import math
-from typing import ClassVar, Protocol, runtime_checkable
+from abc import abstractmethod
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import SENSED
 from filters.errors import InputError
-from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
+from filters.simulation.parameters import EffectKind, ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
 DRIVERS = (
@@ -22,25 +23,21 @@ DRIVERS = (
 )
 
 
-class NoiseLevel:
+class NoiseLevel(EffectKind):
     """White noise of variance times exp(a + b d), d a driver; `log_variance` a (0), `log_variance_per_unit` b (0).
 
     `driver` is one of `DRIVERS` (time), d in s, degC, K/s, deg/s, g or deg. Variance 4 times: a = 1.386.
     """
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (
         ScenarioParameter("a", "log_variance", 0.0),
         ScenarioParameter("b", "log_variance_per_unit", 0.0),
         ScenarioParameter("driver", "driver", "time", choices=DRIVERS),
     )
 
-    def __init__(self, setup: Setup) -> None:
-        self._a, self._b, self._driver = setup.number("a"), setup.number("b"), setup.word("driver")
-
     def ratio(self, inputs: TrueInputs) -> Array:
         """Standard deviation over the specification's, shape (N,)."""
-        return np.exp(0.5 * (self._a + self._b * _driver(self._driver, inputs)))
+        return np.exp(0.5 * (self.number("a") + self.number("b") * _driver(self.word("driver"), inputs)))
 
 
 def _driver(name: str, inputs: TrueInputs) -> Array:
@@ -60,23 +57,18 @@ def _driver(name: str, inputs: TrueInputs) -> Array:
     return inputs.angles[:, axis] / DPS
 
 
-class Bandwidth:
+class Bandwidth(EffectKind):
     """Another first-order band limit than the specification's, of signal and noise alike; `hz` (-3 dB)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (positive("hz", "hz"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self.hz = setup.number("hz")
 
-
-class NoiseCrosstalk:
+class NoiseCrosstalk(EffectKind):
     """White noise of two channels or more correlated by ρ with that of the first named; `correlation`, -1 to 1.
 
     n_b becomes σ_b (ρ n_a/σ_a + √(1 - ρ²) n_b/σ_b), so that each channel keeps its own level.
     """
 
-    channels: ClassVar = CHANNELS
     together: ClassVar = True
     parameters: ClassVar = (ScenarioParameter("rho", "correlation", least=-1.0, most=1.0),)
 
@@ -85,64 +77,52 @@ class NoiseCrosstalk:
             raise InputError(
                 f'`channel` is {CHANNELS[setup.channel]} alone: noise_crosstalk is between two, such as ["ax", "ay"]'
             )
-        self._rho = setup.number("rho")
-        self._first, self._others = setup.channels[0], setup.channels[1:]
+        super().__init__(setup)
 
     def mixed(self, white: Array) -> Array:
         """Noise of unit variance, shape (N, 6), correlated."""
-        out = white.copy()
-        for other in self._others:
-            out[:, other] = self._rho * white[:, self._first] + math.sqrt(1.0 - self._rho**2) * white[:, other]
+        out, rho = white.copy(), self.number("rho")
+        first, *others = self.named
+        for other in others:
+            out[:, other] = rho * white[:, first] + math.sqrt(1.0 - rho**2) * white[:, other]
         return out
 
 
-@runtime_checkable
-class Output(Protocol):
+class Output(EffectKind):
     """What is done to the finished readings of one channel, stretch after stretch."""
 
+    @abstractmethod
     def spoiled(self, values: Array, t: Array) -> Array:
         """Readings as they come out, shape (N,)."""
-        ...
 
 
-class Saturation:
+class Saturation(Output):
     """Readings clipped to ± a limit; `limit_dps` or `limit_g`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("limit", "limit_{x}", inputs=1, least=0.0, above=True),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._limit = setup.number("limit")
-
     def spoiled(self, values: Array, t: Array) -> Array:
-        return np.clip(values, -self._limit, self._limit)
+        return np.clip(values, -self.number("limit"), self.number("limit"))
 
 
-class Coarse:
+class Coarse(Output):
     """Readings rounded to a lattice coarser than the instrument's counts; `lattice_{e}`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("lattice", "lattice_{e}", least=0.0, above=True),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._lattice = setup.number("lattice")
-
     def spoiled(self, values: Array, t: Array) -> Array:
-        return np.rint(values / self._lattice) * self._lattice
+        return np.rint(values / self.number("lattice")) * self.number("lattice")
 
 
-class Stuck:
+class Stuck(Output):
     """The reading at `at_s` repeated for `seconds`."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("at", "at_s", least=0.0), positive("seconds", "seconds"))
 
-    def __init__(self, setup: Setup) -> None:
-        self._at, self._end = setup.number("at"), setup.number("at") + setup.number("seconds")
-        self._held: float | None = None
+    _held: float | None = None
 
     def spoiled(self, values: Array, t: Array) -> Array:
-        rows = np.flatnonzero((t >= self._at) & (t < self._end))
+        rows = np.flatnonzero(self.lasts(t))
         if not rows.size:
             return values
         if self._held is None:
@@ -152,25 +132,19 @@ class Stuck:
         return out
 
 
-class Spikes:
+class Spikes(Output):
     """Single readings off by a size, up or down, at random; `{e}`, `per_hour` (mean number in an hour)."""
 
-    channels: ClassVar = CHANNELS
     parameters: ClassVar = (ScenarioParameter("size", "{e}"), ScenarioParameter("per_hour", "per_hour", least=0.0))
 
-    def __init__(self, setup: Setup) -> None:
-        self._size, self._rng = setup.number("size"), setup.rng
-        self._probability = setup.number("per_hour") / 3600.0 / setup.rate_hz
-
     def spoiled(self, values: Array, t: Array) -> Array:
-        u, up = self._rng.random(t.size), self._rng.random(t.size) < 0.5
-        return values + np.where(u < self._probability, np.where(up, self._size, -self._size), 0.0)
+        u, up, size = self.rng.random(t.size), self.rng.random(t.size) < 0.5, self.number("size")
+        return values + np.where(u < self.number("per_hour") / 3600.0 / self.rate_hz, np.where(up, size, -size), 0.0)
 
 
-class Dropout:
+class Dropout(EffectKind):
     """Readings that never arrive: at random with `probability` (0) each, and all from `at_s` (0) for `seconds` (0)."""
 
-    channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
     parameters: ClassVar = (
         ScenarioParameter("probability", "probability", 0.0, least=0.0, most=1.0),
@@ -178,25 +152,17 @@ class Dropout:
         ScenarioParameter("seconds", "seconds", 0.0, least=0.0),
     )
 
-    def __init__(self, setup: Setup) -> None:
-        self._probability, self._rng = setup.number("probability"), setup.rng
-        self._at, self._end = setup.number("at"), setup.number("at") + setup.number("seconds")
-
     def lost(self, t: Array) -> NDArray[np.bool_]:
         """Whether each of the next readings is lost, shape (N,)."""
-        return np.asarray((self._rng.random(t.size) < self._probability) | ((t >= self._at) & (t < self._end)))
+        return np.asarray((self.rng.random(t.size) < self.number("probability")) | self.lasts(t))
 
 
-class Jitter:
+class Jitter(EffectKind):
     """Stamps off by normal noise, readings not; `sd_s`. Never by more than 0.45 of the period: their order stays."""
 
-    channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
     parameters: ClassVar = (ScenarioParameter("sd", "sd_s", least=0.0),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._sd, self._most, self._rng = setup.number("sd"), 0.45 / setup.rate_hz, setup.rng
-
     def late(self, t: Array) -> Array:
         """Error of the next readings' stamps, s, shape (N,)."""
-        return np.clip(self._sd * self._rng.standard_normal(t.size), -self._most, self._most)
+        return np.clip(self.number("sd") * self.rng.standard_normal(t.size), -0.45 / self.rate_hz, 0.45 / self.rate_hz)

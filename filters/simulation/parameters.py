@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.channels import CHANNELS, DPS, GYROS, MG, G
 from filters.types import Array
@@ -61,6 +63,25 @@ class Setup:
     def word(self, key: str) -> str:
         """Value of a parameter that is a word."""
         return str(self.values[key])
+
+
+class EffectKind:
+    """An effect of the catalogue, its equation in its docstring: made from a `Setup` for each channel it is on."""
+
+    channels: ClassVar[tuple[str, ...]] = CHANNELS  # where it may be
+    parameters: ClassVar[tuple[ScenarioParameter, ...]]
+    everywhere: ClassVar[bool] = False  # whether it is made once for all of `channels`
+    selectable: ClassVar[bool] = False  # whether a scenario may name some of them all the same
+    together: ClassVar[bool] = False  # whether it is made once for those that a scenario names
+
+    def __init__(self, setup: Setup) -> None:
+        self.number, self.word = setup.number, setup.word
+        self.channel, self.named = setup.channel, list(setup.channels)
+        self.rate_hz, self.rng = setup.rate_hz, setup.rng
+
+    def lasts(self, t: Array) -> NDArray[np.bool_]:
+        """Whether an effect that begins `at` a time and goes on for `seconds` is there at t, shape (N,)."""
+        return (t >= self.number("at")) & (t < self.number("at") + self.number("seconds"))
 
 
 @dataclass(frozen=True, slots=True)

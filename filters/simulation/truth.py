@@ -4,17 +4,19 @@
 and mounting rotation; about north and east: the tilt of the base.
 """
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 
 from filters import attitude, earth
-from filters.channels import CHANNELS, DPS
+from filters.channels import DPS
 from filters.imu import AxisMap
 from filters.motion.kinematics import attitudes, body_rate
 from filters.motion.profile import Profile
-from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, ScenarioParameter, Setup
+from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, EffectKind, ScenarioParameter
 from filters.state import Site
 from filters.types import Array
 
@@ -84,109 +86,82 @@ class World:
         return np.cross(turning, np.cross(turning, r)) + np.cross((ahead - behind) / _STEP_S, r)
 
 
-@runtime_checkable
-class MotionEffect(Protocol):
+class MotionEffect(EffectKind):
     """Something about the motion that is not as believed."""
 
+    everywhere: ClassVar = True
+
+    @abstractmethod
     def changed(self, world: World) -> World:
         """The world as the sensor meets it when the effect is there."""
-        ...
+
+    def three(self, keys: Sequence[str]) -> Array:
+        """Values of parameters, one an axis; those that there are none of are zero."""
+        return np.array([self.number(key) if key else 0.0 for key in keys])
 
 
-class Delay:
+class Delay(MotionEffect):
     """Senses what was `tau_s` ago; e = -τ x' to first order. On all channels unless named."""
 
-    channels: ClassVar = CHANNELS
-    everywhere: ClassVar = True
     selectable: ClassVar = True
     parameters: ClassVar = (ScenarioParameter("tau", "tau_s", least=0.0),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._tau, self._channels = setup.number("tau"), list(setup.channels)
-
     def changed(self, world: World) -> World:
-        """World with channels that lag."""
         delays = world.delays.copy()
-        delays[self._channels] += self._tau
+        delays[self.named] += self.number("tau")
         return replace(world, delays=delays)
 
 
-class LeverArm:
+class LeverArm(MotionEffect):
     """Accelerometers away from the centre of rotation: e = ω × (ω × r) + ω' × r; `x_m`, `y_m`, `z_m` (0 each)."""
 
     channels: ClassVar = ACCEL_CHANNELS
-    everywhere: ClassVar = True
     parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_m", 0.0) for axis in "xyz")
 
-    def __init__(self, setup: Setup) -> None:
-        self._lever = np.array([setup.number(axis) for axis in "xyz"])
-
     def changed(self, world: World) -> World:
-        """World with accelerometers farther out."""
-        return replace(world, lever=world.lever + self._lever)
+        return replace(world, lever=world.lever + self.three("xyz"))
 
 
-class Tilt:
+class Tilt(MotionEffect):
     """Base turned by δ: specific force in n is exp(δ) (0, 0, -γ), Earth rate likewise; `north_deg`, `east_deg` (0)."""
 
     channels: ClassVar = ACCEL_CHANNELS
-    everywhere: ClassVar = True
     parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east"))
 
-    def __init__(self, setup: Setup) -> None:
-        self._tilt = np.array([setup.number("north"), setup.number("east"), 0.0])
-
     def changed(self, world: World) -> World:
-        """World on a base that is not level."""
-        return replace(world, tilt=world.tilt + self._tilt)
+        return replace(world, tilt=world.tilt + self.three(("north", "east", "")))
 
 
-class Gravity:
+class Gravity(MotionEffect):
     """Gravity that is not the site's: e = k C (0, 0, -γ); `relative`."""
 
     channels: ClassVar = ACCEL_CHANNELS
-    everywhere: ClassVar = True
     parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k = setup.number("k")
-
     def changed(self, world: World) -> World:
-        """World that pulls harder."""
-        return replace(world, gravity_ratio=world.gravity_ratio + self._k)
+        return replace(world, gravity_ratio=world.gravity_ratio + self.number("k"))
 
 
-class EarthRate:
+class EarthRate(MotionEffect):
     """e = k C ω_ie on top of the true one: -1, the default, is a unit that does not sense it; `coefficient`."""
 
     channels: ClassVar = GYRO_CHANNELS
-    everywhere: ClassVar = True
     selectable: ClassVar = True
     parameters: ClassVar = (ScenarioParameter("k", "coefficient", -1.0),)
 
-    def __init__(self, setup: Setup) -> None:
-        self._k, self._channels = setup.number("k"), list(setup.channels)
-
     def changed(self, world: World) -> World:
-        """World that turns faster or slower."""
         ratio = world.earth_ratio.copy()
-        ratio[self._channels] += self._k
+        ratio[self.named] += self.number("k")
         return replace(world, earth_ratio=ratio)
 
 
-class Mounting:
+class Mounting(MotionEffect):
     """Sensors turned in their case by d, gyros and accelerometers alike: v becomes exp(d)ᵀ v, e = v × d to first order.
 
     `x_rad`, `y_rad`, `z_rad` (0 each), instrument axes.
     """
 
-    channels: ClassVar = CHANNELS
-    everywhere: ClassVar = True
     parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
 
-    def __init__(self, setup: Setup) -> None:
-        self._rotation = attitude.exp(np.array([setup.number(axis) for axis in "xyz"])).T
-
     def changed(self, world: World) -> World:
-        """World seen from turned axes."""
-        return replace(world, rotation=self._rotation @ world.rotation)
+        return replace(world, rotation=attitude.exp(self.three("xyz")).T @ world.rotation)

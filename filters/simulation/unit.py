@@ -26,7 +26,7 @@ from filters.simulation.output import (
     Spikes,
     Stuck,
 )
-from filters.simulation.parameters import TrueInputs
+from filters.simulation.parameters import EffectKind, TrueInputs
 from filters.simulation.scenario import Scenario, Temperature, Truth, draw
 from filters.simulation.truth import MotionEffect, World
 from filters.state import PAPER_SITE, Site
@@ -204,7 +204,7 @@ class Unit:
             gyro, accel = axes.gyro_to_body(values[:, :3]), axes.accel_to_body(values[:, 3:])
             yield _Block(t + late, gyro, accel, inputs.temperature, lost)
 
-    def _world(self, made: list[tuple[int, object]]) -> tuple[Sensed, Callable[[TrueInputs], Array]]:
+    def _world(self, made: list[tuple[int, EffectKind]]) -> tuple[Sensed, Callable[[TrueInputs], Array]]:
         """What is sensed with the effects of motion, and what of it comes to the readings.
 
         A recording has sensed its own motion: to that only what the scenario changes is added.
@@ -223,7 +223,7 @@ class Unit:
         background.check_rest(rest[0], scenario.site.gravity)
         return world, lambda inputs: inputs.perfect - rest
 
-    def _made(self, number: int, effect: Effect) -> list[tuple[int, object]]:
+    def _made(self, number: int, effect: Effect) -> list[tuple[int, EffectKind]]:
         key = [_seed(self.scenario, self.power_on), _EFFECT, self.power_on, number]
         return effect.made(self.rate_hz, lambda channel: np.random.default_rng([*key, channel]))
 
@@ -314,12 +314,12 @@ def _biases(scenario: Scenario, power_on: int, *, made: bool) -> Truth:
     )
 
 
-def _poles(spec: ImuSpec, made: list[tuple[int, object]], rate_hz: float) -> Array:
+def _poles(spec: ImuSpec, made: list[tuple[int, EffectKind]], rate_hz: float) -> Array:
     """Poles of the six first-order band limits; 0 where there is none."""
     hz = np.repeat([spec.gyro_bandwidth, spec.accel_bandwidth], 3)
     for channel, thing in made:
         if isinstance(thing, Bandwidth):
-            hz[channel] = thing.hz
+            hz[channel] = thing.number("hz")
     return np.where(hz > 0.0, np.exp(-2.0 * np.pi * hz / rate_hz), 0.0)
 
 
@@ -345,7 +345,7 @@ class _BandLimit:
         return out
 
 
-def _noise(unit: Unit, made: list[tuple[int, object]], band: _BandLimit) -> Callable[[TrueInputs], Array]:
+def _noise(unit: Unit, made: list[tuple[int, EffectKind]], band: _BandLimit) -> Callable[[TrueInputs], Array]:
     """What gives the band-limited noise of the next readings, instrument axes, shape (N, 6)."""
     spec, axes = unit.scenario.spec, unit.scenario.axes
     rng = np.random.default_rng([_seed(unit.scenario, unit.power_on), _NOISE, unit.power_on])
