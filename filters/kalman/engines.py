@@ -4,7 +4,6 @@ Both keep the same totals, in the layout of `filters.kalman.layout`, and stop at
 """
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
@@ -19,7 +18,7 @@ from filters.kalman import augmentation, ekf, layout, long_gap, spkf, spkf_paper
 from filters.kalman.augmentation import Effects
 from filters.kalman.consistency import nis_gates
 from filters.kalman.filter_input import FilterInput
-from filters.kalman.kernels import progress, step
+from filters.kalman.kernels import step
 from filters.kalman.kernels.correction import MAX_REJECTIONS
 from filters.kalman.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
 from filters.kalman.rows import covariance_of, nav_of, padded, row_of
@@ -369,7 +368,7 @@ def compile_step(say: Callable[[str], None] | None = None, effects: bool = False
     _, force = still.rates_and_forces()
     known, phi = still.known(t, -np.inf, rate), np.zeros((2, 6, int(effects)))
     samples = FilterInput(t, rate, np.tile(force, (2, 1)), known, np.empty((0, 9)), phi)
-    with nullcontext() if say is None else progress.told(say, effects=effects):
+    with step.told(say, effects=effects):
         engine.advance(samples, 0, np.inf)
 
 

@@ -12,14 +12,12 @@ import numpy as np
 from filters import state
 from filters.imu import STANDARD_GRAVITY
 from filters.kalman import alarms, augmentation, layout
+from filters.kalman.alarms import Departure, Departures
 from filters.kalman.consistency import TOLERANCE, ConvergenceMonitor, nis_gates
-from filters.kalman.departures import Departure, Departures
-from filters.kalman.filter_input import FilterInput, InputBuilder, Readings
+from filters.kalman.filter_input import FilterInput, InputBuilder, Readings, SampleTimes
 from filters.kalman.first_rest import FirstRest
-from filters.kalman.held_biases import HeldBiases, stretches
-from filters.kalman.long_gap import LongGaps
+from filters.kalman.long_gap import HeldBiases, LongGaps, stretches
 from filters.kalman.rows import Estimate, Moments, estimate_of
-from filters.kalman.sample_times import SampleTimes
 from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings, alignment_of, reference_of
 from filters.kalman.spkf import DivergenceError
 from filters.kalman.temperature_trend import TemperatureTrend

@@ -7,7 +7,7 @@ import numpy as np
 from filters.imu import AxisMap
 
 if TYPE_CHECKING:
-    from filters.kalman.departures import Departure
+    from filters.kalman.alarms import Departure
     from filters.kalman.runner import Estimator
 
 _ACCEL, _GYRO = ("ax", "ay", "az"), ("gx", "gy", "gz")

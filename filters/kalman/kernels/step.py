@@ -2,16 +2,18 @@
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import event
 
 from filters import earth
 from filters.kalman import layout, settings, strapdown
 from filters.kalman.kernels import arithmetic, correction, extra_states, lanes
-from filters.kalman.kernels.arithmetic import LANES, entry, inlined
+from filters.kalman.kernels.arithmetic import LANES, PARTS, entry, inlined
 from filters.kalman.kernels.correction import correct, innovation
 from filters.kalman.kernels.extra_states import carry, drift, effect, gather, note_regressor, take_away
 from filters.kalman.kernels.lanes import predict
@@ -230,3 +232,42 @@ SOURCES = (earth, layout, settings, strapdown, arithmetic, correction, extra_sta
 """Modules whose functions and numbers are compiled into `advance`, besides this one."""
 
 advance = entry(_loop(zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in SOURCES))))
+
+
+# ----------------------------------------------------------------------------------------------------------- progress
+# How far compiling the step has come, in sentences for whoever waits for it.
+
+
+class _Listener(event.Listener):
+    """Counts the parts of the step as numba finishes them."""
+
+    def __init__(self, say: Callable[[str], None], parts: list[Any]) -> None:
+        self._say = say
+        self._missing = {id(part) for part in parts if not part.signatures}
+        self._count = len(parts)
+
+    def on_start(self, event: event.Event) -> None:
+        """Nothing: a part is told when it is finished."""
+
+    def on_end(self, event: event.Event) -> None:
+        """Tell how many of the parts there are."""
+        part = id(event.data["dispatcher"])
+        if part in self._missing:
+            self._missing.remove(part)
+            done = self._count - len(self._missing)
+            self._say(f"compiling the filter, once on this machine: {done} of {self._count} parts")
+
+
+@contextmanager
+def told(say: Callable[[str], None] | None, *, effects: bool) -> Iterator[None]:
+    """Tell how far compiling has come; nothing is said where the step comes from the disk.
+
+    `say`: takes a sentence, after each part; None where nobody listens.
+    `effects`: whether what effects need is compiled as well.
+    """
+    if say is None:
+        yield
+        return
+    own = [part for part in PARTS if effects or part.py_func.__module__ != extra_states.__name__]
+    with event.install_listener("numba:compile", _Listener(say, own)):
+        yield

@@ -8,7 +8,7 @@ import pytest
 from filters import simulation
 from filters.imu import Noise, Samples
 from filters.kalman import layout, runner
-from filters.kalman.held_biases import stretches
+from filters.kalman.long_gap import stretches
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion import reference
