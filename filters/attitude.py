@@ -126,14 +126,14 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 def from_rpys(angles: Array) -> Array:
     """Attitudes of many roll, pitch, yaw, C_nb = Rz(yaw) Ry(pitch) Rx(roll).
 
-    `angles`: rad, shape (N, 3).
-    Returns C_nb, shape (N, 3, 3).
+    `angles`: rad, shape (..., 3).
+    Returns C_nb, shape (..., 3, 3).
     """
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
-    C = np.empty((len(angles), 3, 3))
-    C[:, 0, 0], C[:, 0, 1], C[:, 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
-    C[:, 1, 0], C[:, 1, 1], C[:, 1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
-    C[:, 2, 0], C[:, 2, 1], C[:, 2, 2] = -sp, cp * sr, cp * cr
+    (sr, sp, sy), (cr, cp, cy) = np.moveaxis(np.sin(angles), -1, 0), np.moveaxis(np.cos(angles), -1, 0)
+    C = np.empty((*angles.shape, 3))
+    C[..., 0, 0], C[..., 0, 1], C[..., 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    C[..., 1, 0], C[..., 1, 1], C[..., 1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    C[..., 2, 0], C[..., 2, 1], C[..., 2, 2] = -sp, cp * sr, cp * cr
     return C
 
 

@@ -30,24 +30,14 @@ _ROUNDING = 1e-9
 
 
 class Effects(Protocol):
-    """What joins the filter, for one run: an instance may remember what it was shown, such as a lagged temperature.
+    """What joins the filter, for one run: an instance may remember what it was shown, such as a lagged temperature."""
 
-    `names`: one a state, for messages and results.
-    `mean`, `covariance`: of the states before the first sample, shapes (p,) and (p, p).
-    `tau`: time constants, s, shape (p,); infinity for what does not decay.
-    `q`: noise densities, unit of the state per √s, shape (p,); 0 for what is constant.
-    """
-
-    @property
-    def names(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def mean(self) -> Array: ...  # noqa: D102
-    @property
-    def covariance(self) -> Array: ...  # noqa: D102
-    @property
-    def tau(self) -> Array: ...  # noqa: D102
-    @property
-    def q(self) -> Array: ...  # noqa: D102
+    names: tuple[str, ...]  # one a state, for messages and results
+    # mean, covariance: of the states before the first sample, shapes (p,) and (p, p)
+    mean: Array
+    covariance: Array
+    tau: Array  # time constants, s, shape (p,); infinity for what does not decay
+    q: Array  # noise densities, unit of the state per √s, shape (p,); 0 for what is constant
 
     def rows(
         self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
@@ -183,21 +173,14 @@ def predict(
     `dt`, `gravity`, `Q_d`, `kappa`: as `spkf.predict`; n is 15 + p.
     Returns at the end of the step.
     """
-    n = belief.P.shape[0]
-    L = np.sqrt(n + kappa) * spkf.cholesky(belief.P, "state covariance")
-    deviations = np.concatenate([np.zeros((1, n)), L.T, -L.T])
-    weights = np.full(2 * n + 1, 0.5 / (n + kappa))
-    weights[0] = kappa / (n + kappa)
-
+    deviations, weights = spkf.sigma_points(belief.P, kappa)
     x = belief.x + deviations[:, state.SIZE :]
     effects = np.einsum("eip,kp->eki", phi, x)
     readings = gyro[:, None] - effects[..., 3:], accel[:, None] - effects[..., :3]
     points = strapdown.propagate(belief.nav.plus(deviations[:, : state.SIZE]), *readings, dt, gravity)
     centre = points.at(0)
     errors = np.concatenate([points.minus(centre), deviations[:, state.SIZE :]], axis=1)
-    mean = weights @ errors
-    spread = errors - mean
-    P = (weights * spread.T) @ spread
+    mean, P = spkf.moments(errors, weights)
     P[: state.SIZE, : state.SIZE] += Q_d
     return Augmented(centre.plus(mean[: state.SIZE]), belief.x, P)
 

@@ -16,23 +16,11 @@ import numpy as np
 
 from filters import attitude, earth
 from filters.kalman import strapdown
-from filters.kalman.spkf import Belief, correct
+from filters.kalman.spkf import Belief, common, correct, of_common, start
 from filters.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE, VELOCITY, NavState
 from filters.types import Array
 
 __all__ = ["Belief", "common", "correct", "jacobian", "of_common", "predict", "start", "transition"]
-
-
-def start(nav: NavState, P0_sd: Array) -> Belief:
-    """Belief before the first sample.
-
-    `nav`: the state to start from.
-    `P0_sd`: standard deviations of its 15 errors, m, m/s, rad, m/s², rad/s, shape (15,).
-    Raises ValueError if `P0_sd` has another shape.
-    """
-    if P0_sd.shape != (SIZE,):
-        raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({SIZE},)")
-    return Belief(nav, np.diag(P0_sd**2))
 
 
 def predict(
@@ -40,29 +28,11 @@ def predict(
 ) -> Belief:
     """Prediction phase, equations (8) and (9) in discrete form: P ← Φ P Φᵀ + Q_d.
 
-    `belief`: at the start of the step.
-    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
-      or held over the step, shape (3,).
-    `dt`: s, positive.
-    `gravity`: local gravity, m/s².
-    `Q_d`: discrete process noise, shape (15, 15).
-    `kappa`: ignored: this filter has no sigma points. Here so that all filters are called alike.
-    Returns at the end of the step.
-    Raises ValueError if `dt` is not positive.
+    Parameters as `spkf.predict`. `kappa` is there so that all filters are called alike: this one has no sigma points.
     """
     nav, Phi = transition(belief.nav, gyro, accel, dt, gravity)
     P = Phi @ belief.P @ Phi.T + Q_d
     return Belief(nav, 0.5 * (P + P.T))
-
-
-def of_common(belief: Belief) -> Belief:
-    """Inverse of `common`."""
-    return belief
-
-
-def common(belief: Belief) -> Belief:
-    """Estimate and covariance in the errors of `filters.state`: these are its own."""
-    return belief
 
 
 def transition(nav: NavState, gyro: Array, accel: Array, dt: float, gravity: float) -> tuple[NavState, Array]:
@@ -71,25 +41,12 @@ def transition(nav: NavState, gyro: Array, accel: Array, dt: float, gravity: flo
     By the classical Runge-Kutta rule over the substeps of `strapdown`, F being taken along the propagated mean at the
     start, the middle and the end of each.
 
-    `nav`: one state, at the start.
-    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
-      or held over the step, shape (3,).
-    `dt`: s, positive.
-    `gravity`: local gravity, m/s².
-    Returns `nav`, at the end.
-    Returns `Phi`, shape (15, 15).
-    Raises ValueError if `dt` is not positive.
+    `nav`: one state, at the start; the readings, `dt` and `gravity` as in `spkf.predict`.
+    Returns the state at the end, and Φ, shape (15, 15).
     """
-    if not dt > 0.0:
-        raise ValueError(f"`dt` is {dt}, not positive")
-    gyro, accel = np.broadcast_to(gyro, (2, 3)), np.broadcast_to(accel, (2, 3))
-    n = strapdown.substeps(list(gyro - nav.gyro_bias), dt)
-    h = dt / n
-    # readings at the start, the middle and the end of each substep
-    share = np.linspace(0.0, 1.0, 2 * n + 1)[:, None]
-    rates, forces = gyro[0] + share * (gyro[1] - gyro[0]), accel[0] + share * (accel[1] - accel[0])
+    h, rates, forces = strapdown.substep_readings(gyro, accel, nav.gyro_bias, dt)
     Phi = np.eye(SIZE)
-    for i in range(0, 2 * n, 2):
+    for i in range(0, len(rates) - 1, 2):
         middle = strapdown.propagate(nav, rates[i : i + 2], forces[i : i + 2], 0.5 * h, gravity)
         end = strapdown.propagate(nav, rates[i : i + 3 : 2], forces[i : i + 3 : 2], h, gravity)
         F0, F1, F2 = jacobian(nav, forces[i]), jacobian(middle, forces[i + 1]), jacobian(end, forces[i + 2])

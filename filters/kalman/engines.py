@@ -3,11 +3,12 @@
 Both keep the same totals, in the layout of `filters.kalman.layout`, and stop at the same samples; neither judges.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,52 +50,64 @@ class Parameters:
         return self.site.gravity - float(normal)
 
 
-class FilterEngine(Protocol):
+class FilterEngine(ABC):
     """A filter in a run."""
 
-    core: Array  # totals, `filters.kalman.layout.CORE_*`
-    # sums, moments: of the block and of the errors, `filters.kalman.layout.SUM_*` and `MOMENT_*`
-    sums: Array
-    moments: Array
-    out: Array  # rows of output, `filters.kalman.layout.OUT_*`
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        # totals, sums of the block, moments of the errors, rows of output: `filters.kalman.layout`
+        self.core = np.zeros(layout.CORE)
+        self.core[layout.CORE_NU :] = np.nan
+        self.core[layout.CORE_NIS_LAST] = np.nan
+        self.core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(parameters.every) else 0.0
+        self.sums, self.moments = np.zeros(layout.SUMS), np.zeros(layout.MOMENTS)
+        self.out = np.zeros((_ROOM, layout.OUT))
 
+    @abstractmethod
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief; the first sample only sets the clock."""
-        ...
 
+    @abstractmethod
     def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
-        """FilterInput samples from `first` on while t < `stop` and there is room for output.
+        """Feed samples from `first` on while t < `stop` and there is room for output.
 
         Returns the index of the first sample not used and the number of rows of output; raises DivergenceError.
         """
-        ...
 
     def resume(self, samples: FilterInput, k: int) -> None:
         """Begin navigation anew at sample k, which is the next one, behind a long gap; the biases are carried over."""
-        ...
+        seconds = float(samples.t[k]) - float(self.core[layout.CORE_T])
+        noise = self.parameters.noise
+        self.go_on(long_gap.belief_behind(self.belief(), _known(samples, k), noise, seconds), samples, k, seconds)
+        long_gap.set_clock(self.core, samples, k, self.parameters.period)
 
+    @abstractmethod
+    def go_on(self, belief: Belief, samples: FilterInput, k: int, seconds: float) -> None:
+        """Take up the belief behind a gap of so many seconds, at sample k."""
+
+    @abstractmethod
     def belief(self) -> Belief:
         """State and covariance after the last sample."""
-        ...
 
     def biases(self) -> tuple[Array, Array]:
         """The six biases, accelerometer then gyro, and their standard deviations; each (6,)."""
-        ...
+        belief = self.belief()
+        return np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias]), np.sqrt(np.diag(belief.P)[9:])
 
     def extra(self) -> tuple[Array, Array]:
         """The p extra states, (p,), and the covariance of all errors, they last, (15 + p, 15 + p)."""
-        ...
+        return np.empty(0), self.belief().P
 
     def alarm(self) -> str | None:
         """A sentence where this filter knows that it is not to be trusted."""
-        ...
+        return None
 
 
-class Compiled:
+class Compiled(FilterEngine):
     """`spkf`, by the compiled step."""
 
     def __init__(self, parameters: Parameters) -> None:
-        self.core, self.sums, self.moments, self.out = _totals(parameters)
+        super().__init__(parameters)
         par = np.zeros(layout.PAR)
         par[layout.PAR_PERIOD] = parameters.period
         par[layout.PAR_KAPPA] = parameters.kappa
@@ -106,20 +119,16 @@ class Compiled:
         par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
         par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
         par[layout.PAR_WHITE :] = densities[:6] ** 2
-        self._parameters = parameters
-        self._effects = parameters.effects
         self._extra, self._across = _extra_of(parameters.effects)
         self._run = step.Run(self.core, np.zeros(state.SIZE * STRIDE), par, self.sums, self.moments, self.out)
         self._work = step.make_work()
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
-        """Begin with this belief."""
         self.core[: layout.NAV] = row_of(nav)
         self._run.P[:] = padded(np.diag(P0_sd**2))
-        self._extra, self._across = _extra_of(self._effects)
+        self._extra, self._across = _extra_of(self.parameters.effects)
 
     def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
-        """FilterInput samples; see `FilterEngine`."""
         fed = step.Samples(
             samples.t, samples.gyro, samples.accel, samples.known.reshape(-1), samples.draws, samples.noise_scale
         )
@@ -131,40 +140,30 @@ class Compiled:
             raise DivergenceError("the state is not finite")
         return int(k), int(rows)
 
-    def resume(self, samples: FilterInput, k: int) -> None:
-        """Begin navigation anew at sample k; see `FilterEngine`."""
-        seconds = float(samples.t[k]) - float(self.core[layout.CORE_T])
-        belief = long_gap.belief_behind(self.belief(), _known(samples, k), self._parameters.noise, seconds)
-        if self._effects is not None and self._across.size:
+    def go_on(self, belief: Belief, samples: FilterInput, k: int, seconds: float) -> None:
+        effects = self.parameters.effects
+        if effects is not None and self._across.size:
             before = augmentation.Augmented(self.belief().nav, *self.extra())
-            long_gap.resume_extra(self._extra, self._across, before, self._effects, samples.phi[k], seconds)
+            long_gap.resume_extra(self._extra, self._across, before, effects, samples.phi[k], seconds)
         self.core[: layout.NAV] = row_of(belief.nav)
         self._run.P[:] = padded(belief.P)
-        long_gap.set_clock(self.core, samples, k, self._parameters.period)
 
     def belief(self) -> Belief:
-        """State and covariance after the last sample."""
         return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._run.P))
 
     def biases(self) -> tuple[Array, Array]:
-        """The six biases and their standard deviations."""
         variances = self._run.P[9 * (STRIDE + 1) :: STRIDE + 1]
         return self.core[layout.NAV_BA : layout.NAV].copy(), np.sqrt(variances)
 
     def extra(self) -> tuple[Array, Array]:
-        """The extra states, and the covariance of all errors."""
         p = self._across.size // (2 * STRIDE)
         extra = self._extra.reshape(-1, p) if p else np.empty((EXTRA_OWN, 0))
         across = self._across.reshape(2 * p, STRIDE)[:p, : state.SIZE]
         own = extra[EXTRA_OWN : EXTRA_OWN + p]
         return extra[EXTRA_MEAN].copy(), np.block([[covariance_of(self._run.P), across.T], [across, own]])
 
-    def alarm(self) -> str | None:
-        """None: no attitude is special to it."""
-        return None
 
-
-class Stepwise:
+class Stepwise(FilterEngine):
     """A filter written as functions of one step: `start`, `predict`, `correct`, `common`, perhaps `alarm`.
 
     `module`: `filters.kalman.spkf`, `ekf` or `spkf_paper`.
@@ -172,39 +171,24 @@ class Stepwise:
     """
 
     def __init__(self, module: ModuleType, parameters: Parameters) -> None:
-        self.core, self.sums, self.moments, self.out = _totals(parameters)
+        super().__init__(parameters)
         self._module = module
-        self._parameters = parameters
         self._anomaly = parameters.gravity_anomaly()
         self._gates = nis_gates()
         self._belief: Any = None
-        self._alarm: str | None = None
+        self._alarm: str | None = None  # what it said last: what the biases went through stays in them
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
-        """Begin with this belief."""
         self._belief = self._module.start(nav, P0_sd)
 
     def belief(self) -> Belief:
-        """State and covariance after the last sample."""
         common: Belief = self._module.common(self._belief)
         return common
 
-    def biases(self) -> tuple[Array, Array]:
-        """The six biases and their standard deviations."""
-        belief = self.belief()
-        bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
-        return bias, np.sqrt(np.diag(belief.P)[9:])
-
-    def extra(self) -> tuple[Array, Array]:
-        """No extra states: effects join `spkf` only."""
-        return np.empty(0), self.belief().P
-
     def alarm(self) -> str | None:
-        """What the filter says of itself, or last said: what the biases went through stays in them."""
         return self._alarm
 
     def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
-        """FilterInput samples; see `FilterEngine`."""
         rows, k, core = 0, first, self.core
         while k < samples.t.size and samples.t[k] < stop and rows < len(self.out):
             known = _known(samples, k)
@@ -225,15 +209,11 @@ class Stepwise:
             k += 1
         return k, rows
 
-    def resume(self, samples: FilterInput, k: int) -> None:
-        """Begin navigation anew at sample k; see `FilterEngine`."""
-        seconds, p = float(samples.t[k]) - float(self.core[layout.CORE_T]), self._parameters
-        belief = long_gap.belief_behind(self.belief(), _known(samples, k), p.noise, seconds)
+    def go_on(self, belief: Belief, samples: FilterInput, k: int, seconds: float) -> None:
         self._belief = self._module.of_common(belief)
-        long_gap.set_clock(self.core, samples, k, p.period)
 
     def _step(self, t: float, gyro: Array, accel: Array, known: Array, draw: Array | None) -> None:
-        core, p = self.core, self._parameters
+        core, p = self.core, self.parameters
         dt = t - core[layout.CORE_T]
         held = max(1.0, dt / p.period)
         gyros, accels = np.array([gyro, gyro]), np.array([accel, accel])
@@ -308,17 +288,9 @@ class Stepwise:
         row[layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
         row[layout.OUT_NU : layout.OUT_P] = core[layout.CORE_NU :]
         row[layout.OUT_P :] = padded(belief.P)
-        core[layout.CORE_NEXT_OUT] += self._parameters.every
+        core[layout.CORE_NEXT_OUT] += self.parameters.every
         if core[layout.CORE_NEXT_OUT] <= t:
-            core[layout.CORE_NEXT_OUT] = t + self._parameters.every
-
-
-def _totals(parameters: Parameters) -> tuple[Array, Array, Array, Array]:
-    core = np.zeros(layout.CORE)
-    core[layout.CORE_NU :] = np.nan
-    core[layout.CORE_NIS_LAST] = np.nan
-    core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(parameters.every) else 0.0
-    return core, np.zeros(layout.SUMS), np.zeros(layout.MOMENTS), np.zeros((_ROOM, layout.OUT))
+            core[layout.CORE_NEXT_OUT] = t + self.parameters.every
 
 
 def _known(samples: FilterInput, k: int) -> Array:
@@ -375,7 +347,7 @@ def compile_step(say: Callable[[str], None] | None = None, effects: bool = False
 class _OneState:
     """An effect that does nothing, to compile what effects need."""
 
-    names = ("none",)
+    names: tuple[str, ...] = ("none",)
     mean = np.zeros(1)
     covariance = np.eye(1)
     tau = np.full(1, np.inf)

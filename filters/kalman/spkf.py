@@ -48,18 +48,19 @@ def start(nav: NavState, P0_sd: Array) -> Belief:
 
     `nav`: what is known, or found by alignment.
     `P0_sd`: standard deviations of its errors, shape (15,).
+    Raises ValueError if `P0_sd` has another shape.
     """
+    if P0_sd.shape != (state.SIZE,):
+        raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({state.SIZE},)")
     return Belief(nav, np.diag(P0_sd**2))
-
-
-def of_common(belief: Belief) -> Belief:
-    """Inverse of `common`."""
-    return belief
 
 
 def common(belief: Belief) -> Belief:
     """Belief in the errors of `filters.state`: this filter's own."""
     return belief
+
+
+of_common = common  # the inverse of `common`
 
 
 def predict(
@@ -81,23 +82,32 @@ def predict(
     Raises DivergenceError if P has no Cholesky factor or the state is not finite.
     Raises ValueError if `dt` or n + `kappa` is not positive.
     """
-    if not dt > 0.0:
-        raise ValueError(f"`dt` is {dt}, not positive")
-    n = state.SIZE
-    if not n + kappa > 0.0:
-        raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {n}")
-    L = np.sqrt(n + kappa) * cholesky(belief.P, "state covariance")
-    deviations = np.concatenate([np.zeros((1, n)), L.T, -L.T])
-    weights = np.full(2 * n + 1, 0.5 / (n + kappa))
-    weights[0] = kappa / (n + kappa)
-
+    deviations, weights = sigma_points(belief.P, kappa)
     points = strapdown.propagate(belief.nav.plus(deviations), gyro, accel, dt, gravity)
     centre = points.at(0)
-    errors = points.minus(centre)
+    mean, P = moments(points.minus(centre), weights)
+    return Belief(centre.plus(mean), P + Q_d)
+
+
+def sigma_points(P: Array, kappa: float) -> tuple[Array, Array]:
+    """Deviations (2n + 1, n) of the sigma points (11) of a covariance (n, n), the centre first, and their weights.
+
+    Raises DivergenceError if P has no Cholesky factor, ValueError if n + `kappa` is not positive.
+    """
+    n = len(P)
+    if not n + kappa > 0.0:
+        raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {n}")
+    L = np.sqrt(n + kappa) * cholesky(P, "state covariance")
+    weights = np.full(2 * n + 1, 0.5 / (n + kappa))
+    weights[0] = kappa / (n + kappa)
+    return np.concatenate([np.zeros((1, n)), L.T, -L.T]), weights
+
+
+def moments(errors: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean (14) and covariance (15), without Q_d, of weighted points (2n + 1, n)."""
     mean = weights @ errors
     spread = errors - mean
-    P = (weights * spread.T) @ spread + Q_d
-    return Belief(centre.plus(mean), P)
+    return mean, (weights * spread.T) @ spread
 
 
 def process_noise(noise: Noise, C_nb: Array, dt: float, held: float = 1.0, turned: float = 0.0) -> Array:

@@ -70,34 +70,16 @@ def predict(
 
     χ⁰ = x̂, χ^{i, i+n} = x̂ ± (columns of L √(n+κ)), P = L Lᵀ; each integrated over dt by (1)-(4).
 
-    `belief`: at the start of the step.
-    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
-      or held over the step, shape (3,).
-    `dt`: s, positive.
-    `gravity`: local gravity, m/s².
-    `Q_d`: discrete process noise in the errors of `filters.state`, shape (15, 15).
-    `kappa`: κ of (11); n + κ must be positive. 0 keeps every weight non-negative, `spkf.PAPER_KAPPA` is the paper's.
-    Returns at the end of the step.
-    Raises DivergenceError if P has no Cholesky factor, the state is not finite, or its pitch reaches ±90°.
-    Raises ValueError if `dt` or n + `kappa` is not positive.
+    Parameters as `spkf.predict`, `Q_d` in the errors of `filters.state`; `spkf.PAPER_KAPPA` is the paper's κ.
+    Raises DivergenceError also if the pitch reaches ±90°.
     """
-    if not dt > 0.0:
-        raise ValueError(f"`dt` is {dt}, not positive")
-    if not SIZE + kappa > 0.0:
-        raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {SIZE}")
-    L = np.sqrt(SIZE + kappa) * cholesky(belief.P, "state covariance")
-    weights = np.full(2 * SIZE + 1, 0.5 / (SIZE + kappa))
-    weights[0] = kappa / (SIZE + kappa)
-
-    points = belief.x + np.concatenate([np.zeros((1, SIZE)), L.T, -L.T])
-    points = integrate(points, gyro, accel, dt, gravity)
+    deviations, weights = spkf.sigma_points(belief.P, kappa)
+    points = integrate(belief.x + deviations, gyro, accel, dt, gravity)
     # the branch of the centre point is kept until all is averaged: 179.9° and -179.9° are 0.2° apart
-    errors = _wrapped(points - points[0])
-    mean = weights @ errors
-    spread = errors - mean
+    mean, P = spkf.moments(_wrapped(points - points[0]), weights)
     x = points[0] + mean
     T = _to_paper(x)
-    P = (weights * spread.T) @ spread + T @ Q_d @ T.T
+    P = P + T @ Q_d @ T.T
     return PaperBelief(_wrapped(x), 0.5 * (P + P.T))
 
 
@@ -111,17 +93,10 @@ def correct(
 ) -> tuple[PaperBelief, Innovation]:
     """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
 
-    `belief`: predicted.
-    `known`: what is known; its biases mean nothing.
-    `rows`: which of the states 0..8 are known, shape (m,). 6, 7, 8 are roll, pitch, yaw here.
-    `R_sd`: standard deviations of those rows, m, m/s, rad about n, shape (m,). Known rows of attitude that turn into
-      roll, pitch and yaw together are correlated, as T of the known attitude makes them.
-    `drawn`: a draw from N(0, I), shape (m,): the pseudo-measurement is then the known state plus noise of covariance R.
-      None feeds the known state exact.
-    `gate`: NIS above which the update is not applied.
-    Returns corrected, or `belief` itself if the gate stayed shut.
-    Returns before the update: m north, east, down, m/s, and rad of roll, pitch, yaw.
-    Raises DivergenceError if S has no Cholesky factor, or the known or corrected pitch reaches ±90°.
+    Parameters as `spkf.correct`; rows 6, 7 and 8 are roll, pitch and yaw here. Known rows of attitude that turn into
+    them together are correlated, as T of the known attitude makes them.
+    Returns the belief corrected, and the innovation: m north, east, down, m/s, and rad of roll, pitch, yaw.
+    Raises DivergenceError also if the known or corrected pitch reaches ±90°.
     """
     z = _from_nav(known)
     T_known = _to_paper(z)
@@ -187,18 +162,11 @@ def integrate(x: Array, gyro: Array, accel: Array, dt: float, gravity: float) ->
     """States after `dt`: equations (1)-(5) by the classical Runge-Kutta rule, all points in step.
 
     `x`: states, shape (..., 15).
-    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
-      or held over the step, shape (3,).
-    `dt`: s, cut into substeps h <= min(dt, 0.2 rad/|ω|, 1 s), ω being the fastest of all points and of both ends.
-    `gravity`: local gravity, m/s².
+    `gyro`, `accel`, `dt`, `gravity`: as in `spkf.predict`; cut into substeps as in `strapdown`.
     Returns same shape; angles on the branch they started on.
     """
-    gyro, accel = np.broadcast_to(gyro, (2, 3)), np.broadcast_to(accel, (2, 3))
-    n = strapdown.substeps([reading - x[..., GYRO_BIAS] for reading in gyro], dt)
-    h = dt / n
-    share = np.linspace(0.0, 1.0, 2 * n + 1)[:, None]
-    rates, forces = gyro[0] + share * (gyro[1] - gyro[0]), accel[0] + share * (accel[1] - accel[0])
-    for i in range(0, 2 * n, 2):
+    h, rates, forces = strapdown.substep_readings(gyro, accel, x[..., GYRO_BIAS], dt)
+    for i in range(0, len(rates) - 1, 2):
         k1 = derivative(x, rates[i], forces[i], gravity)
         k2 = derivative(x + 0.5 * h * k1, rates[i + 1], forces[i + 1], gravity)
         k3 = derivative(x + 0.5 * h * k2, rates[i + 1], forces[i + 1], gravity)
@@ -215,12 +183,12 @@ def derivative(x: Array, gyro: Array, accel: Array, gravity: float) -> Array:
     `gravity`: local gravity, m/s².
     Returns units of the state per second, same shape.
     """
-    phi, height, roll, pitch, yaw = (x[..., i] for i in (LATITUDE, HEIGHT, ROLL, PITCH, YAW))
+    phi, height, roll, pitch = (x[..., i] for i in (LATITUDE, HEIGHT, ROLL, PITCH))
     v_n, v_e, v_d = x[..., 3], x[..., 4], x[..., 5]
     s, c, t = np.sin(phi), np.cos(phi), np.tan(phi)
     R_n, R_e = earth.meridian_radius(phi) + height, earth.transverse_radius(phi) + height
     spin = earth.EARTH_RATE
-    C_nb = _matrix(roll, pitch, yaw)
+    C_nb = attitude.from_rpys(x[..., ATTITUDE])
     f_n, f_e, f_d = np.moveaxis(np.squeeze(C_nb @ (accel - x[..., ACCEL_BIAS])[..., None], -1), -1, 0)  # (4)
     rate_n = np.stack([spin * c + v_e / R_e, -v_n / R_n, -spin * s - v_e * t / R_e], axis=-1)
     # the braces of (3): body against navigation frame, in body axes
@@ -239,17 +207,6 @@ def derivative(x: Array, gyro: Array, accel: Array, gravity: float) -> Array:
     out[..., PITCH] = q * np.cos(roll) - r * np.sin(roll)
     out[..., YAW] = turning / np.cos(pitch)
     return out
-
-
-def _matrix(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """R_p2n of equation (4), Rz(yaw) Ry(pitch) Rx(roll), of angles of shape (...); shape (..., 3, 3)."""
-    sr, cr, sp, cp, sy, cy = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _from_nav(nav: NavState) -> Array:

@@ -48,9 +48,24 @@ def substeps(rates: list[Array], dt: float) -> int:
 
     `rates`: angular rates at the start and the end, rad/s, shape (..., 3); the fastest counts.
     `dt`: s.
+    Raises ValueError if `dt` is not positive.
     """
+    if not dt > 0.0:
+        raise ValueError(f"`dt` is {dt}, not positive")
     fastest = float(np.sqrt(max(np.max(np.sum(rate**2, axis=-1)) for rate in rates)))
     return max(1, int(np.ceil(dt * max(fastest / MAX_STEP_ANGLE, 1.0 / MAX_STEP) - 1e-9)))
+
+
+def substep_readings(gyro: Array, accel: Array, gyro_bias: Array, dt: float) -> tuple[float, Array, Array]:
+    """Length of a substep, s, and rates and forces at the start, the middle and the end of each, shape (2n + 1, 3).
+
+    `gyro`, `accel`, `dt`: as in `propagate`, for one state or for many with the same readings.
+    `gyro_bias`: of all states, shape (..., 3).
+    """
+    gyro, accel = _ends(gyro), _ends(accel)
+    n = substeps([reading - gyro_bias for reading in gyro], dt)
+    share = np.linspace(0.0, 1.0, 2 * n + 1)[:, None]
+    return dt / n, gyro[0] + share * (gyro[1] - gyro[0]), accel[0] + share * (accel[1] - accel[0])
 
 
 def _substep(x: NavState, rate_b: list[Array], force_b: list[Array], h: float, gravity: float) -> NavState:
