@@ -6,7 +6,6 @@
 `accelerometer`  bias, scale, misalignment: every rest has gravity's magnitude
 `turns`          gyros: the integrated rate turns one rest's gravity into the next one's
 `choice`         which effects the data ask for
-`errors`         before and after, rests left out in turn, or on another log
-`calibration`    all of these in order
+`calibration`    all of these in order, and errors before and after: rests left out, or on another log
 `report`         all of it as a trace: findings, what a held-out log says, rivals, statuses, what joins the filter
 """

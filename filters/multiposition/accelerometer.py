@@ -8,6 +8,7 @@ scale factor common to all axes and gravity's magnitude are one.
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.channels import ACCELS
 from filters.effects import deterministic
@@ -56,6 +57,20 @@ class Rests:
     def errors(self, triad: Triad, theta: Array) -> Array:
         """Magnitude of the corrected specific force less gravity's, m/s², shape (n,)."""
         return np.asarray(np.linalg.norm(triad.true(self.mean, theta), axis=1) - self.gravity)
+
+    def before(self) -> Array:
+        """Errors of readings as they are, m/s², shape (n,)."""
+        return self.errors(triad_of(), np.zeros(0))
+
+    @property
+    def blocks(self) -> list[NDArray[np.int_]]:
+        """Residuals that are left out together: each by itself."""
+        return [np.array([k]) for k in range(self.judged)]
+
+    @property
+    def judged(self) -> int:
+        """How many residuals are errors, the first ones."""
+        return len(self.mean)
 
     def residuals(self, triad: Triad, theta: Array) -> tuple[Array, Array]:
         """`errors` and their derivatives by the parameters, (n,) and (n, p)."""

@@ -1,58 +1,79 @@
 """From logs of a unit turned by hand to its effects: rests found, forms chosen, everything judged on what is left out.
 
-Each step is a module of its own; the package's docstring lists them in order.
+Each step before is a module of its own; the package's docstring lists them in order. Errors are those of a log that
+nothing was fitted to, or of every rest and turn left out in turn: `gravity_norm`, the magnitude of the corrected
+specific force of a rest less gravity's, and `gravity_direction`, the angle between a rest's direction of gravity,
+carried through the turn by the gyros, and the next rest's. Before: readings as they are, gyros less their mean at rest,
+which is the model of constant biases.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from filters.channels import ACCELS, GYROS
+from filters.channels import ACCELS, DPS, GYROS, MG
 from filters.errors import InputError
-from filters.multiposition import choice, errors, rests
+from filters.multiposition import choice, rests
 from filters.multiposition.accelerometer import Rests
 from filters.multiposition.choice import Choice
 from filters.multiposition.rests import Rest
 from filters.multiposition.turns import Turns
-from filters.tracing.error_figure import ErrorFigure
+from filters.tracing.error_figure import DRAWS, ErrorFigure, chi2_quantiles, rms, rms_interval
 from filters.tracing.run import Run
+from filters.tracing.trace_document import HeldOut
 from filters.types import Array
 
-if TYPE_CHECKING:
-    from filters.tracing.trace_document import HeldOut as Judge
-
 Progress = Callable[[float, str], None]
+FEWEST = 3  # errors of which a figure is made
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """A log that nothing was fitted to."""
+class Metric:
+    """An error of rests or of turns."""
 
-    run: Run
-    rests: tuple[Rest, ...]
-    observed: Rests  # its rests for the accelerometers
-    turned: Turns | None  # its turns, None without gyros
+    name: str
+    unit: str
+    si: float  # of the unit
+    freedom: int  # directions that the error is in
+
+
+NORM, DIRECTION = Metric("gravity_norm", "mg", MG, 1), Metric("gravity_direction", "deg", DPS, 2)
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """A triad, calibrated and judged."""
+
+    chosen: Choice
+    observed: Rests | Turns  # what was fitted to
+    apart: Rests | Turns | None  # of a log that judges, with turns if they are of gyros
+    metric: Metric
+    figure: ErrorFigure | None = None  # errors before and after; None of too few
+
+    def errors(self, chosen: Choice | None = None) -> Array:
+        """Errors on the log that judges, SI, with another choice of effects if given one; none without such a log."""
+        if self.apart is None:
+            return np.zeros(0)
+        chosen = chosen or self.chosen
+        theta = _own_biases(chosen, self.apart) if isinstance(self.apart, Turns) else chosen.fit.theta
+        return self.apart.errors(chosen.triad, theta)
 
 
 @dataclass(frozen=True)
 class Calibration:
     """What units turned by hand show."""
 
-    runs: tuple[Run, ...]  # logs that were fitted to, each a power-on
-    rests: tuple[tuple[Rest, ...], ...]  # of each of them
-    directions: int  # distinct ones, of all together
-    observed: Rests  # for the accelerometers
-    turned: Turns | None  # for the gyros; None without them, or without a turn
-    # accelerometers, gyros: what was chosen
-    accelerometers: Choice
-    gyros: Choice | None
-    heldout: HeldOut | None  # the log that judges; without one, rests and turns are left out in turn
-    # norms, angles: errors after, of each rest (m/s²) and of each turn (rad), as they were judged
-    norms: Array
-    angles: Array
-    figures: tuple[ErrorFigure, ...]  # of them
+    logs: tuple[tuple[Run, tuple[Rest, ...]], ...]  # all, each a power-on, with its rests; the one that judges last
+    heldout: bool  # whether one judges; else rests and turns are left out in turn
+    directions: int  # distinct ones, of all that were fitted to together
+    accelerometers: Sensors
+    gyros: Sensors | None  # None without them, or without a turn
+
+    @property
+    def sensors(self) -> tuple[Sensors, ...]:
+        """Of both kinds, as far as there are any."""
+        return (self.accelerometers,) if self.gyros is None else (self.accelerometers, self.gyros)
 
 
 def calibrate(
@@ -70,27 +91,32 @@ def calibrate(
     Raises InputError if a log has no rests or lacks an accelerometer; the message names it.
     """
     progress(0.0, "looking for rests")
-    found = tuple(_rests_of(run) for run in runs)
+    found = [_rests_of(run) for run in runs]
     every = [rest for own in found for rest in own]
-    gravity = runs[0].site.gravity
-    observed, directions = Rests(every, gravity), rests.distinct_directions(every)
+    observed, directions = Rests(every, runs[0].site.gravity), rests.distinct_directions(every)
     if directions < 2:
         raise InputError(
             f"{', '.join(run.name for run in runs)}: the unit was never turned: {len(every)} rests, all in one"
             " direction. Lay it down in at least nine; or trace it at rest: --reference gravity."
         )
     progress(0.1, "fitting accelerometers")
-    accelerometers = choice.accelerometers(observed, directions)
-    turned = _turned(runs, found, accelerometers)
+    chosen = choice.accelerometers(observed, directions)
+    turned = _turned(runs, found, chosen)
     progress(0.2, "fitting gyros")
-    gyros = None if turned is None else choice.gyros(turned)
-    apart = None if heldout is None else _apart(heldout, accelerometers)
+    made = None if turned is None else choice.gyros(turned)
+    apart = [] if heldout is None else [(heldout, _rests_of(heldout))]
     progress(0.7, "judging")
-    norms, angles, figures = _judged(runs, found, observed, turned, accelerometers, gyros, apart, seed)
+    judge, judge_turned = None, None
+    for run, own in apart:
+        judge, judge_turned = Rests(own, run.site.gravity), _turned([run], [own], chosen)
+    how = _how(runs, heldout)
+    norms = _norms_left_out(observed, chosen) if heldout is None else None
+    accelerometers, gyros = _judged(Sensors(chosen, observed, judge, NORM), norms, how, seed), None
+    if turned is not None and made is not None:
+        angles = _directions_left_out(observed, chosen, turned, made) if heldout is None else None
+        gyros = _judged(Sensors(made, turned, judge_turned, DIRECTION), angles, how, seed)
     progress(1.0, "done")
-    return Calibration(
-        tuple(runs), found, directions, observed, turned, accelerometers, gyros, apart, norms, angles, figures
-    )
+    return Calibration((*zip(runs, found, strict=True), *apart), heldout is not None, directions, accelerometers, gyros)
 
 
 def _rests_of(run: Run) -> tuple[Rest, ...]:
@@ -119,48 +145,60 @@ def _turned(runs: Sequence[Run], found: Sequence[Sequence[Rest]], accelerometers
     return turned
 
 
-def _apart(run: Run, accelerometers: Choice) -> HeldOut:
-    own = _rests_of(run)
-    return HeldOut(run, own, Rests(own, run.site.gravity), _turned([run], [own], accelerometers))
-
-
-def _judged(
-    runs: Sequence[Run],
-    found: Sequence[Sequence[Rest]],
-    observed: Rests,
-    turned: Turns | None,
-    accelerometers: Choice,
-    gyros: Choice | None,
-    apart: HeldOut | None,
-    seed: int,
-) -> tuple[Array, Array, tuple[ErrorFigure, ...]]:
-    """Errors after and their figures: on the log held out, else on rests and turns left out in turn."""
-    angles = np.zeros(0)
-    how = _how(runs, apart)
-    if apart is not None:
-        runs, found, observed, turned = [apart.run], [apart.rests], apart.observed, apart.turned
-        norms = observed.errors(accelerometers.triad, accelerometers.fit.theta)
-    else:
-        norms = errors.norms_left_out(observed, accelerometers)
-    figures = [errors.norm_figure(observed, norms, seed, how)]
-    if turned is not None and gyros is not None and turned.turns:
-        if apart is None:
-            angles = errors.directions_left_out(observed, accelerometers, turned, gyros)
-        else:
-            angles = turned.angles(gyros.triad, own_biases(gyros, turned))
-        figures.append(errors.direction_figure(runs, found, turned, angles, seed, how))
-    return norms, angles, tuple(figure for figure in figures if figure is not None)
-
-
-def _how(runs: Sequence[Run], apart: HeldOut | None) -> "Judge":
+def _how(runs: Sequence[Run], apart: Run | None) -> HeldOut:
     """What judges: rests left out in turn, another power-on, or another part of one that was fitted to."""
     if apart is None:
         return "folds"
-    known = apart.run.power_on
-    return "part" if known and any(run.power_on == known for run in runs) else "run"
+    return "part" if apart.power_on and any(run.power_on == apart.power_on for run in runs) else "run"
 
 
-def own_biases(gyros: Choice, turned: Turns) -> Array:
+def _norms_left_out(rests: Rests, chosen: Choice) -> Array:
+    """Error of the magnitude at every rest with a fit to all others, m/s², shape (n,)."""
+    out = np.empty(len(rests.mean))
+    for k in range(out.size):
+        made = rests.without([k]).fit(chosen.triad, chosen.fit.theta, chosen.fit.excess)
+        out[k] = rests.errors(chosen.triad, made.theta)[k]
+    return out
+
+
+def _directions_left_out(rests: Rests, accelerometers: Choice, observed: Turns, gyros: Choice) -> Array:
+    """Angle that every turn misses by, with both its rests and itself left out of the fits, rad, shape (n,)."""
+    out = np.empty(len(observed.turns))
+    for k, turn in enumerate(observed.turns):
+        both = [turn.first, turn.second]
+        made = rests.without(both).fit(accelerometers.triad, accelerometers.fit.theta, accelerometers.fit.excess)
+        up = observed.directions(accelerometers.triad.true(rests.mean[both], made.theta))
+        out[k] = observed.left_out(gyros.triad, gyros.fit, k, up)
+    return out
+
+
+def _judged(sensors: Sensors, left_out: Array | None, how: HeldOut, seed: int) -> Sensors:
+    """The triad with its figure: of errors left out in turn, or of those on the log that judges."""
+    metric, judge = sensors.metric, sensors.apart if left_out is None else sensors.observed
+    after = sensors.errors() if left_out is None else left_out
+    if judge is None or after.size < FEWEST:
+        return sensors
+    n, before = after.size, judge.before()
+    picks = np.random.default_rng(seed).integers(0, n, (DRAWS, n))
+    floor = float(np.sqrt(judge.noise.mean())) / metric.si
+    low, high = (float(np.sqrt(q / (metric.freedom * n))) * floor for q in chi2_quantiles(metric.freedom * n))
+    figure = ErrorFigure(
+        metric=metric.name,
+        channel=None,
+        unit=metric.unit,
+        before=rms(before) / metric.si,
+        after=rms(after) / metric.si,
+        floor=floor,
+        ci95=rms_interval(after, picks, 1.0 / metric.si),
+        before_ci95=rms_interval(before, picks, 1.0 / metric.si),
+        floor_band95=(low, high),
+        n=n,
+        heldout=how,
+    )
+    return replace(sensors, figure=figure)
+
+
+def _own_biases(gyros: Choice, turned: Turns) -> Array:
     """Parameters of the gyros for another power-on: the biases of its own rests, and what was fitted."""
     shared = gyros.fit.theta[3 * gyros.logs :]
     pull = turned.readings_of_rests(gyros.triad, np.concatenate([np.zeros(3), shared]))

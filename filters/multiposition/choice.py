@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import accelerometer, turns
@@ -161,6 +162,6 @@ def _unseen(made: Fit) -> float:
     return float(np.mean([made.left_out(np.array([k])) ** 2 for k in range(made.residual.size)]))
 
 
-def unseen_residuals(made: Fit, rows: Sequence[Array]) -> Array:
+def unseen_residuals(made: Fit, blocks: Sequence[NDArray[np.int_]]) -> Array:
     """Residuals of blocks of observations, each left out of the fit, one after the other."""
-    return np.concatenate([made.left_out(np.asarray(block)) for block in rows]) if len(rows) else np.zeros(0)
+    return np.concatenate([made.left_out(block) for block in blocks])

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
-from filters.channels import ACCELS, CHANNELS, DPS, GYROS, MG
+from filters.channels import ACCELS, CHANNELS, GYROS
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import Included, State
-from filters.multiposition.calibration import Calibration, HeldOut, own_biases
+from filters.multiposition.calibration import Calibration, Sensors
 from filters.multiposition.choice import KEEP, Choice, unseen_residuals
 from filters.multiposition.rests import has_gyros, recorded
+from filters.multiposition.triad import Triad
+from filters.multiposition.turns import Turns
 from filters.tracing.error_figure import DRAWS, rms
 from filters.tracing.result import Trace
 from filters.tracing.trace_document import (
@@ -29,65 +32,49 @@ from filters.types import Array
 # What a log that nothing was fitted to says of each effect: confirmed, refuted, or neither.
 #
 # An effect is refuted if the error with it is larger than without it beyond the 95 % interval of the difference, rests
-# or
-# turns drawn again; confirmed if it is smaller beyond it.
+# or turns drawn again; confirmed if it is smaller beyond it.
 
 
 @dataclass(frozen=True)
 class Verdict:
     """On one effect."""
 
-    effect: Hypothesis
     confirmed: bool | None  # none where nothing judges it: without a log held out, and of the bias of each power-on
-    refuted: bool  # whether it raises the error
-    # metric, unit: which error
-    metric: str
-    unit: str
-    # with_it, without: that error with everything that was chosen, and without all that is not confirmed
-    with_it: float
-    without: float
+    refuted: bool = False  # whether it raises the error
+    # with_it, without: the error with everything that was chosen, and without all that is not confirmed, in its unit
+    with_it: float = float("nan")
+    without: float = float("nan")
 
 
-def verdicts(found: Calibration, seed: int) -> dict[Hypothesis, Verdict]:
+def _verdicts(sensors: Sensors, seed: int) -> dict[Hypothesis, Verdict]:
     """Verdict on each effect that was chosen."""
-    out: dict[Hypothesis, Verdict] = {}
-    for chosen in (found.accelerometers, found.gyros):
-        if chosen is not None:
-            out |= _of_triad(found, chosen, seed)
-    return out
-
-
-def _of_triad(found: Calibration, chosen: Choice, seed: int) -> dict[Hypothesis, Verdict]:
-    apart, gyros = found.heldout, chosen is found.gyros
-    metric, unit, si = ("gravity_direction", "deg", DPS) if gyros else ("gravity_norm", "mg", MG)
-    judged = [e for e in chosen.triad.effects if not (gyros and e.effect == "bias")]
-    if apart is None or (gyros and not found.angles.size):
-        judged = []
-    unknown = float("nan")
-    out = {e: Verdict(e, None, False, metric, unit, unknown, unknown) for e in chosen.triad.effects}
-    if not judged or apart is None:
+    chosen, si = sensors.chosen, sensors.metric.si
+    judged = [e for e in chosen.triad.effects if not _of_power_on(e)]
+    out = dict.fromkeys(chosen.triad.effects, Verdict(None))
+    with_all = sensors.errors()
+    if not judged or not with_all.size:
         return out
-    with_all = _errors(apart, chosen, [])
-    intervals = {e: _difference(with_all, _errors(apart, chosen, [e]), seed) for e in judged}
+    intervals = {e: _difference(with_all, _errors(sensors, [e]), seed) for e in judged}
     left_out = [e for e in judged if intervals[e][1] >= 0.0]
-    without = rms(_errors(apart, chosen, left_out)) / si
+    without = rms(_errors(sensors, left_out)) / si
     for e, (low, high) in intervals.items():
-        out[e] = Verdict(e, high < 0.0, low > 0.0, metric, unit, rms(with_all) / si, without)
+        out[e] = Verdict(high < 0.0, low > 0.0, rms(with_all) / si, without)
     return out
 
 
-def _errors(apart: HeldOut, chosen: Choice, gone: Sequence[Hypothesis]) -> Array:
+def _of_power_on(effect: Hypothesis) -> bool:
+    """Whether every power-on has its own: a rest shows the bias of a gyro by itself."""
+    return effect.effect == "bias" and effect.channel in GYROS
+
+
+def _errors(sensors: Sensors, gone: Sequence[Hypothesis]) -> Array:
     """Errors on the log held out, without some effects."""
-    if gone:
-        places = np.concatenate([chosen.places(e) for e in gone])
-        triad = chosen.triad
-        for effect in gone:
-            triad = triad.without(effect)
-        chosen = Choice(triad, chosen.fit.without(places), (), chosen.count, chosen.logs)
-    if chosen.triad.channels == ACCELS:
-        return apart.observed.errors(chosen.triad, chosen.fit.theta)
-    assert apart.turned is not None
-    return apart.turned.angles(chosen.triad, own_biases(chosen, apart.turned))
+    chosen = sensors.chosen
+    if not gone:
+        return sensors.errors()
+    triad = Triad(chosen.triad.channels, tuple(e for e in chosen.triad.effects if e not in gone))
+    fit = chosen.fit.without(np.concatenate([chosen.places(e) for e in gone]))
+    return sensors.errors(Choice(triad, fit, (), chosen.count, chosen.logs))
 
 
 def _difference(with_it: Array, without: Array, seed: int) -> tuple[float, float]:
@@ -115,15 +102,9 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
     `asked`: effects whose smallest visible size is to be said.
     `seed`: of intervals.
     """
-    judged = verdicts(found, seed)
-    listed = [
-        (chosen, effect)
-        for chosen in (found.accelerometers, found.gyros)
-        if chosen is not None
-        for effect in chosen.triad.effects
-        if chosen.score(effect) >= KEEP
-    ]
-    findings = [_finding(found, chosen, e, judged[e]) for chosen, e in listed if not judged[e].refuted]
+    judged = {e: verdict for sensors in found.sensors for e, verdict in _verdicts(sensors, seed).items()}
+    listed = [(own, e) for own in found.sensors for e in own.chosen.triad.effects if own.chosen.score(e) >= KEEP]
+    findings = [_finding(own, e, judged[e]) for own, e in listed if not judged[e].refuted]
     findings.sort(key=lambda f: -f["score"])
     document: TraceFindings = {
         "untestable": _untestable(found),
@@ -131,18 +112,18 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
         "lines": [],
         "noise_level": [],
         "findings": findings,
-        "refuted": [_refuted(judged[e]) for _, e in listed if judged[e].refuted],
+        "refuted": [_refuted(own, e, judged[e]) for own, e in listed if judged[e].refuted],
         "common": [],
         "weak": [],
         "drift": [],
         "remainder": [],
         "status": _status(found, findings, judged),
-        "error": [figure.entry() for figure in found.figures],
+        "error": [own.figure.entry() for own in found.sensors if own.figure is not None],
         "limits": [entry for effect in asked for entry in _limits(found, effect)],
         "seed": seed,
         "sentence": _sentence(found, findings),
     }
-    kept = [(chosen, e) for chosen, e in listed if not judged[e].refuted and judged[e].confirmed is not False]
+    kept = [e for _, e in listed if not judged[e].refuted and judged[e].confirmed is not False]
     included, correlation = _included(found, kept)
     return Trace(document, included, correlation, ())
 
@@ -150,31 +131,29 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
 def notes(found: Calibration) -> list[str]:
     """Sentences on the rests and turns that were used, and on what the logs lack."""
     out = []
-    logs = [*zip(found.runs, found.rests, strict=True)]
-    if found.heldout is not None:
-        logs.append((found.heldout.run, found.heldout.rests))
-    for run, own in logs:
+    for run, own in found.logs:
         total = sum(rest.seconds for rest in own)
         out.append(f"{run.name}: {len(own)} rests, {total:.0f} s in all, were found in the readings")
         if not has_gyros(run):
             lack = ", ".join(CHANNELS[c] for c in GYROS if not recorded(run)[c])
             why = "not recorded, or dead: of the gyros nothing is said, only of the accelerometers"
             out.append(f"{run.name}: {lack} {why}")
-    if found.turned is not None:
-        out.append(f"{len(found.turned.turns)} turns between rests were used")
+    if found.gyros is not None:
+        out.append(f"{found.gyros.observed.judged // 2} turns between rests were used")
     return out
 
 
 # ----------------------------------------------------------------------------------------------------------- findings
 
 
-def _finding(found: Calibration, chosen: Choice, effect: Hypothesis, verdict: Verdict) -> FindingEntry:
-    gain, share = _unseen(found, chosen, effect)
+def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> FindingEntry:
+    gain, share = _unseen(sensors, effect)
+    chosen = sensors.chosen
     return {
         "effect": effect.effect,
         "label": effect.label,
         "channels": [CHANNELS[effect.channel]],
-        "params": _parameters(found, chosen, effect),
+        "params": _parameters(sensors, effect),
         "shape": dict(effect.shape),
         "score": chosen.score(effect),
         "gain": chosen.gain(effect),
@@ -188,14 +167,14 @@ def _finding(found: Calibration, chosen: Choice, effect: Hypothesis, verdict: Ve
     }
 
 
-def _parameters(found: Calibration, chosen: Choice, effect: Hypothesis) -> list[ParameterEntry]:
+def _parameters(sensors: Sensors, effect: Hypothesis) -> list[ParameterEntry]:
     """Values with their standard deviations; of a gyro's bias one a power-on."""
+    chosen = sensors.chosen
     at = chosen.places(effect)
     parameters = effect.parameters * (at.size // len(effect.parameters))
     names = [p.name for p in parameters]
-    if at.size > len(effect.parameters):
-        power_ons = found.turned.power_ons if found.turned is not None else ()
-        names = [f"{p.name} {run}" for p, run in zip(parameters, power_ons, strict=True)]
+    if at.size > len(effect.parameters) and isinstance(sensors.observed, Turns):
+        names = [f"{p.name} {run}" for p, run in zip(parameters, sensors.observed.power_ons, strict=True)]
     return [
         {
             "name": name,
@@ -208,26 +187,17 @@ def _parameters(found: Calibration, chosen: Choice, effect: Hypothesis) -> list[
     ]
 
 
-def _unseen(found: Calibration, chosen: Choice, effect: Hypothesis) -> tuple[float, float | None]:
+def _unseen(sensors: Sensors, effect: Hypothesis) -> tuple[float, float | None]:
     """Gain of an effect on rests and turns left out of the fit in turn, and its share of the excess over noise."""
-    fit = chosen.fit
-    less = fit.without(chosen.places(effect))
-    if chosen is found.gyros and found.turned is not None:
-        turns = 2 * len(found.turned.turns)
-        blocks = [np.array([2 * k, 2 * k + 1]) for k in range(turns // 2)]
-        blocks += [np.arange(k, k + 3) for k in range(turns, fit.residual.size, 3)]
-    else:
-        turns = fit.residual.size
-        blocks = [np.array([k]) for k in range(turns)]
-    after, before = unseen_residuals(fit, blocks), unseen_residuals(less, blocks)
+    fit, observed, figure = sensors.chosen.fit, sensors.observed, sensors.figure
+    less = fit.without(sensors.chosen.places(effect))
+    after, before = unseen_residuals(fit, observed.blocks), unseen_residuals(less, observed.blocks)
     gain = float(np.sum((before**2 - after**2) / fit.variance))
-    metric = "gravity_direction" if effect.channel in GYROS else "gravity_norm"
-    figure = next((f for f in found.figures if f.metric == metric), None)
-    if figure is None or (effect.channel in GYROS and effect.effect == "bias"):
+    if figure is None or _of_power_on(effect):
         return gain, None
-    si = DPS if effect.channel in GYROS else MG
-    count = len(found.turned.turns) if effect.channel in GYROS and found.turned is not None else turns
-    drop = float(np.sum(before[:turns] ** 2 - after[:turns] ** 2)) / max(1, count) / si**2
+    n = observed.judged
+    count = max(1, n // sensors.metric.freedom)
+    drop = float(np.sum(before[:n] ** 2 - after[:n] ** 2)) / count / sensors.metric.si**2
     excess = figure.before**2 - figure.floor**2
     return gain, float(np.clip(drop / excess, 0.0, 1.0)) if excess > 0.0 else None
 
@@ -248,15 +218,15 @@ def _rivals(chosen: Choice, effect: Hypothesis) -> list[RivalEntry]:
     return [{"effect": "gravity", "label": "gravity has another magnitude", "score_difference": difference}]
 
 
-def _refuted(verdict: Verdict) -> RefutedEntry:
+def _refuted(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> RefutedEntry:
     return {
-        "effect": verdict.effect.effect,
-        "label": verdict.effect.label,
-        "channels": [CHANNELS[verdict.effect.channel]],
-        "metric": verdict.metric,
+        "effect": effect.effect,
+        "label": effect.label,
+        "channels": [CHANNELS[effect.channel]],
+        "metric": sensors.metric.name,
         "after_with": verdict.with_it,
         "after_without": verdict.without,
-        "unit": verdict.unit,
+        "unit": sensors.metric.unit,
     }
 
 
@@ -268,7 +238,7 @@ def _untestable(found: Calibration) -> list[UntestableEntry]:
         {"effect": name, "reason": "no_excitation", "with": None, "rho": None} for name in _NEVER
     ]
     out.append({"effect": "gravity", "reason": "collinear_with", "with": "scale", "rho": 1.0})
-    missing = [e.effect for c in (found.accelerometers, found.gyros) if c is not None for e in c.undetermined]
+    missing = [e.effect for own in found.sensors for e in own.chosen.undetermined]
     if found.gyros is None:
         missing.append("g_sensitivity")
     out += [{"effect": name, "reason": "no_excitation", "with": None, "rho": None} for name in dict.fromkeys(missing)]
@@ -279,14 +249,14 @@ def _status(
     found: Calibration, findings: Sequence[FindingEntry], judged: dict[Hypothesis, Verdict]
 ) -> dict[str, Status]:
     out: dict[str, Status] = {}
-    have = recorded(found.runs[0])
+    have = recorded(found.logs[0][0])
+    figures = {c: own.figure for own in found.sensors for c in own.chosen.triad.channels}
     for c in (*GYROS, *ACCELS):
         if not have[c]:
             continue
         own = [f for f in findings if f["channels"] == [CHANNELS[c]]]
         contradicted = any(v.refuted for e, v in judged.items() if e.channel == c)
-        metric = "gravity_norm" if c in ACCELS else "gravity_direction"
-        figure = next((f for f in found.figures if f.metric == metric), None)
+        figure = figures.get(c)
         at_floor = figure is not None and figure.ci95[0] <= _AT_FLOOR * figure.floor_band95[1]
         if any(f["rivals"] for f in own):
             out[CHANNELS[c]] = "confounded"
@@ -300,9 +270,7 @@ def _status(
 def _limits(found: Calibration, name: str) -> list[LimitEntry]:
     """Smallest size of an effect that would be told, five standard deviations of each of its parameters."""
     out: list[LimitEntry] = []
-    for chosen in (found.accelerometers, found.gyros):
-        if chosen is None:
-            continue
+    for chosen in (own.chosen for own in found.sensors):
         for effect in (e for e in chosen.triad.effects if e.effect == name):
             sd = chosen.fit.sd[chosen.places(effect)]
             for p, value in zip(effect.parameters, sd, strict=False):
@@ -322,13 +290,13 @@ def _limits(found: Calibration, name: str) -> list[LimitEntry]:
 # -------------------------------------------------------------------------------------------------------- the filter
 
 
-def _included(found: Calibration, kept: Sequence[tuple[Choice, Hypothesis]]) -> tuple[tuple[Included, ...], Array]:
+def _included(found: Calibration, kept: Sequence[Hypothesis]) -> tuple[tuple[Included, ...], Array]:
     """Effects as constant states with the covariance of the fit."""
     included = []
     blocks: list[Array] = []
-    for chosen in (found.accelerometers, found.gyros):
-        own = [e for c, e in kept if c is chosen]
-        if chosen is None or not own:
+    for chosen in (sensors.chosen for sensors in found.sensors):
+        own = [e for e in chosen.triad.effects if e in kept]
+        if not own:
             continue
         mean, covariance = _over_logs(chosen, own)
         sd = np.sqrt(np.diag(covariance))
@@ -341,12 +309,7 @@ def _included(found: Calibration, kept: Sequence[tuple[Choice, Hypothesis]]) -> 
             )
             first += len(states)
             included.append(Included(effect.effect, (CHANNELS[effect.channel],), "A", dict(effect.shape), states))
-    size = sum(len(block) for block in blocks)
-    correlation = np.eye(size)
-    first = 0
-    for block in blocks:
-        correlation[first : first + len(block), first : first + len(block)] = block
-        first += len(block)
+    correlation = linalg.block_diag(*blocks) if blocks else np.eye(0)
     return tuple(included), 0.5 * (correlation + correlation.T)
 
 
@@ -371,12 +334,12 @@ def _over_logs(chosen: Choice, effects: Sequence[Hypothesis]) -> tuple[Array, Ar
 
 def _sentence(found: Calibration, findings: Sequence[FindingEntry]) -> str:
     """The result in a few sentences."""
-    count = len(found.observed.mean)
+    count = found.accelerometers.observed.judged
     text = f"Turned by hand, {count} rests in {found.directions} directions: "
     names = list(dict.fromkeys(f["label"] for f in findings))
     text += ("; ".join(names) if names else "nothing was found beyond the noise") + "."
-    how = "on a log not used" if found.heldout is not None else "with rests left out in turn"
-    for figure in found.figures:
+    how = "on a log not used" if found.heldout else "with rests left out in turn"
+    for figure in (own.figure for own in found.sensors if own.figure is not None):
         what = "magnitude of gravity" if figure.metric == "gravity_norm" else "direction of gravity after a turn"
         text += (
             f" The {what}, {how}: {figure.before:.3g} → {figure.after:.2g} {figure.unit},"

@@ -5,10 +5,12 @@ shows the bias and what specific force adds to it. Of Earth's rate the vertical 
 in the variances, since heading is unknown. The frame is that of the accelerometers.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters import attitude, earth
 from filters.channels import ACCELS, GYROS
@@ -51,7 +53,7 @@ class Turns:
     """
 
     def __init__(self, runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> None:
-        self.runs = runs
+        self.runs, self._rests = runs, rests
         self.rests = [rest for own in rests for rest in own]
         self.log = np.repeat(np.arange(len(runs)), [len(own) for own in rests])
         self.turns = _turns(runs, rests)
@@ -170,7 +172,24 @@ class Turns:
         moved = -np.einsum("nji,njp->ip", back, (self._to_body @ inverse) @ half)
         return C.T, moved
 
-    def angles(self, triad: Triad, theta: Array) -> Array:
+    def before(self) -> Array:
+        """Errors of readings as they are, gyros less their mean at rest, rad, shape (n,)."""
+        plain = Turns(self.runs, self._rests)
+        plain.sense(Triad(ACCELS, ()), np.zeros(0))
+        return plain.errors(triad_of(), plain.still_biases())
+
+    @property
+    def blocks(self) -> list[NDArray[np.int_]]:
+        """Residuals that are left out together: two of each turn, three of each rest."""
+        edges = [*range(0, self.judged, 2), *range(self.judged, self.judged + 3 * len(self.rests) + 1, 3)]
+        return [np.arange(first, last) for first, last in itertools.pairwise(edges)]
+
+    @property
+    def judged(self) -> int:
+        """How many residuals are errors, the first ones."""
+        return 2 * len(self.turns)
+
+    def errors(self, triad: Triad, theta: Array) -> Array:
         """Angle by which each turn misses the next rest's direction, rad, shape (n,)."""
         out = np.empty(len(self.turns))
         for k, turn in enumerate(self.turns):
@@ -194,7 +213,7 @@ class Turns:
         return float(np.linalg.norm(replace(made, residual=here).left_out(rows)))
 
     @property
-    def floor(self) -> Array:
+    def noise(self) -> Array:
         """Variance of the angle of each turn by noise alone, rad², shape (n,)."""
         return np.asarray(self._turn_noise.reshape(-1, 2).sum(axis=1))
 
