@@ -1,4 +1,4 @@
-"""Rotations: SO(3) exponential and logarithm, table angles, roll-pitch-yaw for display."""
+"""Rotations: SO(3) exponential and logarithm, roll-pitch-yaw for display."""
 
 import numpy as np
 
@@ -103,15 +103,6 @@ def from_quaternion(q: Array) -> Array:
     C[..., 1, 0], C[..., 1, 1], C[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     C[..., 2, 0], C[..., 2, 1], C[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
     return C
-
-
-def table(outer: float, middle: float, inner: float) -> Array:
-    """Attitude of a three-axis table: C_nb = Rx(outer) Ry(middle) Rz(inner).
-
-    `outer`, `middle`, `inner`: axis angles, rad, about north, east and down at zero angles.
-    Returns C_nb, shape (3, 3).
-    """
-    return _axis(0, outer) @ _axis(1, middle) @ _axis(2, inner)
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Array:

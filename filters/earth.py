@@ -27,22 +27,13 @@ def radii(sine: Array) -> tuple[Array, Array]:
     return SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (w2 * w), SEMI_MAJOR_AXIS / w
 
 
-def meridian_radius(latitude: Array) -> Array:
-    """Radius of curvature in the meridian, m; R_n of equation (1) without height.
+def curvature(latitude: Array, height: Array) -> tuple[Array, Array]:
+    """Radii of curvature with height, R_n and R_e, m: in the meridian and in the prime vertical.
 
-    `latitude`: geodetic latitude, rad, any shape.
-    Returns radius, m, same shape.
+    `latitude`, `height`: geodetic, rad and m, any shape.
     """
-    return radii(np.sin(latitude))[0]
-
-
-def transverse_radius(latitude: Array) -> Array:
-    """Radius of curvature in the prime vertical, m; R_e of equation (1) without height.
-
-    `latitude`: geodetic latitude, rad, any shape.
-    Returns radius, m, same shape.
-    """
-    return radii(np.sin(latitude))[1]
+    R_n, R_e = radii(np.sin(latitude))
+    return R_n + height, R_e + height
 
 
 def normal_gravity(latitude: Array, height: Array) -> Array:

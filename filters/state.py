@@ -62,17 +62,23 @@ class NavState:
     gyro_bias: Array
 
     @classmethod
+    def of(
+        cls,
+        position: Array,
+        velocity_n: Array,
+        C_nb: Array,
+        accel_bias: Array | tuple[float, ...] = (0.0, 0.0, 0.0),
+        gyro_bias: Array | tuple[float, ...] = (0.0, 0.0, 0.0),
+    ) -> "NavState":
+        """State of one unit from copies of what is given; `position` is latitude, longitude and height, shape (3,)."""
+        latitude, longitude, height = (np.array(part) for part in position)
+        biases = np.array(accel_bias), np.array(gyro_bias)
+        return cls(latitude, longitude, height, np.array(velocity_n), np.array(C_nb), *biases)
+
+    @classmethod
     def at_rest(cls, site: Site, C_nb: Array) -> "NavState":
         """Still at `site` with attitude `C_nb` (3, 3) and no biases."""
-        return cls(
-            np.array(site.latitude),
-            np.array(site.longitude),
-            np.array(site.height),
-            np.zeros(3),
-            C_nb.copy(),
-            np.zeros(3),
-            np.zeros(3),
-        )
+        return cls.of(np.array([site.latitude, site.longitude, site.height]), np.zeros(3), C_nb)
 
     def at(self, index: int) -> "NavState":
         """One of many along the first axis."""
@@ -93,8 +99,7 @@ class NavState:
         Returns with the leading shape of `error`.
         """
         north, east, down = error[..., 0], error[..., 1], error[..., 2]
-        R_n = earth.meridian_radius(self.latitude) + self.height
-        R_e = earth.transverse_radius(self.latitude) + self.height
+        R_n, R_e = earth.curvature(self.latitude, self.height)
         return NavState(
             self.latitude + north / R_n,
             self.longitude + east / (R_e * np.cos(self.latitude)),
@@ -111,8 +116,7 @@ class NavState:
         `other`: one state, without leading axes.
         Returns shape (..., 15).
         """
-        R_n = earth.meridian_radius(other.latitude) + other.height
-        R_e = earth.transverse_radius(other.latitude) + other.height
+        R_n, R_e = earth.curvature(other.latitude, other.height)
         d_longitude = np.remainder(self.longitude - other.longitude + np.pi, 2.0 * np.pi) - np.pi
         out = np.empty((*np.shape(self.latitude), SIZE))
         out[..., 0] = (self.latitude - other.latitude) * R_n

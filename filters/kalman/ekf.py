@@ -69,8 +69,7 @@ def jacobian(nav: NavState, accel: Array) -> Array:
     phi, h = float(nav.latitude), float(nav.height)
     s, c, t = np.sin(phi), np.cos(phi), np.tan(phi)
     v_n, v_e, v_d = nav.velocity_n
-    R_n = float(earth.meridian_radius(nav.latitude)) + h
-    R_e = float(earth.transverse_radius(nav.latitude)) + h
+    R_n, R_e = (float(radius) for radius in earth.curvature(nav.latitude, nav.height))
     # change of both radii with latitude
     flattening = earth.ECCENTRICITY_SQUARED * s * c / (1.0 - earth.ECCENTRICITY_SQUARED * s * s)
     dR_n, dR_e = 3.0 * (R_n - h) * flattening, (R_e - h) * flattening

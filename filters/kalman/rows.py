@@ -48,15 +48,7 @@ class Moments:
 
 def nav_of(row: Array) -> NavState:
     """Navigation state of 16 numbers, `filters.kalman.layout.NAV_*`: position, velocity, quaternion, biases."""
-    return NavState(
-        np.array(row[0]),
-        np.array(row[1]),
-        np.array(row[2]),
-        row[3:6].copy(),
-        attitude.from_quaternion(row[6:10]),
-        row[10:13].copy(),
-        row[13:16].copy(),
-    )
+    return NavState.of(row[:3], row[3:6], attitude.from_quaternion(row[6:10]), row[10:13], row[13:16])
 
 
 def row_of(nav: NavState) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from filters import state
 from filters.errors import InputError
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec, Noise
-from filters.motion import alignment, attitude_only, reference
+from filters.motion import alignment, reference
 from filters.motion.profile import Profile
 from filters.motion.reference import Reference, TableMotion, Trajectory
 from filters.state import PAPER_SITE, Site
@@ -79,12 +79,12 @@ def alignment_of(settings: Settings) -> alignment.Alignment | None:
     if settings.reference == "gravity":
         return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD)
     if settings.reference == "turned":
-        return alignment.LevellingAtRest(settings.site, P0_ACCEL_BIAS_SD)
+        return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD, is_any_rest=True)
     if settings.reference == "trajectory":
         if not isinstance(settings.motion, Trajectory):
             raise InputError('`motion` is missing: the reference "trajectory" needs one')
-        if attitude_only.knows_attitude_only(settings.motion):
-            return attitude_only.Starting(settings.motion, settings.site)
+        if alignment.knows_attitude_only(settings.motion):
+            return alignment.Starting(settings.motion, settings.site)
         return alignment.InMotion(settings.motion, settings.site, P0_ACCEL_BIAS_SD)
     return None
 

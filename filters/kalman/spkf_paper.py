@@ -130,15 +130,8 @@ def common(belief: PaperBelief) -> spkf.Belief:
     `belief`: in the paper's coordinates.
     """
     x = belief.x
-    nav = NavState(
-        np.array(x[LATITUDE]),
-        np.array(x[LONGITUDE]),
-        np.array(x[HEIGHT]),
-        x[VELOCITY].copy(),
-        attitude.from_rpy(x[ROLL], x[PITCH], x[YAW]),
-        x[ACCEL_BIAS].copy(),
-        x[GYRO_BIAS].copy(),
-    )
+    C_nb = attitude.from_rpy(x[ROLL], x[PITCH], x[YAW])
+    nav = NavState.of(x[POSITION], x[VELOCITY], C_nb, x[ACCEL_BIAS], x[GYRO_BIAS])
     T = _from_paper(x)
     P = T @ belief.P @ T.T
     return spkf.Belief(nav, 0.5 * (P + P.T))
@@ -186,7 +179,7 @@ def derivative(x: Array, gyro: Array, accel: Array, gravity: float) -> Array:
     phi, height, roll, pitch = (x[..., i] for i in (LATITUDE, HEIGHT, ROLL, PITCH))
     v_n, v_e, v_d = x[..., 3], x[..., 4], x[..., 5]
     s, c, t = np.sin(phi), np.cos(phi), np.tan(phi)
-    R_n, R_e = earth.meridian_radius(phi) + height, earth.transverse_radius(phi) + height
+    R_n, R_e = earth.curvature(phi, height)
     spin = earth.EARTH_RATE
     C_nb = attitude.from_rpys(x[..., ATTITUDE])
     f_n, f_e, f_d = np.moveaxis(np.squeeze(C_nb @ (accel - x[..., ACCEL_BIAS])[..., None], -1), -1, 0)  # (4)
@@ -244,10 +237,9 @@ def _from_paper(x: Array) -> Array:
 
 def _position_units(x: Array) -> Array:
     """rad or m of the state a metre north, east, down; ones for all other states; shape (15,)."""
-    phi = x[LATITUDE]
-    R_n, R_e = earth.meridian_radius(phi) + x[HEIGHT], earth.transverse_radius(phi) + x[HEIGHT]
+    R_n, R_e = earth.curvature(x[LATITUDE], x[HEIGHT])
     out = np.ones(SIZE)
-    out[POSITION] = 1.0 / R_n, 1.0 / (R_e * np.cos(phi)), -1.0
+    out[POSITION] = 1.0 / R_n, 1.0 / (R_e * np.cos(x[LATITUDE])), -1.0
     return out
 
 

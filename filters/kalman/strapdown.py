@@ -115,7 +115,7 @@ class _EarthShape:
     @classmethod
     def at(cls, latitude: Array, height: Array) -> "_EarthShape":
         s, c = np.sin(latitude), np.cos(latitude)
-        return cls(earth.meridian_radius(latitude) + height, earth.transverse_radius(latitude) + height, s, c, s / c)
+        return cls(*earth.curvature(latitude, height), s, c, s / c)
 
     def navigation_rate(self, velocity_n: Array) -> Array:
         """Rate of the navigation frame against inertial space, the last bracket of equation (3); rad/s, (..., 3)."""

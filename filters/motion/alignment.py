@@ -13,8 +13,8 @@ from filters import attitude
 from filters.errors import InputError
 from filters.motion import kinematics
 from filters.motion.profile import Profile
-from filters.motion.reference import PAPER_R_SD, Path, Reference, Still, Trajectory
-from filters.state import NavState, Site
+from filters.motion.reference import PAPER_R_SD, VARIANCES, VELOCITY, Path, Reference, Still, Trajectory
+from filters.state import ATTITUDE, NavState, Site
 from filters.types import Array
 
 # still time, and samples, that roll and pitch are found from
@@ -45,33 +45,18 @@ class Alignment(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Levelling:
     """Still at unknown attitude; see `level_by_gravity`."""
 
     site: Site  # where the unit stands
     accel_bias_sd: float  # at the start, m/s²
-
-    def enough(self, t: float, count: int) -> bool:
-        """10 s and 10 samples."""
-        return t >= SECONDS and count >= SAMPLES
-
-    def found(self, t: Array, gyro: Array, accel: Array) -> Reference:
-        """Roll and pitch of the mean specific force."""
-        return level_by_gravity(self.site, accel.mean(axis=0), self.accel_bias_sd)
-
-
-@dataclass(slots=True)
-class LevellingAtRest:
-    """As `Levelling`, at a rest that need not begin with the first sample."""
-
-    site: Site  # where the unit stands
-    accel_bias_sd: float  # at the start, m/s²
+    is_any_rest: bool = False  # whether the rest need not begin with the log
     begun: float = 0.0  # time of the rest's first sample, s; set by the first question
 
     def enough(self, t: float, count: int) -> bool:
         """10 s and 10 samples."""
-        if count == 1:
+        if count == 1 and self.is_any_rest:
             self.begun = t
         return t - self.begun >= SECONDS and count >= SAMPLES
 
@@ -108,7 +93,7 @@ def level_by_gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> S
     rows = np.array([0, 1, 2, 3, 4, 5, 8])
     x, y, z = np.abs(C_nb[2]) > _VERTICAL
     nav = NavState.at_rest(site, C_nb)
-    return Still("gravity", nav, rows, PAPER_R_SD[rows], P0_sd, (bool(x), bool(y), bool(z)), site.gravity)
+    return Still(nav, rows, PAPER_R_SD[rows], P0_sd, (bool(x), bool(y), bool(z)), site.gravity)
 
 
 class InMotion:
@@ -130,14 +115,11 @@ class InMotion:
             raise InputError("`trajectory` has no row with both position and velocity: the filter has nowhere to start")
         # what is before the first sample is the past; only the last of it says where the unit is then
         past = whole[trajectory.t[whole] <= 0.0]
-        self._first = int(past[-1] if past.size else whole[0])
-        trajectory = Trajectory(trajectory.t[self._first :], trajectory.values[self._first :])
-        self._first = 0
-        self._trajectory = trajectory
+        first = int(past[-1] if past.size else whole[0])
+        self._trajectory = Trajectory(trajectory.t[first:], trajectory.values[first:])
         self._site = site
         self._accel_bias_sd = accel_bias_sd
-        values = trajectory.values[self._first]
-        self._told = bool(np.isfinite(values[6:9]).all()) and float(trajectory.t[self._first]) <= 1.0
+        self._told = bool(np.isfinite(trajectory.values[first, 6:9]).all()) and float(trajectory.t[first]) <= 1.0
         self._until = 0.0 if self._told else self._moved_enough()
 
     def _moved_enough(self) -> float:
@@ -154,7 +136,7 @@ class InMotion:
 
     def found(self, t: Array, gyro: Array, accel: Array) -> Reference:
         """Path with its initial state."""
-        value = self._trajectory.values[self._first]
+        value = self._trajectory.values[0]
         if self._told:
             C_nb = attitude.from_rpy(*map(float, value[6:9]))
             P0_sd = PAPER_R_SD.copy()
@@ -166,16 +148,7 @@ class InMotion:
             still = level_by_gravity(self._site, accel[t <= t[0] + SECONDS].mean(axis=0), self._accel_bias_sd)
             C_nb, P0_sd = still.nav.C_nb, still.P0_sd.copy()
             P0_sd[8] = _HEADING_SD
-        nav = NavState(
-            np.array(value[0]),
-            np.array(value[1]),
-            np.array(value[2]),
-            value[3:6].copy(),
-            C_nb,
-            np.zeros(3),
-            np.zeros(3),
-        )
-        return Path(self._trajectory, nav, P0_sd)
+        return Path(self._trajectory, NavState.of(value[:3], value[3:6], C_nb), P0_sd)
 
 
 def attitude_from_velocity(trajectory: Trajectory, gravity: float, t: Array, gyro: Array, accel: Array) -> Array:
@@ -298,3 +271,78 @@ def _check_fit(gyro: Array, expected: Array) -> None:
 
 def _rates(profile: Profile, t: Array) -> Array:
     return kinematics.body_rate(profile.angles(t), profile.rates(t))
+
+
+# ------------------------------------------------------------------------------------------------------ attitude only
+# A reference that knows how the unit is turned and nothing of where it is: an optical one, a quaternion's.
+#
+# Gyro biases and attitude can be estimated with it. Position and velocity start at the site, at rest; velocity is held
+# within what a unit that is carried reaches, only so that it stays a number, and nothing is concluded from it.
+
+_SPEED_SD = 30.0  # m/s: of the velocity that is held
+_START_SPEED_SD = 1.0
+_OFFSET_SD = 5e-3  # s: of the time of one recording in the other's, which a turning unit sees as an angle
+_HELD_S = 1.0  # from one row of velocity to the next, s
+
+
+def knows_attitude_only(trajectory: Trajectory) -> bool:
+    """Whether a trajectory has attitudes, and nowhere both position and velocity."""
+    known = np.isfinite(trajectory.values)
+    return bool(np.any(known[:, 6:9].all(axis=1))) and not bool(np.any(known[:, :6].all(axis=1)))
+
+
+@dataclass
+class Turning(Path):
+    """Attitude rows of a trajectory, each used once, and a velocity that is held loosely."""
+
+    def known(self, t: Array, before: float, gyro: Array) -> Array:
+        """Rows for samples at `t`: attitude where there is a new one, and once a second a velocity near zero."""
+        rows = super().known(t, before, gyro)
+        late = np.sum(gyro**2, axis=1)[:, None] * _OFFSET_SD**2
+        attitudes = rows[:, VARIANCES][:, ATTITUDE]
+        rows[:, VARIANCES.start + ATTITUDE.start : VARIANCES.start + ATTITUDE.stop] = np.where(
+            attitudes > 0.0, attitudes + late, attitudes
+        )
+        second = np.floor(t / _HELD_S)
+        held = second > np.append(np.floor(before / _HELD_S) if np.isfinite(before) else -np.inf, second[:-1])
+        rows[held, VELOCITY] = 0.0
+        rows[held, VARIANCES.start + 3 : VARIANCES.start + 6] = _SPEED_SD**2
+        return rows
+
+    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
+        """Gyro biases as far as the attitude has made them known; accelerometer biases never."""
+        return (False, False, False, *super().observable(bias_sd, P0_sd)[3:])
+
+
+class Starting:
+    """Attitude at the first sample: the first one known, carried back by the gyros.
+
+    `trajectory`: with attitudes.
+    `site`: where position is held.
+    """
+
+    def __init__(self, trajectory: Trajectory, site: Site) -> None:
+        rows = np.flatnonzero(np.isfinite(trajectory.values[:, 6:9]).all(axis=1))
+        values = np.full((rows.size, 9), np.nan)
+        values[:, 6:9] = trajectory.values[rows, 6:9]
+        self._trajectory = Trajectory(trajectory.t[rows], values)
+        self._site = site
+        past = np.flatnonzero(self._trajectory.t <= 0.0)
+        self._first = int(past[-1]) if past.size else 0
+
+    def enough(self, t: float, count: int) -> bool:
+        """When the first attitude is known."""
+        return t >= float(self._trajectory.t[self._first])
+
+    def found(self, t: Array, gyro: Array, accel: Array) -> Reference:
+        """Reference with its initial state."""
+        C_nb = attitude.from_rpy(*map(float, self._trajectory.values[self._first, 6:9]))
+        until = min(float(self._trajectory.t[self._first]), float(t[-1]))
+        before = t < until
+        steps = np.diff(np.append(t[before], until))[:, None]
+        for turn in (gyro[before] * steps)[::-1]:
+            C_nb = C_nb @ attitude.exp(-turn)
+        nav = NavState.at_rest(self._site, C_nb)
+        P0_sd = PAPER_R_SD.copy()
+        P0_sd[3:6] = _START_SPEED_SD
+        return Turning(self._trajectory, nav, P0_sd)

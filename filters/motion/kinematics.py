@@ -67,7 +67,7 @@ def body_rate(angles: Array, rates: Array) -> Array:
 
 
 def attitudes(angles: Array) -> Array:
-    """Attitudes C_nb = Rx(outer) Ry(middle) Rz(inner) of many angles; `attitude.table` for one.
+    """Attitudes C_nb = Rx(outer) Ry(middle) Rz(inner) of many angles.
 
     `angles`: as `Profile` gives them, rad, shape (N, 3).
     Returns shape (N, 3, 3).

@@ -48,18 +48,11 @@ _TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE
 
 
 class Reference(Protocol):
-    """What the runner asks of a reference.
-
-    `kind`: one of `KINDS`.
-    `moving`: whether the unit may move: readings are then taken as linear between samples.
-    """
+    """What the runner asks of a reference."""
 
     @property
-    def kind(self) -> str:  # noqa: D102
-        ...
-
-    @property
-    def moving(self) -> bool:  # noqa: D102
+    def moving(self) -> bool:
+        """Whether the unit may move: readings are then taken as linear between samples."""
         ...
 
     def start(self) -> tuple[NavState, Array]:
@@ -82,7 +75,6 @@ class Reference(Protocol):
 class Still:
     """Known position, velocity and attitude of a unit at rest."""
 
-    kind: str  # "level" or "gravity"
     nav: NavState  # the known navigation state; its biases are zero and mean nothing
     rows: NDArray[np.int_]  # indices of the error states that are known, of 0..8, shape (m,)
     R_sd: Array  # standard deviations of those rows, shape (m,)
@@ -122,7 +114,12 @@ def level(site: Site) -> Still:
     `site`: where the table stands.
     """
     nav = NavState.at_rest(site, np.eye(3))
-    return Still("level", nav, np.arange(9), PAPER_R_SD, PAPER_R_SD, (True, True, True), site.gravity)
+    return Still(nav, np.arange(9), PAPER_R_SD, PAPER_R_SD, (True, True, True), site.gravity)
+
+
+def _made_known(sd: Array, before: Array) -> tuple[bool, ...]:
+    """Whether standard deviations are below half of what they were."""
+    return tuple(bool(x) for x in sd < 0.5 * before)
 
 
 class TableMotion:
@@ -140,7 +137,6 @@ class TableMotion:
     `offset_sd`: its standard deviation; None takes the profile's.
     """
 
-    kind = "profile"
     moving = True
 
     def __init__(
@@ -264,8 +260,8 @@ class TableMotion:
         return profile_t, rests, aligned
 
     def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
-        """What the motion so far has made known to half of what it was."""
-        return tuple(bool(x) for x in bias_sd < 0.5 * P0_sd)
+        """What the motion so far has made known."""
+        return _made_known(bias_sd, P0_sd)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +281,6 @@ class Path:
     trajectory: Trajectory  # what is known
     nav: NavState  # state at the first sample
     P0_sd: Array  # of its nine errors
-    kind: str = "trajectory"
     moving: bool = True
     partial: dict[float, Array] = field(default_factory=dict)
     _end: float = field(init=False, repr=False)
@@ -320,8 +315,9 @@ class Path:
         moved = np.nan_to_num(values[:, 3:6]) * late[:, None]
         latitude = np.where(np.isfinite(values[:, 0]), values[:, 0], float(self.nav.latitude))
         height = np.where(np.isfinite(values[:, 2]), values[:, 2], float(self.nav.height))
-        rows[:, 0] = values[:, 0] + moved[:, 0] / (earth.meridian_radius(latitude) + height)
-        rows[:, 1] = values[:, 1] + moved[:, 1] / ((earth.transverse_radius(latitude) + height) * np.cos(latitude))
+        R_n, R_e = earth.curvature(latitude, height)
+        rows[:, 0] = values[:, 0] + moved[:, 0] / R_n
+        rows[:, 1] = values[:, 1] + moved[:, 1] / (R_e * np.cos(latitude))
         rows[:, 2] = values[:, 2] - moved[:, 2]
         rows[:, VELOCITY] = values[:, 3:6]
         known = np.isfinite(values)
@@ -341,5 +337,5 @@ class Path:
         row[QUATERNION] = attitude.to_quaternion(attitude.from_rpy(*map(float, angles)))
 
     def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
-        """What the motion so far has made known to half of what it was."""
-        return tuple(bool(x) for x in bias_sd < 0.5 * P0_sd)
+        """What the motion so far has made known."""
+        return _made_known(bias_sd, P0_sd)

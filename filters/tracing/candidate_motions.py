@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.motion.positions import LEVEL, SIX, TWELVE, positions, turns
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES, Dwell, Rate, Segment, Sine
+from filters.motion.segments import AXES, LEVEL, SIX, TWELVE, Dwell, Rate, Segment, Sine, positions, turns
 from filters.tracing.result import Thermal
 from filters.tracing.run import Run
 from filters.tracing.stack import Stack

@@ -6,9 +6,8 @@ A file of that name goes first, so that nothing that lies in a folder is ever ou
 import math
 from dataclasses import dataclass
 
-from filters.motion.positions import SIX, TWELVE, positions, turns
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES
+from filters.motion.segments import AXES, SIX, TWELVE, positions, turns
 from imutui.logbook import reference_file
 
 _LONG_S, _BRIEF_S = 30.0, 20.0

@@ -306,7 +306,7 @@ def document(
     `filter_s`, `read_s`: how long it took; only in these do live and replay differ.
     Raises ValueError if there was no sample.
     """
-    from filters.motion.attitude_only import Turning
+    from filters.motion.alignment import Turning
 
     latest = estimator.latest
     if latest is None or estimator.reference is None:

@@ -47,18 +47,6 @@ def test_roll_pitch_yaw_round_trip(roll: float, pitch: float, yaw: float) -> Non
     assert np.allclose(np.exp(1j * rpy), np.exp(1j * np.array([roll, pitch, yaw])), atol=1e-9)
 
 
-def test_table_angles_are_about_north_east_and_down() -> None:
-    C = attitude.table(0.3, -0.4, 0.5)
-    assert np.allclose(C, Rotation.from_euler("XYZ", [0.3, -0.4, 0.5]).as_matrix(), atol=1e-15)
-
-
-def test_one_table_angle_alone_is_roll_pitch_or_yaw() -> None:
-    for i in range(3):
-        one = np.zeros(3)
-        one[i] = 0.7
-        assert np.allclose(attitude.to_rpy(attitude.table(*one)), one, atol=1e-15)
-
-
 def test_rpy_jacobian_is_the_derivative() -> None:
     C = attitude.from_rpy(0.3, -0.5, 1.2)
     h = 1e-6

@@ -22,9 +22,8 @@ def test_gravity_falls_by_the_free_air_gradient() -> None:
 def test_radii_are_those_of_the_ellipsoid() -> None:
     a, b = earth.SEMI_MAJOR_AXIS, earth.SEMI_MINOR_AXIS
     pole, equator = np.array(np.pi / 2), np.array(0.0)
-    assert np.allclose([earth.meridian_radius(pole), earth.transverse_radius(pole)], a * a / b, rtol=1e-12)
-    assert np.isclose(earth.meridian_radius(equator), b * b / a, rtol=1e-12)
-    assert earth.transverse_radius(equator) == a
+    assert np.allclose(earth.curvature(pole, np.array(0.0)), a * a / b, rtol=1e-12)
+    assert np.allclose(earth.curvature(equator, np.array(5.0)), [b * b / a + 5.0, a + 5.0], rtol=1e-12)
 
 
 def test_earth_rate_points_north_and_up_in_the_north() -> None:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from filters import attitude, simulation, state
 from filters.imu import IMU400CD_200, Noise
@@ -141,7 +142,7 @@ def test_a_gated_correction_changes_nothing() -> None:
 
 def test_attitude_near_ninety_degrees_of_pitch_is_nothing_special() -> None:
     tilted = Profile((Dwell((0.0, np.deg2rad(89.9), 0.0), 20.0),))
-    C_nb = attitude.table(0.0, np.deg2rad(89.9), 0.0)
+    C_nb = Rotation.from_euler("XYZ", [0.0, np.deg2rad(89.9), 0.0]).as_matrix()
     rate, force = (C_nb.T @ v for v in LEVEL.rates_and_forces())
     rng = np.random.default_rng(3)
     truth = simulation.draw(1)

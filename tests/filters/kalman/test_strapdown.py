@@ -11,7 +11,7 @@ DEG = np.pi / 180
 def in_ecef(state: NavState) -> np.ndarray:
     """Position (m), velocity (m/s) and attitude matrix in Earth-fixed axes, as one vector."""
     phi, lam = float(state.latitude), float(state.longitude)
-    R_e = earth.transverse_radius(np.array(phi))
+    _, R_e = earth.radii(np.sin(phi))
     h = float(state.height)
     r = np.array(
         [
@@ -34,7 +34,7 @@ def vertical(r: np.ndarray) -> np.ndarray:
     p, z, e2 = float(np.hypot(r[0], r[1])), float(r[2]), earth.ECCENTRICITY_SQUARED
     phi = np.arctan2(z, p * (1 - e2))
     for _ in range(6):
-        phi = np.arctan2(z + e2 * earth.transverse_radius(np.array(phi)) * np.sin(phi), p)
+        phi = np.arctan2(z + e2 * earth.radii(np.sin(phi))[1] * np.sin(phi), p)
     return ned_to_ecef(float(phi), float(np.arctan2(r[1], r[0])))[:, 2]
 
 

@@ -2,6 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from filters import attitude, earth, simulation, state
@@ -164,7 +165,7 @@ def test_rows_are_used_from_two_seconds_after_a_mark_and_never_beyond_the_dwells
         assert used[(t >= at + 2.0) & (t <= at + 6.0)].all()
         may |= (t >= at + 2.0) & (t <= at + 8.0)
         here = used & (t >= at) & (t <= at + 8.0)
-        C_nb = attitude.table(*np.deg2rad(angles))
+        C_nb = Rotation.from_euler("XYZ", np.deg2rad(angles)).as_matrix()
         for quaternion in known[here, reference.QUATERNION]:
             assert np.allclose(attitude.from_quaternion(quaternion), C_nb, atol=1e-12)
         assert np.allclose(known[here, reference.FORCE], C_nb.T @ [0, 0, -PAPER_SITE.gravity], atol=1e-12)
@@ -287,7 +288,7 @@ def test_a_log_that_begins_in_the_middle_of_a_profile_starts_where_the_table_is(
     error, P = bias_errors(estimator, truth)
     assert estimator.rejected == 0
     assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(P)))
-    assert np.allclose(C_nb, attitude.table(np.deg2rad(90.0), 0.0, 0.0), atol=1e-9)
+    assert np.allclose(C_nb, Rotation.from_euler("XYZ", [np.deg2rad(90.0), 0.0, 0.0]).as_matrix(), atol=1e-9)
 
 
 def test_rows_of_a_part_are_those_of_the_whole() -> None:

@@ -8,7 +8,7 @@ import pytest
 from helpers.runs import QUIET, run_of
 
 from filters.channels import DPS
-from filters.earth import meridian_radius, transverse_radius
+from filters.earth import curvature
 from filters.imu import AxisMap
 from filters.kalman import strapdown
 from filters.motion.profile import Profile
@@ -244,8 +244,8 @@ def reached(stack: Stack, r: np.ndarray, start: int, seconds: float) -> float:
     for row in reading[start : start + steps]:
         gyro, accel = axes.gyro_to_body(row[:3]), axes.accel_to_body(row[3:])
         state = strapdown.propagate(state, gyro, accel, stack.period, site.gravity)
-    north = (state.latitude - site.latitude) * (meridian_radius(state.latitude) + site.height)
-    east = (state.longitude - site.longitude) * (transverse_radius(state.latitude) + site.height)
+    R_n, R_e = curvature(state.latitude, site.height)
+    north, east = (state.latitude - site.latitude) * R_n, (state.longitude - site.longitude) * R_e
     return float(np.linalg.norm([north, east * np.cos(site.latitude), state.height - site.height]))
 
 
