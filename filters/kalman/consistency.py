@@ -17,7 +17,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from filters.allan import CHI2_MEDIAN
 from filters.imu import STANDARD_GRAVITY
@@ -152,12 +151,23 @@ class ConvergenceMonitor:
 
     def _judge(self, t: float, bias: Array, bias_sd: Array) -> None:
         means = np.array(self._means)
-        span = self._block * self._window
-        mean_bias = means[:, 6:].mean(axis=0)
         self._change = bias - means[0, 6:]
-        agrees = self._agrees(means[:, :6], bias, bias_sd, span)
-        self._note_departure(means[:, :6], bias, bias_sd, span)
-        settled = (bias_sd < TOLERANCE) & (np.abs(bias - mean_bias) < TOLERANCE) & agrees
+        known = np.isfinite(means[:, 0])
+        self._apparent = means[known, :6].mean(axis=0) if known.any() else None
+        agrees = np.ones(6, bool)
+        if self._apparent is not None:
+            noise, agrees = self.noise(), np.zeros(6, bool)
+            if noise is not None:
+                seconds = self._block * self._window * np.count_nonzero(known) / known.size
+                # standard deviation of (mean raw residual - estimate)
+                allowed = np.sqrt(noise**2 / seconds + bias_sd**2)
+                agrees = np.abs(self._apparent - bias) < _BAND * allowed
+                # every window that shares no block with the one kept before
+                if self._judged % self._window == 0:
+                    self._departures.append((self._apparent - bias) / allowed)
+        self._judged += 1
+        steady = np.abs(bias - means[:, 6:].mean(axis=0)) < TOLERANCE
+        settled = (bias_sd < TOLERANCE) & steady & agrees
         for i in range(6):
             self._ok_from[i] = (self._ok_from[i] if self._ok_from[i] is not None else t) if settled[i] else None
             self._out_from[i] = None if agrees[i] else (self._out_from[i] if self._out_from[i] is not None else t)
@@ -166,35 +176,6 @@ class ConvergenceMonitor:
                 self._since[i] = t
             elif self._since[i] is not None and out_from is not None and t - out_from >= HOLD - 1e-9:
                 self._since[i] = None
-
-    def _agrees(self, residuals: Array, bias: Array, bias_sd: Array, span: float) -> NDArray[np.bool_]:
-        """Whether raw residuals of the window, less the estimate, lie inside the band; yes where there are none."""
-        known = np.isfinite(residuals[:, 0])
-        if not known.any():
-            self._apparent = None
-            return np.ones(6, bool)
-        self._apparent = residuals[known].mean(axis=0)
-        allowed = self._allowed(known, bias_sd, span)
-        if allowed is None:
-            return np.zeros(6, bool)
-        return np.asarray(np.abs(self._apparent - bias) < _BAND * allowed)
-
-    def _allowed(self, known: NDArray[np.bool_], bias_sd: Array, span: float) -> Array | None:
-        """Standard deviation of (mean raw residual - estimate) over the known blocks of a window; None unknown."""
-        noise = self.noise()
-        if noise is None:
-            return None
-        seconds = span * np.count_nonzero(known) / known.size
-        return np.asarray(np.sqrt(noise**2 / seconds + bias_sd**2))
-
-    def _note_departure(self, residuals: Array, bias: Array, bias_sd: Array, span: float) -> None:
-        """Keep every window that shares no block with the one kept before, in standard deviations."""
-        self._judged += 1
-        if (self._judged - 1) % self._window or self._apparent is None:
-            return
-        allowed = self._allowed(np.isfinite(residuals[:, 0]), bias_sd, span)
-        if allowed is not None:
-            self._departures.append((self._apparent - bias) / allowed)
 
     def noise(self) -> Array | None:
         """White noise density measured on the log, from the median of squared first differences of blocks.

@@ -138,36 +138,17 @@ def draws(seed: int, first: int, count: int) -> Array:
     return np.asarray(ndtri(((words >> np.uint64(11)) + 0.5) * 2.0**-53))
 
 
+@dataclass
 class InputBuilder:
-    """Makes the input of an engine from readings, in order, once the reference is found.
+    """Makes the input of the next readings; effects and marks have a memory, so readings come in order, once each."""
 
-    `settings`: of the run.
-    `found`: what is known of the motion.
-    `effects`: those that join the filter.
-    `times`: told of the gaps that come of samples which the effects do not let pass.
-    `marks`: the operator's marks that are still to come, s and text; each is taken out when it counts, which is from
-      the first sample on that is not before it.
-    """
-
-    def __init__(
-        self,
-        settings: Settings,
-        found: Reference,
-        effects: Effects | None,
-        times: SampleTimes,
-        marks: list[tuple[float, str]],
-    ) -> None:
-        self._settings = settings
-        self._reference = found
-        self._effects = effects
-        self._times = times
-        self._shown_t = -np.inf
-        self._turns = Turns()
-        self._marks = marks
-
-    def confounded(self) -> list[str]:
-        """Sentences on biases that the motion so far cannot tell from other effects, body axes."""
-        return self._turns.confounded()
+    settings: Settings  # of the run
+    reference: Reference
+    effects: Effects | None  # that join the filter
+    times: SampleTimes  # where gaps are noted that come of readings being left out
+    marks: list[tuple[float, str]]  # of the operator, still to be taken; those that are, are removed
+    turns: Turns = field(default_factory=Turns)  # what the motion so far tells
+    _shown_t: float = -np.inf
 
     def input(self, readings: Readings, index: int, before: float) -> FilterInput:
         """Input of the next readings.
@@ -178,13 +159,13 @@ class InputBuilder:
         Returns of the readings that are used; those that effects flag are predicted through, as samples that are
           flagged in the log are: the engine never sees them.
         """
-        known = self._known(readings, before if self._effects is None else self._shown_t)
+        known = self._known(readings, before if self.effects is None else self._shown_t)
         included: list[Array] = []
-        if self._effects is not None:
-            readings, known, *included = self._include(self._effects, readings, known, before)
-        if self._reference.moving:
-            self._turns.add(known[:, reference.RATE])
-        n, settings = readings.t.size, self._settings
+        if self.effects is not None:
+            readings, known, *included = self._include(self.effects, readings, known, before)
+        if self.reference.moving:
+            self.turns.add(known[:, reference.RATE])
+        n, settings = readings.t.size, self.settings
         drawn = draws(settings.seed, index, n) if settings.measurements == "drawn" else np.empty((0, 9))
         arrays = readings.t, readings.gyro, readings.accel, known, drawn, *included
         return FilterInput(*(np.require(a, np.float64, ("C", "W")) for a in arrays))
@@ -201,27 +182,24 @@ class InputBuilder:
         if not use.all() or before != self._shown_t:
             readings = readings.part(use)
             # what a trajectory says at a sample that is not used goes to the next one that is
-            known = self._reference.known(readings.t, before, readings.gyro)
+            known = self.reference.known(readings.t, before, readings.gyro)
             used = np.concatenate([[before], readings.t])[:-1]
             arrived = np.concatenate([[self._shown_t], t[:-1]])[use]
-            self._times.note_left_out(arrived, used, readings.t)
+            self.times.note_left_out(arrived, used, readings.t)
         self._shown_t = float(t[-1])
         return readings, known, phi[use], scale[use]
 
     def _known(self, readings: Readings, before: float) -> Array:
-        """What the reference says at each reading, or one row for all."""
-        if isinstance(self._reference, TableMotion) and self._marks:
-            return self._known_between_marks(self._reference, readings.t, before, readings.gyro)
-        return self._reference.known(readings.t, before, readings.gyro)
-
-    def _known_between_marks(self, found: TableMotion, t: Array, before: float, gyro: Array) -> Array:
-        """Rows of readings with marks among them."""
+        """What the reference says at each reading, with marks among them, or one row for all."""
+        found, t = self.reference, readings.t
+        if not isinstance(found, TableMotion) or not self.marks:
+            return found.known(t, before, readings.gyro)
         parts, first = [], 0
         while first < t.size:
-            while self._marks and self._marks[0][0] <= t[first]:
-                found.mark(*self._marks.pop(0))
-            until = self._marks[0][0] if self._marks else np.inf
+            while self.marks and self.marks[0][0] <= t[first]:
+                found.mark(*self.marks.pop(0))
+            until = self.marks[0][0] if self.marks else np.inf
             last = first + int(np.searchsorted(t[first:], until, side="left"))
-            parts.append(found.known(t[first:last], before, gyro[first:last]))
+            parts.append(found.known(t[first:last], before, readings.gyro[first:last]))
             before, first = float(t[last - 1]), last
         return np.concatenate(parts)

@@ -9,6 +9,7 @@ After the end of the reference nothing is integrated: navigation on its own woul
 would follow it. They are held, and their walk adds to their covariance.
 """
 
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -150,36 +151,30 @@ def stretches(known: Array, count: int, begun: int, *, is_held: bool) -> list[tu
     return [(first, last, bool(held[first])) for first, last in pairwise(edges)]
 
 
+@dataclass
 class HeldBiases:
-    """Biases over samples that no reference knows anything of any more.
+    """Biases over samples that no reference knows anything of any more."""
 
-    `belief`: what the filter holds after the last sample with a reference.
-    `noise`: with the walk of the biases.
-    `since`: time of that sample, s.
-    `count`: samples up to it.
-    `every`: least time between two rows of output, s.
-    `next_out`: when the next row is due, s.
-    `since`, `t`: time of the last sample with a reference, and of the last one at all, s.
-    `count`: samples so far, those before included.
-    `next_out`: when the next row is due, s.
-    """
+    held: Belief  # what the filter holds after the last sample with a reference
+    noise: Noise  # with the walk of the biases
+    since: float  # time of that sample, s
+    count: int  # samples so far, those before included
+    every: float  # least time between two rows of output, s
+    next_out: float  # when the next row is due, s
+    t: float = field(init=False)  # time of the last sample at all, s
 
-    def __init__(self, belief: Belief, noise: Noise, since: float, count: int, every: float, next_out: float) -> None:
-        self.since = self.t = since
-        self.count = count
-        self.next_out = next_out
-        self._belief = belief
-        self._walk = np.concatenate([noise.accel_walk, noise.gyro_walk]) ** 2
-        self._every = every
+    def __post_init__(self) -> None:
+        self.t = self.since
 
     def belief(self) -> Belief:
         """Navigation of the last sample with a reference, biases, and their covariance of now."""
-        return Belief(self._belief.nav, self._covariance(self.t))
+        return Belief(self.held.nav, self._covariance(self.t))
 
     def _covariance(self, t: float) -> Array:
-        P = self._belief.P.copy()
+        P = self.held.P.copy()
         biases = np.arange(state.NAVIGATION.stop, state.SIZE)
-        P[biases, biases] += self._walk * (t - self.since)
+        walk = np.concatenate([self.noise.accel_walk, self.noise.gyro_walk]) ** 2
+        P[biases, biases] += walk * (t - self.since)
         return P
 
     def take(self, t: Array) -> Array:
@@ -188,8 +183,8 @@ class HeldBiases:
         for k, at in enumerate(t.tolist()):
             if at >= self.next_out - _SAME:
                 due.append(self._row(at, self.count + k))
-                self.next_out += self._every
-                self.next_out = at + self._every if self.next_out <= at else self.next_out
+                self.next_out += self.every
+                self.next_out = at + self.every if self.next_out <= at else self.next_out
         self.count += t.size
         self.t = float(t[-1])
         return np.array(due).reshape(-1, layout.OUT)
@@ -197,7 +192,7 @@ class HeldBiases:
     def _row(self, t: float, index: int) -> Array:
         row = np.full(layout.OUT, np.nan)
         row[layout.OUT_INDEX], row[layout.OUT_T], row[layout.OUT_DOF] = index, t, 0.0
-        nav = row_of(self._belief.nav)
+        nav = row_of(self.held.nav)
         row[layout.OUT_NAV + layout.NAV_BA : layout.OUT_NIS] = nav[layout.NAV_BA :]
         P = self._covariance(t)
         P[state.NAVIGATION], P[:, state.NAVIGATION] = np.nan, np.nan

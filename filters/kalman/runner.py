@@ -151,15 +151,10 @@ class Estimator:
             raise ValueError("the reference is not found yet: there is no estimate")
         return self._engine.extra()
 
-    @property
-    def extra_states(self) -> int:
-        """How many states effects add to the 15."""
-        return 0 if self.effects is None else len(self.effects.names)
-
     def warm_up(self, say: Callable[[str], None] | None = None) -> None:
         """Load or compile what this run needs, if it needs anything compiled; `say` as in `runner.warm_up`."""
         if self.settings.filter == "spkf":
-            warm_up(say, effects=self.extra_states > 0)
+            warm_up(say, effects=self.effects is not None and len(self.effects.names) > 0)
 
     @property
     def dof(self) -> float:
@@ -251,22 +246,16 @@ class Estimator:
 
     def confounded(self) -> list[str]:
         """Sentences on biases that the motion cannot tell from other effects, body axes; empty for a unit at rest."""
-        return [] if self._inputs is None else self._inputs.confounded()
+        return [] if self._inputs is None else self._inputs.turns.confounded()
 
     def take(self, readings: Readings) -> Iterator[Array]:
         """Feed readings and yield rows of estimates, `filters.kalman.layout.OUT_*`, shape (K, OUT); see `rows`."""
         self.temperature.take(readings.t, readings.temperature)
-        if self.first_rest is not None:
-            yield from self._take_at_rest(readings, self.first_rest)
-        else:
+        if self.first_rest is not None:  # those alone that are known to be of it; at its end, what there is
+            readings = self.first_rest.take(readings)
+        if self.first_rest is None or readings.t.size:
             yield from self._take(readings)
-
-    def _take_at_rest(self, readings: Readings, first_rest: FirstRest) -> Iterator[Array]:
-        """Feed those readings that are known to be of the first rest; at its end, use what there is of it."""
-        at_rest = first_rest.take(readings)
-        if at_rest.t.size:
-            yield from self._take(at_rest)
-        if first_rest.over:
+        if self.first_rest is not None and self.first_rest.over:
             yield from self.use_waiting()
 
     def _take(self, readings: Readings) -> Iterator[Array]:
@@ -400,12 +389,6 @@ def run(
     `last` says that no more will come, so that samples which wait for a reference are used as they are.
     """
     for block in rows(estimator, t, gyro, accel, temperature, last=last):
-        yield from map(estimate_of, block)
-
-
-def finish(estimator: Estimator) -> Iterator[Estimate]:
-    """Use the samples that still wait for a reference, when no more will come; see `step`."""
-    for block in estimator.use_waiting():
         yield from map(estimate_of, block)
 
 

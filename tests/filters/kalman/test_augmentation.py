@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from helpers.filtering import same_however_they_come
 from scipy.special import chdtri
 
 from filters import earth, state
@@ -18,7 +19,7 @@ from filters.kalman import (
 )
 from filters.kalman.augmentation import Augmented
 from filters.kalman.filter_input import FilterInput, draws
-from filters.kalman.rows import Estimate, nav_of
+from filters.kalman.rows import nav_of
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import GAP_PERIODS, Settings
 from filters.motion import reference
@@ -322,27 +323,9 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> N
     row = [PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0]
     motion = Trajectory(t[::7] + 0.01, np.tile(row, (len(t[::7]), 1))) if kind == "trajectory" else None
     settings = Settings(DT, reference=kind, motion=motion, measurements="drawn", effects=lagged)
-    whole, parts, single = (Estimator(settings) for _ in range(3))
-    at_once = list(runner.run(whole, t, gyro, accel, warming(t)))
-    in_parts: list[Estimate] = []
-    for first in range(0, n, 47):
-        piece = slice(first, first + 47)
-        in_parts += runner.run(parts, t[piece], gyro[piece], accel[piece], warming(t)[piece], last=False)
-    in_parts += runner.finish(parts)
-    one_by_one: list[Estimate] = []
-    for k in range(n):
-        one_by_one += runner.step(single, float(t[k]), gyro[k], accel[k], float(warming(t)[k]))
-    one_by_one += runner.finish(single)
+    whole, at_once = same_however_they_come(settings, (t, gyro, accel, warming(t)))
     assert len(at_once) == np.count_nonzero(lagged().use(t))
-    assert whole.gaps == parts.gaps == single.gaps
     assert [round(seconds, 6) for _, seconds in whole.gaps if seconds > 0.5] == [1.2, 3.2]
-    for others, estimator in ((in_parts, parts), (one_by_one, single)):
-        assert len(at_once) == len(others)
-        for a, b in zip(at_once, others, strict=True):
-            assert np.array_equal(a.belief.P, b.belief.P)
-            assert np.array_equal(a.nu, b.nu, equal_nan=True)
-        assert all(np.array_equal(a, b) for a, b in zip(whole.extra(), estimator.extra(), strict=True))
-        assert whole.monitor.convergence().since == estimator.monitor.convergence().since
 
 
 def test_a_sample_that_is_not_used_is_as_if_it_had_not_come() -> None:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.filtering import dwell, filtered
 
 from filters import simulation
-from filters.kalman import runner
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion.profile import Profile
@@ -18,25 +18,23 @@ from imutui.logbook.session_info import SessionInfo
 HZ = 20.0
 
 
-def dwell(outer: float, middle: float, inner: float = 0.0, seconds: float = 16.0) -> Dwell:
-    return Dwell((np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner)), seconds)
+def rest(outer: float, middle: float, inner: float = 0.0) -> Dwell:
+    return dwell(outer, middle, inner, 16.0)
 
 
 def spin(dps: float) -> Rate:
     return Rate("inner", np.deg2rad(dps), 12.0)
 
 
-POSITIONS = Profile((dwell(0, 0), dwell(0, 90), dwell(0, -90)))
-SPINS = Profile((dwell(0, 0), spin(60), dwell(0, 0, 720), spin(-60), dwell(0, 0)), offset_sd=0.005)
+POSITIONS = Profile((rest(0, 0), rest(0, 90), rest(0, -90)))
+SPINS = Profile((rest(0, 0), spin(60), rest(0, 0, 720), spin(-60), rest(0, 0)), offset_sd=0.005)
 
 
 def run(believed: Profile, true: Profile | None = None, effects: tuple[Effect, ...] = ()) -> Estimator:
     """The filter with a profile, over readings of a table that went through `true`."""
     motion = true or believed
     samples, _ = simulation.simulate(motion, rate_hz=HZ, seconds=believed.duration, seed=3, effects=effects)
-    estimator = Estimator(Settings(1.0 / HZ, reference="profile", motion=believed), every=np.inf)
-    list(runner.run(estimator, samples.t, samples.gyro, samples.accel))
-    return estimator
+    return filtered(Settings(1.0 / HZ, reference="profile", motion=believed), samples, every=np.inf)[0]
 
 
 def said(estimator: Estimator, **info: object) -> str:
@@ -73,13 +71,16 @@ def test_a_scale_factor_of_one_per_cent_is_named_with_position_channel_and_size(
 
 def test_a_position_that_was_not_gone_to_is_the_tables_and_another_one_the_profiles() -> None:
     """Two degrees of tilt leave gravity its length; ninety are no effect of a unit, and an alarm too."""
-    tilted = run(POSITIONS, Profile((dwell(0, 0), dwell(2, 90), dwell(0, -90))))
+    tilted = run(POSITIONS, Profile((rest(0, 0), rest(2, 90), rest(0, -90))))
     assert "tilt of" in said(tilted)
     assert "against the table or the mounting" in said(tilted)
-    elsewhere = run(POSITIONS, Profile((dwell(0, 0), dwell(90, 0), dwell(0, -90))))
+    elsewhere = run(POSITIONS, Profile((rest(0, 0), rest(90, 0), rest(0, -90))))
     assert "against the profile, the mounting or the sign, not the unit" in said(elsewhere)
     assert any("belong together" in alarm for alarm in elsewhere.alarms())
-    turned = run(SPINS, Profile((dwell(0, 0), spin(-60), dwell(0, 0, -720), spin(60), dwell(0, 0)), offset_sd=0.005))
+    turned = run(
+        SPINS,
+        Profile((rest(0, 0), spin(-60), rest(0, 0, -720), spin(60), rest(0, 0)), offset_sd=0.005),
+    )
     assert "gz reads" in said(turned)
     assert "not the rate that it says" in said(turned)
 

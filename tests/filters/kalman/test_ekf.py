@@ -53,25 +53,21 @@ def test_every_column_of_the_jacobian_is_the_derivative_of_the_mechanisation(see
         assert np.max(error[9:, column]) < 1e-11, column
 
 
+# readings that are held, and rates that turn about within 0.3 s, ten times faster than any table can: the mechanisation
+# leaves out the commutator of the rates at the start and the end, which Φ does not
+@pytest.mark.parametrize(("changes", "biases", "gyro_biases"), [(False, 1e-6, 1e-6), (True, 5e-6, 2e-3)])
 @pytest.mark.parametrize("seed", range(10))
-def test_a_transition_is_the_derivative_of_the_step(seed: int) -> None:
+def test_a_transition_is_the_derivative_of_the_step(
+    seed: int, changes: bool, biases: float, gyro_biases: float
+) -> None:
     nav, gyro, accel = moving(seed)
+    if changes:
+        gyro, accel = np.array([gyro, -0.5 * gyro]), np.array([accel, 2.0 * accel + 1.0])
     end, Phi = ekf.transition(nav, gyro, accel, 0.3, GRAVITY)
     error = (Phi - differences(nav, gyro, accel, 0.3, GRAVITY)) * SIZES / SIZES[:, None]
-    assert np.max(np.abs(error)) < 1e-6
+    assert np.max(np.abs(error[:, :12])) < biases
+    assert np.max(np.abs(error[:, 12:])) < gyro_biases
     assert np.max(np.abs(end.minus(strapdown.propagate(nav, gyro, accel, 0.3, GRAVITY))) / SIZES) < 1e-9
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_a_transition_follows_readings_that_change(seed: int) -> None:
-    nav, gyro, accel = moving(seed)
-    rates, forces = np.array([gyro, -0.5 * gyro]), np.array([accel, 2.0 * accel + 1.0])
-    end, Phi = ekf.transition(nav, rates, forces, 0.3, GRAVITY)
-    error = (Phi - differences(nav, rates, forces, 0.3, GRAVITY)) * SIZES / SIZES[:, None]
-    assert np.max(np.abs(error[:, :12])) < 5e-6
-    # the mechanisation leaves out the commutator of the rates at the start and the end; Φ does not
-    assert np.max(np.abs(error[:, 12:])) < 2e-3
-    assert np.max(np.abs(end.minus(strapdown.propagate(nav, rates, forces, 0.3, GRAVITY))) / SIZES) < 1e-9
 
 
 def test_the_printed_jacobian_is_wrong_where_the_docstring_says() -> None:
@@ -107,20 +103,3 @@ def test_a_reading_held_is_one_that_is_equal_at_both_ends() -> None:
     a = ekf.predict(belief, gyro, accel, 0.05, GRAVITY, np.zeros((15, 15)))
     b = ekf.predict(belief, np.array([gyro, gyro]), np.array([accel, accel]), 0.05, GRAVITY, np.zeros((15, 15)))
     assert np.array_equal(a.P, b.P)
-
-
-def test_kappa_means_nothing_here() -> None:
-    """All filters are called alike; this one has no sigma points."""
-    nav, gyro, accel = moving(4)
-    belief = ekf.start(nav, SIZES)
-    a = ekf.predict(belief, gyro, accel, 0.05, GRAVITY, np.zeros((15, 15)), 0.0)
-    b = ekf.predict(belief, gyro, accel, 0.05, GRAVITY, np.zeros((15, 15)), -12.0)
-    assert np.array_equal(a.P, b.P)
-
-
-def test_bad_arguments_are_errors_in_words() -> None:
-    nav, gyro, accel = moving(5)
-    with pytest.raises(ValueError, match="`dt` is -1"):
-        ekf.predict(ekf.start(nav, SIZES), gyro, accel, -1.0, GRAVITY, np.zeros((15, 15)))
-    with pytest.raises(ValueError, match="`P0_sd` has shape"):
-        ekf.start(nav, SIZES[:9])

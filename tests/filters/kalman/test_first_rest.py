@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers import filtering
 from helpers.turned import turned_run
 
 from filters.imu import IMU400CD_200
-from filters.kalman import runner
 from filters.kalman.filter_input import Readings
 from filters.kalman.first_rest import FirstRest
 from filters.kalman.rows import Estimate
@@ -28,22 +28,17 @@ def readings(seconds: float = 15.0, before: float = 0.0) -> Readings:
     return Readings(t, gyro, accel, np.full(t.size, np.nan))
 
 
-def filtered(given: Readings, size: int, reference: str = "turned") -> tuple[Estimator, list[Estimate]]:
-    """An estimator after these readings, so many at a time, and its estimates."""
-    estimator = Estimator(Settings(PERIOD, reference=reference), every=0.1)
-    made: list[Estimate] = []
-    for first in range(0, given.t.size, size):
-        part = given.part(slice(first, first + size))
-        last = first + size >= given.t.size
-        made += runner.run(estimator, part.t, part.gyro, part.accel, part.temperature, last=last)
-    return estimator, made
+def filtered(given: Readings, reference: str = "turned") -> tuple[Estimator, list[Estimate]]:
+    """An estimator after these readings, and its estimates."""
+    columns = given.t, given.gyro, given.accel, given.temperature
+    return filtering.filtered(Settings(PERIOD, reference=reference), columns, every=0.1)
 
 
 def test_the_filter_runs_on_the_first_rest_as_on_a_still_unit_and_holds_its_biases() -> None:
     given = readings()
-    estimator, made = filtered(given, 4096)
+    estimator, made = filtered(given)
     assert 14 * 100 <= estimator.samples <= 15 * 100
-    still, alone = filtered(given.part(slice(estimator.samples)), 4096, "gravity")
+    still, alone = filtered(given.part(slice(estimator.samples)), "gravity")
     assert len(made) == len(alone)
     assert np.array_equal(made[-1].belief.P, alone[-1].belief.P)
     assert estimator.observable == still.observable
@@ -52,19 +47,14 @@ def test_the_filter_runs_on_the_first_rest_as_on_a_still_unit_and_holds_its_bias
     assert estimator.first_rest.last_t == given.t[-1]
 
 
-@pytest.mark.parametrize("size", [1, 37])
-def test_how_many_samples_come_at_once_changes_nothing(size: int) -> None:
+def test_how_many_samples_come_at_once_changes_nothing() -> None:
     given = readings(before=3.2)
-    one, made = filtered(given, size)
-    all_at_once, expected = filtered(given, given.t.size)
-    assert one.samples == all_at_once.samples
-    assert [e.t for e in made] == [e.t for e in expected]
-    assert np.array_equal(made[-1].belief.P, expected[-1].belief.P)
-    assert np.array_equal(made[-1].belief.nav.gyro_bias, expected[-1].belief.nav.gyro_bias)
+    columns = given.t, given.gyro, given.accel, given.temperature
+    filtering.same_however_they_come(Settings(PERIOD, reference="turned"), columns, every=0.1)
 
 
 def test_a_rest_may_come_after_motion_and_be_shorter_than_levelling_takes() -> None:
-    estimator, made = filtered(readings(seconds=5.0, before=3.2), 4096)
+    estimator, made = filtered(readings(seconds=5.0, before=3.2))
     assert estimator.first_rest is not None
     assert estimator.first_rest.begun == pytest.approx(4.0)
     assert 3 * 100 <= estimator.samples <= 5 * 100
@@ -75,7 +65,7 @@ def test_a_rest_may_come_after_motion_and_be_shorter_than_levelling_takes() -> N
 def test_without_a_rest_nothing_is_used() -> None:
     given = readings()
     gyro = given.gyro + 0.5 * np.sin(3.0 * given.t)[:, None]
-    estimator, made = filtered(Readings(given.t, gyro, given.accel, given.temperature), 4096)
+    estimator, made = filtered(Readings(given.t, gyro, given.accel, given.temperature))
     assert not made
     assert estimator.latest is None
 

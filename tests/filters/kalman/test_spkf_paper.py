@@ -200,19 +200,13 @@ def test_a_pitch_of_90_degrees_is_divergence() -> None:
             belief = spkf_paper.predict(belief, rate, np.array([GRAVITY, 0, 0]), 0.1, GRAVITY, np.zeros((15, 15)))
 
 
-def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
-    P = np.eye(15)
-    P[9, 9] = -1.0
-    belief = PaperBelief(spkf_paper.start(LEVEL, P0_SD).x, P)
-    with pytest.raises(spkf.DivergenceError, match="state covariance"):
-        spkf_paper.predict(belief, np.zeros(3), np.zeros(3), 0.1, 9.8, np.zeros((15, 15)))
-
-
-def test_bad_arguments_are_errors_in_words() -> None:
-    belief = spkf_paper.start(LEVEL, P0_SD)
+@pytest.mark.parametrize("module", [spkf, ekf, spkf_paper])
+def test_bad_arguments_are_errors_in_words(module: ModuleType) -> None:
+    belief, nothing = module.start(LEVEL, P0_SD), (np.zeros(3), np.zeros(3))
     with pytest.raises(ValueError, match="`dt` is 0"):
-        spkf_paper.predict(belief, np.zeros(3), np.zeros(3), 0.0, 9.8, np.zeros((15, 15)))
-    with pytest.raises(ValueError, match="`kappa` is -15"):
-        spkf_paper.predict(belief, np.zeros(3), np.zeros(3), 0.1, 9.8, np.zeros((15, 15)), -15.0)
+        module.predict(belief, *nothing, 0.0, 9.8, np.zeros((15, 15)))
     with pytest.raises(ValueError, match="`P0_sd` has shape"):
-        spkf_paper.start(LEVEL, P0_SD[:9])
+        module.start(LEVEL, P0_SD[:9])
+    if module is not ekf:
+        with pytest.raises(ValueError, match="`kappa` is -15"):
+            module.predict(belief, *nothing, 0.1, 9.8, np.zeros((15, 15)), -15.0)

@@ -587,6 +587,7 @@ WRONG = [
     (lambda: Unit(SCENE, 1), ["`power_on` is 1"]),
     (lambda: Unit(SCENE, 0, 0.0), ["`rate_hz`"]),
     (lambda: Unit(SCENE).record(-1), ["`count` is -1"]),
+    (lambda: [unit.reading(k) for unit in (Unit(SCENE),) for k in (5000, 10)], ["`k` is 10", "are gone"]),
     (lambda: Temperature(((1.0, 2.0), (1.0, 3.0))), ["do not increase"]),
     (lambda: simulation.Fault(1.0, "fire"), ["`kind`", "fire", "garbage"]),
     (lambda: simulation.Fault(1.0, "silence", count=3), ["`seconds` is 0"]),
