@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.imu import AxisMap
 from filters.types import Array
 
 REFERENCE_DEGC = 25.0
@@ -72,3 +73,20 @@ class Inputs:
     # `TRAILED` behind by each of `TRAILS`, from equality at the start, rad/s and m/s², shape (n, TRAILED, TRAILS); NaN
     # where the past motion is not known
     trail: Array
+
+
+def tilted(axes: AxisMap, C: Array, gravity: float) -> Array:
+    """Reading of the accelerometers per rad of tilt about north and about east, m/s², of attitudes (n, 3, 3).
+
+    δ × (0, 0, -γ) of a tilt about north is γ east, about east -γ north. Shape (n, 3, 2).
+    """
+    return gravity * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
+
+
+def levered(axes: AxisMap, turning: Array, turning_dot: Array) -> Array:
+    """ω × (ω × r) + ω' × r as the accelerometers read it, for r along the instrument's x, y, z; shape (n, 3, 3)."""
+    columns = []
+    for r in axes.mount.T:
+        force = np.cross(turning, np.cross(turning, r)) + np.cross(turning_dot, r)
+        columns.append(axes.accel_to_instrument(force))
+    return np.stack(columns, axis=2)

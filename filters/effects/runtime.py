@@ -1,12 +1,11 @@
 """Found effects as the filter takes them: regressors from the past alone, sample by sample or many at once.
 
-Temperature is smoothed causally (5 s, its rate 15 s) by double exponential smoothing, which lags no ramp. What a sensor
+Temperature is smoothed causally (5 s, its rate 15 s), which lags no ramp. What a sensor
 truly senses is the reference's where that is known, else what it reads. States are in the units of their report; every
 regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,21 +16,10 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
 from filters.effects.drivers import PAST_MOTION, SCALARS, Driver
 from filters.effects.hypothesis import Hypothesis
-from filters.effects.inputs import (
-    BANKS,
-    LAGS,
-    PLAY_HALF_WIDTHS,
-    PLAYS,
-    PLAYS_AT_START,
-    SLOPE_S,
-    SMOOTH_S,
-    TRAILED,
-    TRAILS,
-    Inputs,
-)
+from filters.effects.inputs import TRAILED, TRAILS, Inputs, levered, tilted
 from filters.effects.records import Included
+from filters.effects.temperature import CausalTemperature
 from filters.errors import InputError
-from filters.first_order import first_order
 from filters.imu import AxisMap
 from filters.motion import kinematics
 from filters.motion.reference import FORCE, QUATERNION, RATE
@@ -39,7 +27,6 @@ from filters.state import Site
 from filters.types import Array
 
 _MEMORY = 5
-_STRETCH = 1 << 12
 _NOT_CAUSAL = tuple(f"driver:{name}" for name in PAST_MOTION)
 
 _Bools = NDArray[np.bool_]
@@ -85,7 +72,7 @@ class CausalEffects:
         self.q = np.array([s.q for _, s in states])
         self._levels = [effect for effect in included if effect.effect == "noise_level"]
         self._gates = [effect for effect in included if effect.include_as == "P"]
-        self._thermal = _Thermal(period)
+        self._thermal = CausalTemperature(period)
         self._last: tuple[float, Array, Array] | None = None
         self._recent = np.full((_MEMORY, 6), np.nan)
         self._C = np.eye(3)[None]
@@ -147,27 +134,19 @@ class CausalEffects:
         spin_b = north * C[:, 0] + down * C[:, 2]
         turning = self._axes.gyro_to_body(x[:, :3]) - spin_b
         x_dot, turning_dot = self._slopes(t, x, turning)
-        T, T_rate, lagged, plays = self._thermal.follow(temperature)
-        axes, gamma = self._axes, self._site.gravity
-        tilt = gamma * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
-        lever = [
-            axes.accel_to_instrument(np.cross(turning, np.cross(turning, r)) + np.cross(turning_dot, r))
-            for r in axes.mount.T
-        ]
+        T = self._thermal.follow(temperature)
         zero = np.zeros((n, 3))
-        spin = axes.gyro_to_instrument(spin_b)
-        arms = np.stack(lever, axis=2)
         return Inputs(
             t=t,
             x=x,
             x_dot=x_dot,
-            temperature=T,
-            temperature_rate=T_rate,
-            lagged=lagged,
-            plays=plays,
-            spin=spin,
-            horizontal=tilt,
-            centripetal=arms,
+            temperature=T.level,
+            temperature_rate=T.rate,
+            lagged=T.lagged,
+            plays=T.plays,
+            spin=self._axes.gyro_to_instrument(spin_b),
+            horizontal=tilted(self._axes, C, self._site.gravity),
+            centripetal=levered(self._axes, turning, turning_dot),
             angles=kinematics.angles_of(C),
             rates=zero,
             table_accel=np.zeros(n),
@@ -245,117 +224,3 @@ def _part(effect: Included) -> _Part:
         if p.unit != state.unit:
             raise InputError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
     return _Part(h.channels, h, np.array([p.si for p in parameters]))
-
-
-@dataclass(frozen=True, slots=True)
-class _ThermalState:
-    """State of `_Thermal`: the temperature last known and the first, degC; recursions of the smoothing, lags, plays."""
-
-    numbers: Mapping[str, float]
-    vectors: Mapping[str, Sequence[float]]
-
-    def text(self) -> str:
-        """As JSON, which keeps every bit of a number."""
-        return json.dumps({**self.numbers, **self.vectors})
-
-    @classmethod
-    def parsed(cls, text: str) -> "_ThermalState":
-        """From JSON; raises InputError if that is not what it is."""
-        try:
-            found = json.loads(text)
-            numbers = {name: float(found[name]) for name in ("held", "start")}
-            vectors = {name: [float(v) for v in found[name]] for name in ("smooth", "lags", "plays")}
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise InputError(f"the memory of temperature does not read as one ({error})") from error
-        if not np.isfinite([*numbers.values(), *(v for vector in vectors.values() for v in vector)]).all():
-            raise InputError("the memory of temperature has a number that is not finite")
-        return cls(numbers, vectors)
-
-
-class _Thermal:
-    """Temperature smoothed from the past, its rate, lagged temperatures and plays."""
-
-    def __init__(self, period: float) -> None:
-        self._poles = [float(np.exp(-period / tau)) for tau in (SMOOTH_S, SLOPE_S)]
-        self._lags = [float(np.exp(-period / tau)) for tau in LAGS]
-        self._memories: list[float] | None = None
-        self._lagging: list[float] = []
-        self._held = np.nan
-        self._start = 0.0
-        self._widths = np.array([width for width, _ in BANKS])
-        self._plays = PLAYS_AT_START
-
-    def memory(self) -> str:
-        """All of its state as text, to the last bit; "" before any temperature is known."""
-        if self._memories is None:
-            return ""
-        state = _ThermalState(
-            {"held": self._held, "start": self._start},
-            {"smooth": self._memories, "lags": self._lagging, "plays": self._plays.tolist()},
-        )
-        return state.text()
-
-    def restore(self, memory: str) -> None:
-        """Take such a text; one of other lags or plays, as another version had them, leaves all unknown."""
-        state = _ThermalState.parsed(memory)
-        sizes = {"smooth": 2 * len(self._poles), "lags": len(self._lags), "plays": self._plays.size}
-        if {name: len(values) for name, values in state.vectors.items()} != sizes:
-            return
-        self._held, self._start = state.numbers["held"], state.numbers["start"]
-        self._memories, self._lagging = list(state.vectors["smooth"]), list(state.vectors["lags"])
-        self._plays = np.array(state.vectors["plays"])
-
-    def follow(self, temperature: Array) -> tuple[Array, Array, Array, Array]:
-        """Level (degC), rate (K/s), lagged (N, LAGS), plays (N, BANKS) of the next samples."""
-        raw = self._filled(temperature)
-        if not np.isfinite(raw).all():
-            n = raw.size
-            nan = np.full(n, np.nan)
-            return nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(BANKS)), np.nan)
-        if self._memories is None:
-            self._start = float(raw[0])
-            self._memories = [p * self._start for p in self._poles for _ in range(2)]
-            self._lagging = [p * self._start for p in self._lags]
-        level, _ = self._doubled(raw, 0)
-        _, slope = self._doubled(raw, 1)
-        lagged = np.empty((raw.size, len(LAGS)))
-        for k, pole in enumerate(self._lags):
-            lagged[:, k], self._lagging[k] = first_order(level, 1.0 - pole, pole, self._lagging[k])
-        return level, slope, lagged, self._played(level - self._start)
-
-    def _filled(self, temperature: Array) -> Array:
-        """The last known temperature where there is none."""
-        if np.isfinite(temperature).all():
-            self._held = float(temperature[-1])
-            return temperature
-        out = temperature.copy()
-        for k in range(out.size):
-            if np.isfinite(out[k]):
-                self._held = float(out[k])
-            out[k] = self._held
-        return out
-
-    def _doubled(self, raw: Array, which: int) -> tuple[Array, Array]:
-        """Level and slope by double exponential smoothing."""
-        assert self._memories is not None
-        pole, tau = self._poles[which], (SMOOTH_S, SLOPE_S)[which]
-        once, self._memories[2 * which] = first_order(raw, 1.0 - pole, pole, self._memories[2 * which])
-        twice, self._memories[2 * which + 1] = first_order(once, 1.0 - pole, pole, self._memories[2 * which + 1])
-        return 2.0 * once - twice, (once - twice) / tau
-
-    def _played(self, u: Array) -> Array:
-        """Means of the banks; in stretches, since there are many operators."""
-        stretches = [self._played_stretch(u[k : k + _STRETCH]) for k in range(0, u.size, _STRETCH)]
-        return np.concatenate(stretches) if stretches else np.zeros((0, len(BANKS)))
-
-    def _played_stretch(self, u: Array) -> Array:
-        r = PLAY_HALF_WIDTHS
-        out = np.empty((u.size, r.size))
-        for k, value in enumerate(u.tolist()):
-            self._plays = np.minimum(np.maximum(self._plays, value - r), value + r)
-            out[k] = self._plays
-        shaped = out.reshape(u.size, self._widths.size, PLAYS)
-        total = shaped[:, :, 0]
-        for k in range(1, PLAYS):
-            total = total + shaped[:, :, k]
-        return np.asarray(total / PLAYS / self._widths)

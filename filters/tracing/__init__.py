@@ -7,8 +7,7 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
                 would read
  2 set aside    `screening` faults of the data · `line_search` lines, sought in what effects leave and taken out ·
                 `noise_structure` colour and correlation of noise
- 3 averaged     `temperature` what thermal effects are functions of · `blocks` means of a quarter of a second ·
-                `stack` all runs, cut into cells for folds
+ 3 averaged     `blocks` means of a quarter of a second · `stack` all runs, cut into cells for folds
  4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
                 residual and regressors, likelihood of drift · `design_matrix` Gram matrices, gains, fits
  5 noise        `noise_level` what its level follows

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects.inputs import TRAILED, TRAILS, Inputs
+from filters.effects.inputs import TRAILED, TRAILS, Inputs, levered
+from filters.effects.temperature import TemperatureHistory, ThermalMemory, history
 from filters.first_order import first_order
-from filters.imu import AxisMap
-from filters.tracing import temperature
 from filters.tracing.residual import residual, sensed
 from filters.tracing.run import Run
-from filters.tracing.temperature import TemperatureHistory, ThermalMemory
 from filters.types import Array
 
 BLOCK_S = 0.25
@@ -136,7 +134,7 @@ class Blocks:
             x_dot=x_dot[inner],
             spin=true.spin[inner],
             horizontal=true.tilt[inner],
-            centripetal=_lever(run.axes, true.turning[inner], turning_dot[inner]),
+            centripetal=levered(run.axes, true.turning[inner], turning_dot[inner]),
             angles=run.angles[begin:end],
             rates=rates[inner],
             table_accel=np.linalg.norm(rates_dot, axis=1)[inner],
@@ -162,15 +160,6 @@ def _inputs(slow: SlowInputs, **fast: Array) -> Inputs:
 def _slope(values: Array, t: Array) -> Array:
     """Derivative by differences, shape as `values`; 0 of a single sample."""
     return np.asarray(np.gradient(values, t, axis=0)) if t.size > 1 else np.zeros_like(values)
-
-
-def _lever(axes: AxisMap, turning: Array, turning_dot: Array) -> Array:
-    """ω × (ω × r) + ω' × r as the accelerometers read it, for r along the instrument's x, y, z; shape (n, 3, 3)."""
-    columns = []
-    for r in axes.mount.T:
-        force = np.cross(turning, np.cross(turning, r)) + np.cross(turning_dot, r)
-        columns.append(axes.accel_to_instrument(force))
-    return np.stack(columns, axis=2)
 
 
 def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = None) -> Blocks:
@@ -262,14 +251,14 @@ def _slow_inputs(
     run: Run, t: Array, period: float, edges: NDArray[np.int_], before: ThermalMemory | None
 ) -> SlowInputs:
     """Inputs with a memory, at the blocks."""
-    history = temperature.history(run, t, period, edges, before)
+    past = history(run.temperature, t, period, edges, before)
     if run.still:
         trail = np.zeros((t.size, len(TRAILED), len(TRAILS)))
-        return SlowInputs(history, t - run.begins, np.zeros((t.size, 3)), trail)
+        return SlowInputs(past, t - run.begins, np.zeros((t.size, 3)), trail)
     rates = np.add.reduceat(run.rates, edges[:-1], axis=0) / np.diff(edges)[:, None]
     moves = np.abs(rates) > _AT_REST
     direction = _last_sign(np.where(moves, np.sign(rates), 0.0))
-    return SlowInputs(history, _since(t, moves.any(axis=1)), direction, _trail(run, t, period))
+    return SlowInputs(past, _since(t, moves.any(axis=1)), direction, _trail(run, t, period))
 
 
 def _trail(run: Run, t: Array, period: float) -> Array:

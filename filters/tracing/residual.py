@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import attitude, earth
+from filters.effects.inputs import tilted
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -39,9 +40,8 @@ def sensed(run: Run, rows: slice) -> Sensed:
     C, turning = attitude_and_rate(run, rows)
     spin = axes.gyro_to_instrument(np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(site.latitude))))
     force = axes.accel_to_instrument(-site.gravity * C[:, 2])
-    # δ × (0, 0, -γ) of a tilt about north is γ east, about east -γ north
-    tilt = site.gravity * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
-    return Sensed(np.hstack([axes.gyro_to_instrument(turning) + spin, force]), spin, tilt, turning)
+    reading = np.hstack([axes.gyro_to_instrument(turning) + spin, force])
+    return Sensed(reading, spin, tilted(axes, C, site.gravity), turning)
 
 
 def attitude_and_rate(run: Run, rows: slice | NDArray[np.int_]) -> tuple[Array, Array]:

@@ -17,8 +17,8 @@ import numpy as np
 
 from filters.effects.deterministic import hysteresis
 from filters.effects.inputs import LAGS
+from filters.effects.temperature import lag, plays
 from filters.effects.thermal_average import columns
-from filters.tracing.temperature import lag, plays
 from filters.tracing.thermal_forms import Average, Rows
 from filters.types import Array
 

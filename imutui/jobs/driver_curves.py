@@ -316,7 +316,7 @@ def _along(found: _Found, cells: Sequence[_Cells], courses: Mapping[str, DriverC
 
 def _remembered(of: DriverCourse) -> tuple[Array, Inputs]:
     """Temperature at even times, as the tracer smooths it, with its rate, lags and plays."""
-    from filters.tracing import temperature
+    from filters.effects import temperature
 
     known = np.isfinite(of.values[TEMPERATURE])
     t = np.linspace(of.t[0], of.t[-1], of.t.size)

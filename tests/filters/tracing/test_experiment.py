@@ -11,6 +11,7 @@ from helpers.turned import lacking
 
 from filters.effects.deterministic import thermal_scale
 from filters.effects.hypothesis import Hypothesis
+from filters.effects.temperature import lag
 from filters.imu import AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate
@@ -23,7 +24,6 @@ from filters.tracing.design_matrix import Design
 from filters.tracing.rivals import rivals
 from filters.tracing.run import Run, rest_attitudes
 from filters.tracing.stack import Stack
-from filters.tracing.temperature import lag
 from filters.tracing.trace import trace
 from filters.tracing.trace_document import SEPARATES
 from imutui import scenario

@@ -7,6 +7,7 @@ import pytest
 from helpers.runs import QUIET, run_of
 
 from filters.effects.inputs import BANKS, PLAY_WIDTHS
+from filters.effects.temperature import lag, plays, smoothed
 from filters.imu import AxisMap, parse_mount
 from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
@@ -18,7 +19,6 @@ from filters.tracing.design_matrix import Design
 from filters.tracing.residual import perfect, residual, residual_of
 from filters.tracing.run import Run
 from filters.tracing.stack import Stack
-from filters.tracing.temperature import lag, plays, smoothed
 
 DEG = np.pi / 180.0
 NONE = (0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from filters.effects import thermal_average
 from filters.effects.inputs import LAGS
-from filters.tracing.temperature import lag, plays
+from filters.effects.temperature import lag, plays
 from filters.tracing.thermal_forms import Rows
 
 PERIOD = 2.0

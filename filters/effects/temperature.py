@@ -1,10 +1,11 @@
-"""What thermal effects are functions of, over the blocks of a run: temperature, its rate, lags and play operators.
+"""What thermal effects are functions of: temperature, its rate, lags and play operators.
 
-What remembers temperature goes on from one part of a power-on to the next: between them temperature is taken to have
-gone by a straight line. Symmetric in time where that can be, since a trace has the whole run; what the filter makes of
-the past alone is in `filters.effects.runtime`.
+Two front ends: `history` has a whole run, in blocks, and smooths symmetrically in time; `CausalTemperature` has the
+past alone. What remembers temperature is the same for both. It goes on from one part of a power-on to the next, between
+which temperature is taken to have gone by a straight line.
 """
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +13,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
+from filters.errors import InputError
 from filters.first_order import first_order
-from filters.tracing.run import Run
 from filters.types import Array
 
 
 @dataclass(frozen=True, slots=True)
 class TemperatureHistory:
-    """Temperature of a run at its n blocks, and what remembers it; NaN without a temperature."""
+    """Temperature at n blocks or samples, and what remembers it; NaN without a temperature."""
 
     # level, rate: degC and K/s, shape (n,)
     level: Array
@@ -42,23 +43,25 @@ class ThermalMemory:
 
 
 def history(
-    run: Run, t: Array, period: float, edges: NDArray[np.int_], before: ThermalMemory | None = None
+    temperature: Array | None,
+    t: Array,
+    period: float,
+    edges: NDArray[np.int_],
+    before: ThermalMemory | None = None,
 ) -> TemperatureHistory:
     """Temperature of a run's blocks, its rate, lagged temperatures and plays.
 
-    `run`: with its temperature.
+    `temperature`: of the samples, degC, shape (N,), NaN where it is not known; None without any.
     `t`: middle of each block, s since the power-on's first known sample, shape (n,).
     `period`: of a block, s.
     `edges`: first sample of each block, and the end, shape (n + 1,).
     `before`: what the part before it in its power-on hands on; None where nothing is known of what came before: lags
       then start in equality, plays at rest.
     """
-    n = t.size
-    nan = np.full(n, np.nan)
-    if run.temperature is None or not np.isfinite(run.temperature).any():
-        return TemperatureHistory(nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(BANKS)), np.nan))
-    known = np.isfinite(run.temperature)
-    sums = np.add.reduceat(run.temperature if known.all() else np.where(known, run.temperature, 0.0), edges[:-1])
+    if temperature is None or not np.isfinite(temperature).any():
+        return unknown(t.size)
+    known = np.isfinite(temperature)
+    sums = np.add.reduceat(temperature if known.all() else np.where(known, temperature, 0.0), edges[:-1])
     counts = np.add.reduceat(known, edges[:-1], dtype=np.float64)
     have = counts > 0
     raw = np.interp(t, t[have], sums[have] / counts[have])
@@ -69,6 +72,12 @@ def history(
     played, at = plays(smooth - start, None if before is None else before.plays)
     end = ThermalMemory(float(t[-1]), float(smooth[-1]), start, lagged[-1], at)
     return TemperatureHistory(smooth, rate, lagged, played, end)
+
+
+def unknown(n: int) -> TemperatureHistory:
+    """Nothing known at n blocks or samples."""
+    nan = np.full((n, max(len(LAGS), len(BANKS))), np.nan)
+    return TemperatureHistory(nan[:, 0], nan[:, 0], nan[:, : len(LAGS)], nan[:, : len(BANKS)])
 
 
 def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
@@ -132,3 +141,78 @@ def _play(u, r, at, means):  # type: ignore[no-untyped-def]
                 at[j] = min(max(at[j], u[k] - r[j]), u[k] + r[j])
                 total += at[j]
             means[k, b] = total / each
+
+
+class CausalTemperature:
+    """Temperature smoothed from the past by double exponential smoothing, its rate, lagged temperatures and plays."""
+
+    def __init__(self, period: float) -> None:
+        self._poles, self._lags = (
+            [float(np.exp(-period / tau)) for tau in taus] for taus in ((SMOOTH_S, SLOPE_S), LAGS)
+        )
+        # the temperature last known and the first, degC; recursions of the smoothing and of the lags, empty before any
+        # temperature is known; plays
+        self._held, self._start = np.nan, 0.0
+        self._smooth: list[float] = []
+        self._lagging: list[float] = []
+        self._plays = PLAYS_AT_START
+
+    def memory(self) -> str:
+        """All of its state as JSON, to the last bit; "" before any temperature is known."""
+        if not self._smooth:
+            return ""
+        vectors = {"smooth": self._smooth, "lags": self._lagging, "plays": self._plays.tolist()}
+        return json.dumps({"held": self._held, "start": self._start, **vectors})
+
+    def restore(self, memory: str) -> None:
+        """Take such a text; one of other lags or plays, as another version had them, leaves all unknown.
+
+        Raises InputError if the text is none.
+        """
+        try:
+            found = json.loads(memory)
+            held, start = (float(found[name]) for name in ("held", "start"))
+            vectors = [[float(v) for v in found[name]] for name in ("smooth", "lags", "plays")]
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise InputError(f"the memory of temperature does not read as one ({error})") from error
+        if not np.isfinite([held, start, *(v for vector in vectors for v in vector)]).all():
+            raise InputError("the memory of temperature has a number that is not finite")
+        if [len(vector) for vector in vectors] == [2 * len(self._poles), len(self._lags), self._plays.size]:
+            self._held, self._start = held, start
+            self._smooth, self._lagging, self._plays = vectors[0], vectors[1], np.array(vectors[2])
+
+    def follow(self, temperature: Array) -> TemperatureHistory:
+        """Of the next samples."""
+        raw = self._filled(temperature)
+        if not np.isfinite(raw).all():
+            return unknown(raw.size)
+        if not self._smooth:
+            self._start = float(raw[0])
+            self._smooth = [p * self._start for p in self._poles for _ in range(2)]
+            self._lagging = [p * self._start for p in self._lags]
+        level, _ = self._doubled(raw, 0)
+        _, slope = self._doubled(raw, 1)
+        lagged = np.empty((raw.size, len(LAGS)))
+        for k, pole in enumerate(self._lags):
+            lagged[:, k], self._lagging[k] = first_order(level, 1.0 - pole, pole, self._lagging[k])
+        played, self._plays = plays(level - self._start, self._plays)
+        return TemperatureHistory(level, slope, lagged, played)
+
+    def _filled(self, temperature: Array) -> Array:
+        """The last known temperature where there is none."""
+        if np.isfinite(temperature).all():
+            self._held = float(temperature[-1])
+            return temperature
+        out = temperature.copy()
+        for k in range(out.size):
+            if np.isfinite(out[k]):
+                self._held = float(out[k])
+            out[k] = self._held
+        return out
+
+    def _doubled(self, raw: Array, which: int) -> tuple[Array, Array]:
+        """Level and slope by double exponential smoothing."""
+        pole, tau = self._poles[which], (SMOOTH_S, SLOPE_S)[which]
+        once, self._smooth[2 * which] = first_order(raw, 1.0 - pole, pole, self._smooth[2 * which])
+        twice, self._smooth[2 * which + 1] = first_order(once, 1.0 - pole, pole, self._smooth[2 * which + 1])
+        return 2.0 * once - twice, (once - twice) / tau
