@@ -16,19 +16,18 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise, of a channel that drifts too · `beside_drift` whether drift would do as well, fitted on both
                 sides · `left_out_runs` gain on cells that the fit has not seen, whether a term carries over ·
-                `thermal_forms` curve, memory and drift together, `thermal_transfer` what of them carries over,
-                `thermal_memory` where they take the place of single effects
+                `thermal_forms` curve, memory and drift together, `thermal_memory` where they take the place of single
+                effects, and what of them carries over
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before;
                 noise of a measured attitude is judged here
- 8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place ·
-                `averaged_findings` what is said of an average
+ 8 findings     `findings` parameters, channels, rivals: what else would do in a finding's place
  9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`
-                residuals in seconds at rest · `common_steps` events · `common_drift` drifts · `common_document` entries
+                residuals in seconds at rest · `common_steps` events · `common_drift` drifts
 10 validation   `held_out_run` errors before and after, position error among them · `judgement` what it confirms and
                 refutes · `validation` the figures of a channel · `window_filter` what the bias filter foretells of
                 windows · `error_figure` the record of one, intervals
 11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
-12 assessment   `assessment` steps 8-11 as one frozen record · `channel_status` a word for each channel
+12 assessment   `assessment` steps 8-11 as one frozen record, and a word for each channel
 13 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their
                 forms · `inclusion` what joins the filter · `result` all that a trace gives
 """

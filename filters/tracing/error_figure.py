@@ -35,20 +35,12 @@ class ErrorFigure:
     def entry(self) -> ErrorEntry:
         """As the document of a trace has it."""
         return {
-            "metric": self.metric,
-            "channel": self.channel,
-            "unit": self.unit,
-            "before": self.before,
-            "after": self.after,
-            "floor": self.floor,
-            "before_x_floor": self.before / self.floor,
-            "after_x_floor": self.after / self.floor,
-            "ci95": list(self.ci95),
-            "before_ci95": list(self.before_ci95),
-            "floor_band95": list(self.floor_band95),
-            "n": self.n,
-            "heldout": self.heldout,
-        }
+            "metric": self.metric, "channel": self.channel, "unit": self.unit,
+            "before": self.before, "after": self.after, "floor": self.floor,
+            "before_x_floor": self.before / self.floor, "after_x_floor": self.after / self.floor,
+            "ci95": list(self.ci95), "before_ci95": list(self.before_ci95), "floor_band95": list(self.floor_band95),
+            "n": self.n, "heldout": self.heldout,
+        }  # fmt: skip
 
 
 def chi2_quantiles(freedom: int) -> tuple[float, float]:

@@ -1,7 +1,5 @@
 """What a log can't show: effects that equal the constant bias, that nothing excited, or that look like another."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from filters.channels import CHANNELS
@@ -9,22 +7,13 @@ from filters.effects import deterministic
 from filters.effects.hypothesis import Hypothesis
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
+from filters.tracing.trace_document import UntestableEntry
 from filters.types import Array
 
 _COLLINEAR = 0.995
 
 
-@dataclass(frozen=True, slots=True)
-class UntestableEffect:
-    """An effect that a log can't show, and why; `rho` with what it is collinear with."""
-
-    effect: str
-    reason: str
-    partner: str | None
-    rho: float | None
-
-
-def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
+def untestable(design: Design, channels: list[int]) -> list[UntestableEntry]:
     """Deterministic effects of the catalogue that the log at hand can't show, computed from its regressors.
 
     `design`: whitened without drift, before anything was selected.
@@ -54,17 +43,21 @@ def _deterministic() -> list[Hypothesis]:
     return [*of_sensors, *deterministic.shared(), *deterministic.harmonics(0)]
 
 
-def _hidden(effect: str, source: str, design: Design) -> UntestableEffect:
+def _hidden(effect: str, source: str, design: Design) -> UntestableEntry:
     """Without excitation: nothing to see, or a constant, which is the bias."""
     runs = [b.run for b in design.stack.blocks]
     known = all(r.temperature is not None for r in runs)
     if effect == "thermal_scale" and known:
-        return UntestableEffect(effect, "collinear_with", "thermal_lin", 1.0)
+        return _entry(effect, "collinear_with", "thermal_lin", 1.0)
     if source == "temperature" or effect == "thermal_scale":
-        return UntestableEffect(effect, "equals_bias" if known else "no_excitation", None, None)
+        return _entry(effect, "equals_bias" if known else "no_excitation")
     if effect in ("delay", "lever_arm") and all(r.still for r in runs):
-        return UntestableEffect(effect, "no_excitation", None, None)
-    return UntestableEffect(effect, "equals_bias", None, None)
+        return _entry(effect, "no_excitation")
+    return _entry(effect, "equals_bias")
+
+
+def _entry(effect: str, reason: str, partner: str | None = None, rho: float | None = None) -> UntestableEntry:
+    return {"effect": effect, "reason": reason, "with": partner, "rho": rho}
 
 
 def _excited(design: Design, term: Term) -> bool:
@@ -80,9 +73,9 @@ def _excited(design: Design, term: Term) -> bool:
     return False
 
 
-def _collinear(design: Design, terms: list[Term]) -> list[UntestableEffect]:
+def _collinear(design: Design, terms: list[Term]) -> list[UntestableEntry]:
     """Pairs of effects on a channel whose regressors are the same beside the bias."""
-    out: dict[tuple[str, str], UntestableEffect] = {}
+    out: dict[tuple[str, str], UntestableEntry] = {}
     for c in range(len(CHANNELS)):
         own = [a for a in terms if list(a.places) == [c]]
         if len(own) < 2:
@@ -92,7 +85,7 @@ def _collinear(design: Design, terms: list[Term]) -> list[UntestableEffect]:
         for i, j in zip(*np.nonzero(np.triu(np.abs(rho) > _COLLINEAR, 1)), strict=True):
             a, b = own[i].hypothesis.effect, own[j].hypothesis.effect
             if a != b and (a, b) not in out:
-                out[a, b] = UntestableEffect(a, "collinear_with", b, float(abs(rho[i, j])))
+                out[a, b] = _entry(a, "collinear_with", b, float(abs(rho[i, j])))
     return list(out.values())
 
 

@@ -7,19 +7,14 @@ from filters.effects.drivers import Driver
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Step, Tone
-from filters.tracing import common_document, driver_curve, sentence
-from filters.tracing.assessment import Assessment, Remainder
-from filters.tracing.averaged_findings import parameters_of
-from filters.tracing.channel_status import statuses
+from filters.tracing import common_causes, driver_curve, sentence
+from filters.tracing.assessment import Assessment, Remainder, statuses
 from filters.tracing.driver_curve import Curve
-from filters.tracing.findings import Finding
+from filters.tracing.findings import Finding, Rival, fitted, fixed, parameters_of
 from filters.tracing.held_out_run import correction
-from filters.tracing.identifiability import UntestableEffect
 from filters.tracing.inclusion import included_effects
 from filters.tracing.judgement import Refuted
-from filters.tracing.noise_structure import NoiseFinding
 from filters.tracing.result import RunSeries, Trace
-from filters.tracing.rivals import Rival
 from filters.tracing.screening import FaultOfRun
 from filters.tracing.selection import Weak
 from filters.tracing.stack import Stack
@@ -34,13 +29,11 @@ from filters.tracing.trace_document import (
     RemainderEntry,
     RivalEntry,
     TraceFindings,
-    UntestableEntry,
     WeakEntry,
 )
 from filters.tracing.whitening import Drift
 from filters.types import Array
 
-_IMPLAUSIBLE = 5.0
 _NARROW_BAND = 0.01  # of the frequency: tones of a channel nearer together are told as one band
 
 
@@ -63,15 +56,15 @@ def _document(assessment: Assessment) -> TraceFindings:
     logged = [blocks.run for blocks in assessment.design.stack.blocks]
     has_temperature = any(run.temperature is not None for run in logged)
     return {
-        "untestable": [_untestable(u) for u in screening.untestable],
+        "untestable": list(screening.untestable),
         "integrity": _integrity(screening.faults),
         "lines": [_line(line) for line in screening.lines],
         "noise_level": [
             {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in screening.noise_drivers
         ],
-        "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
+        "findings": [*_findings(assessment), *screening.noise_findings],
         "refuted": [_refuted(x) for x in assessment.refuted],
-        "common": common_document.entries(assessment.common, [run.name for run in logged], has_temperature),
+        "common": common_causes.entries(assessment.common, [run.name for run in logged], has_temperature),
         "weak": [_weak(w, assessment.design.stack) for w in assessment.selection.weak],
         "drift": [_drift(c, drift[c], assessment) for c in assessment.drifting],
         "remainder": [_remainder(x, assessment) for x in assessment.remainder],
@@ -112,7 +105,7 @@ def _findings(assessment: Assessment) -> list[FindingEntry]:
     for f in assessment.findings:
         h = f.term.hypothesis
         entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key), assessment.design.stack)
-        if (number := common_document.number_of_step(assessment.common, h)) is not None:
+        if (number := common_causes.number_of_step(assessment.common, h)) is not None:
             entry["common"] = number
         if isinstance(h, Tone):
             band = next((known for known in bands if _same_band(known[0], h)), None)
@@ -172,22 +165,15 @@ def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
     if isinstance(h, Tone):
         return _tone(f, h)
     sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
-    fitted = [
-        ParameterEntry(
-            name=p.name,
-            value=float(value / p.si),
-            sd=float(s / p.si),
-            unit=p.unit,
-            plausible=bool(p.prior <= 0.0 or abs(value / p.si) <= _IMPLAUSIBLE * p.prior),
-        )
-        for p, value, s in zip(h.parameters, f.theta, sd, strict=True)
+    params = [
+        fitted(p, float(value / p.si), float(s / p.si)) for p, value, s in zip(h.parameters, f.theta, sd, strict=True)
     ]
-    return fitted + [_shape(name, value) for name, value in h.shape.items() if not isinstance(value, str)]
+    return params + [_shape(name, value) for name, value in h.shape.items() if not isinstance(value, str)]
 
 
 def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
     """Amplitude over the runs, root mean square, and frequency; of each one standard deviation."""
-    unit, si = error_unit(h.channel)
+    _, si = error_unit(h.channel)
     # of a run that lacks the channel nothing is known
     seen = np.diag(f.covariance).reshape(-1, 2).any(axis=1)
     pairs = f.theta.reshape(-1, 2)[seen]
@@ -197,19 +183,16 @@ def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
     variance = np.array([u @ P @ u for u, P in zip(along, blocks, strict=True)])
     whole = float(np.sqrt(np.mean(size**2)))
     sd = float(np.sqrt(np.sum(size**2 * variance))) / (len(pairs) * whole)
-    plausible = whole / si <= _IMPLAUSIBLE * h.parameters[0].prior
-    return [
-        {"name": "amplitude", "value": whole / si, "sd": sd / si, "unit": unit, "plausible": plausible},
-        {"name": "frequency", "value": h.hz, "sd": None, "unit": "Hz", "plausible": True},
-    ]
+    amplitude: ParameterEntry = {**fitted(h.parameters[0], whole / si, sd / si), "name": "amplitude"}
+    return [amplitude, fixed("frequency", h.hz, "Hz")]
 
 
 def _shape(name: str, value: float) -> ParameterEntry:
     base, _, unit = name.rpartition("_")
     units = {"s": "s", "k": "K", "degc": "degC", "hz": "Hz"}
-    if unit in units and base:
-        return {"name": base, "value": value, "sd": None, "unit": units[unit], "plausible": True}
-    return {"name": name, "value": value, "sd": None, "unit": "Hz" if name == "hz" else "1", "plausible": True}
+    return (
+        fixed(base, value, units[unit]) if unit in units and base else fixed(name, value, "Hz" if name == "hz" else "1")
+    )
 
 
 def _driver_curve(curve: Curve) -> DriverCurveEntry:
@@ -238,36 +221,7 @@ def _merge(tone: Tone, entry: FindingEntry, into: FindingEntry, frequencies: lis
     into["params"][0]["value"] = float(np.hypot(into["params"][0]["value"], entry["params"][0]["value"]))
 
 
-def _noise_finding(x: NoiseFinding) -> FindingEntry:
-    # no band limit at all has no value
-    value: list[ParameterEntry] = (
-        [{"name": x.name, "value": x.value, "sd": x.sd, "unit": x.unit, "plausible": True}]
-        if np.isfinite(x.value)
-        else []
-    )
-    return {
-        "effect": x.effect,
-        "label": x.label,
-        "channels": list(x.channels),
-        "params": value,
-        "shape": {},
-        "score": x.score,
-        "gain": x.score,
-        "heldout_gain": None,
-        "share_of_excess": None,
-        "driver_curve": None,
-        "proposed_form": None,
-        "rivals": [],
-        "include_as": "N",
-        "confirmed": None,
-    }
-
-
 # ----------------------------------------------------------------------------------------------------- all the others
-
-
-def _untestable(u: UntestableEffect) -> UntestableEntry:
-    return {"effect": u.effect, "reason": u.reason, "with": u.partner, "rho": u.rho}
 
 
 def _integrity(faults: tuple[FaultOfRun, ...]) -> list[IntegrityEntry]:
@@ -333,13 +287,13 @@ def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:
         "level": drift.level / si,
         "unit": f"{unit}/√s" if drift.is_walk else unit,
     }
-    if (number := common_document.number_of_drift(assessment.common, c)) is not None:
+    if (number := common_causes.number_of_drift(assessment.common, c)) is not None:
         entry["common"] = number
     return entry
 
 
 def _remainder(x: Remainder, assessment: Assessment) -> RemainderEntry:
     entry: RemainderEntry = {"channel": CHANNELS[x.channel], "scale_s": x.scale_s, "ratio": x.ratio, "p": x.p}
-    if (number := common_document.number_of_drift(assessment.common, x.channel)) is not None:
+    if (number := common_causes.number_of_drift(assessment.common, x.channel)) is not None:
         entry["common"] = number
     return entry

@@ -29,7 +29,7 @@ from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
-from filters.tracing.thermal_transfer import JointChoice
+from filters.tracing.thermal_forms import JointChoice
 from filters.tracing.whitening import NONE, Drift
 from filters.types import Array
 

@@ -9,8 +9,8 @@ Forms that fit alike are averaged by their evidence. What is known is more than 
 tell: evidence counts a third (a temperature of 3), which made errors on a third leg as large as their standard
 deviations on simulated cycles.
 
-It leaves out: how much of an average is carried over to other runs (`thermal_transfer`), what becomes of the effects
-that were selected before (`thermal_memory`).
+It leaves out: how much of an average is carried over to other runs, what becomes of the effects that were selected
+before (both `thermal_memory`).
 """
 
 from collections.abc import Sequence
@@ -101,6 +101,22 @@ class Average:
             best.setdefault(form.effect, form)
         order = sorted((name for name in total if name), key=lambda name: -total[name])
         return [(best[name], total[name]) for name in order if total[name] > _SAME or name == order[0]]
+
+
+@dataclass(frozen=True)
+class JointChoice:
+    """An average that was selected, and what of it is carried over."""
+
+    average: Average  # the forms, and what they say together
+    # theta, sd: amplitudes of the mean and of its spreads as they are carried over to other runs, and their standard
+    # deviations, shape (k,)
+    theta: Array
+    sd: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Of the amplitudes: none is told from another, shape (k, k)."""
+        return np.diag(self.sd**2)
 
 
 # ------------------------------------------------------------------------------------------------------------ the rows

@@ -11,11 +11,10 @@ from filters.tracing.assessment import assess
 from filters.tracing.blocks import BLOCK_S
 from filters.tracing.comparison import compare
 from filters.tracing.identifiability import untestable
-from filters.tracing.noise_structure import noise_findings
 from filters.tracing.report import report
 from filters.tracing.result import Trace
 from filters.tracing.run import Run, in_order
-from filters.tracing.screening import Screening, without_faults
+from filters.tracing.screening import Screening, noise_findings, without_faults
 
 LEAST_S = 60.0
 """A run must be this long to be used at all."""

@@ -281,21 +281,26 @@ def nis(
     Returns none with less than four windows.
     """
     made = _before_and_after(stack, before, after, channel, white, drift, correction, _windows_of(stack, WINDOW_S))
-    n = made[1].error.size
+    return _of_squares("nis", channel, "1", [each.normalised for each in made], 1.0)
+
+
+def _of_squares(metric: str, channel: int, unit: str, errors: Sequence[Array], floor: float) -> ErrorFigure | None:
+    """Root mean squares of normal errors before and after, in the unit; None with less than three of them."""
+    n = errors[1].size
     if n < 3:
         return None
     low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
-    before_rms, after_rms = (rms(each.normalised) for each in made)
+    before, after = (rms(e) for e in errors)
     return ErrorFigure(
-        metric="nis",
+        metric=metric,
         channel=CHANNELS[channel],
-        unit="1",
-        before=before_rms,
-        after=after_rms,
-        floor=1.0,
-        ci95=(after_rms / high, after_rms / low),
-        before_ci95=(before_rms / high, before_rms / low),
-        floor_band95=(low, high),
+        unit=unit,
+        before=before,
+        after=after,
+        floor=floor,
+        ci95=(after / high, after / low),
+        before_ci95=(before / high, before / low),
+        floor_band95=(low * floor, high * floor),
         n=n,
         heldout="run",
     )
@@ -318,27 +323,13 @@ def prediction(
     full = np.add.reduceat(w, edges) * stack.period > 0.5 * HOLD_S
     errors = [each.error[full[each.window]] for each in made]
     sds = [each.sd[full[each.window]] for each in made]
-    n = errors[1].size
-    if n < 3:
-        return []
-    inside = [float(np.mean(np.abs(e) <= 3.0 * sd)) for e, sd in zip(errors, sds, strict=True)]
     unit, si = error_unit(channel)
-    before_rms, after_rms = (rms(e) / si for e in errors)
     floor = white / np.sqrt(HOLD_S) / si
-    low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
-    predicted = ErrorFigure(
-        metric="bias_prediction",
-        channel=CHANNELS[channel],
-        unit=unit,
-        before=before_rms,
-        after=after_rms,
-        floor=floor,
-        ci95=(after_rms / high, after_rms / low),
-        before_ci95=(before_rms / high, before_rms / low),
-        floor_band95=(low * floor, high * floor),
-        n=n,
-        heldout="run",
-    )
+    predicted = _of_squares("bias_prediction", channel, unit, [e / si for e in errors], floor)
+    if predicted is None:
+        return []
+    n = predicted.n
+    inside = [float(np.mean(np.abs(e) <= 3.0 * sd)) for e, sd in zip(errors, sds, strict=True)]
     covered = ErrorFigure(
         metric="coverage",
         channel=CHANNELS[channel],

@@ -21,7 +21,7 @@ from filters.tracing.blocks import average
 from filters.tracing.candidate_motions import CandidateMotion, ObservedRange
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
-from filters.tracing.rivals import rivals
+from filters.tracing.findings import rivals
 from filters.tracing.run import Run, rest_attitudes
 from filters.tracing.stack import Stack
 from filters.tracing.trace import trace

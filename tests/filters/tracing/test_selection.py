@@ -12,7 +12,7 @@ from filters.simulation import Effect, Temperature
 from filters.tracing.beside_drift import guarded_shared
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
-from filters.tracing.rivals import rivals
+from filters.tracing.findings import rivals
 from filters.tracing.selection import ACCEPT, KEEP, Selection, select
 from filters.tracing.stack import Stack
 

@@ -19,7 +19,7 @@ from filters.tracing.blocks import average_all
 from filters.tracing.result import Trace
 from filters.tracing.run import Run
 from filters.tracing.thermal_forms import Average, Form, all_forms, average
-from filters.tracing.thermal_transfer import both_ways, carried_over, spreads, way_back, went_one_way
+from filters.tracing.thermal_memory import both_ways, carried_over, spreads, way_back, went_one_way
 from filters.tracing.trace import trace
 from imutui.logbook import effects_file
 
