@@ -16,8 +16,7 @@ from filters.effects.inputs import TRAILED, TRAILS, Inputs
 from filters.motion.segments import AXES
 from filters.types import Array
 
-RELAY_LEVELS = 25
-"""Temperatures between which a state may flip up and down."""
+RELAY_LEVELS = 25  # temperatures between which a state may flip up and down
 _RELAY_K = 5.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)
 THRESHOLDS = 9
@@ -52,8 +51,7 @@ SCALARS: dict[str, tuple[str, Values, str]] = {
     **{f"f{axis}": ("g", _input(3 + k), "motion") for k, axis in enumerate("xyz")},
     "rate_norm": ("deg/s", _norm, "motion"),
     "table_accel": ("deg/s2", lambda inputs: inputs.table_accel / DPS, "motion"),
-}
-"""Name to unit, value, and what it is a function of."""
+}  # name to unit, value, and what it is a function of
 
 
 def _turns(axis: int) -> Values:

@@ -10,8 +10,7 @@ from filters.types import Array
 
 Flags = NDArray[np.bool_]
 
-FALSE = 1e-3
-"""False faults expected in a run."""
+FALSE = 1e-3  # false faults expected in a run
 _SHOWN = 3
 
 

@@ -10,8 +10,7 @@ from filters.effects import plain_names
 from filters.effects.inputs import Inputs
 from filters.types import Array
 
-ALL = (*GYROS, *ACCELS)
-"""Numbers of all channels."""
+ALL = (*GYROS, *ACCELS)  # numbers of all channels
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ import numpy as np
 from filters.imu import AxisMap
 from filters.types import Array
 
-REFERENCE_DEGC = 25.0
-"""Temperature at which thermal terms are zero, degC."""
+REFERENCE_DEGC = 25.0  # temperature at which thermal terms are zero, degC
 
 SENSED = ("wx", "wy", "wz", "fx", "fy", "fz")
 """What the six channels sense, as drivers are named: rates and specific forces along the instrument's axes."""
@@ -21,28 +20,22 @@ SMOOTH_S, SLOPE_S = 5.0, 15.0
 
 LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0, 320.0, 640.0, 1280.0, 2560.0)
 """Time constants of the lagged temperatures, s."""
-SHORT_LAGS = 7
-"""So many of them, the first, are tried whatever a run's length and range of temperature."""
+SHORT_LAGS = 7  # so many of them, the first, are tried whatever a run's length and range of temperature
 
-PLAY_WIDTHS = (3.0, 10.0, 30.0, 60.0, 100.0)
-"""Widths of the banks of play operators, K."""
-NARROW_PLAYS = 3
-"""So many of them, the first, are tried whatever a run's range of temperature."""
+PLAY_WIDTHS = (3.0, 10.0, 30.0, 60.0, 100.0)  # widths of the banks of play operators, K
+NARROW_PLAYS = 3  # so many of them, the first, are tried whatever a run's range of temperature
 PLAY_STARTS = (0.0, -1.0, 1.0)
 """Where in its band each operator of a bank is at the start: in the middle, at the lower end, at the upper."""
 BANKS = tuple((width, start) for start in PLAY_STARTS for width in PLAY_WIDTHS)
 """Width, K, and start of every bank of play operators."""
-PLAYS = 6
-"""Play operators in a bank."""
+PLAYS = 6  # play operators in a bank
 PLAY_HALF_WIDTHS: Array = np.array([width * k / PLAYS for width, _ in BANKS for k in range(1, PLAYS + 1)])
 """Of every operator of every bank, K, shape (BANKS · PLAYS,)."""
 PLAYS_AT_START: Array = np.repeat([start for _, start in BANKS], PLAYS) * PLAY_HALF_WIDTHS
 """Where every operator is before anything is known of it, K from the start's temperature, shape (BANKS · PLAYS,)."""
 
-TRAILS = (10.0, 40.0, 160.0)
-"""Time constants of what follows motion from behind, s."""
-TRAILED = (*SENSED, "rate_norm")
-"""What is followed so: the inputs, and the size of the rate."""
+TRAILS = (10.0, 40.0, 160.0)  # time constants of what follows motion from behind, s
+TRAILED = (*SENSED, "rate_norm")  # what is followed so: the inputs, and the size of the rate
 
 
 @dataclass(frozen=True, kw_only=True)

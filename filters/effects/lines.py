@@ -16,14 +16,11 @@ from filters.effects import spectra, wandering
 from filters.effects.spectra import Samples, Spectrum
 from filters.types import Array
 
-PROBABILITY = 1e-3
-"""Of one line or more that is not there, in all runs and channels together."""
+PROBABILITY = 1e-3  # of one line or more that is not there, in all runs and channels together
 
-MOST = 6
-"""Lines of a channel."""
+MOST = 6  # lines of a channel
 
-NARROW = 0.01
-"""Of the frequency: what is nearer together is one band."""
+NARROW = 0.01  # of the frequency: what is nearer together is one band
 
 _FALSE_LEVEL = 1.06  # the level's own error: 6 % from 512 bins
 _LOBE = 2.5  # bins from a peak to where its main lobe under Hann's window ends
@@ -96,7 +93,6 @@ def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Ar
     within the band's width; of a line that wanders one along its way through this run, which is sought anew.
 
     `line_list`: from `find`.
-    `fs`: samples a second.
     `residual`: shape (N, 6); NaN stays NaN.
     Returns shape (N, 6).
     """

@@ -19,18 +19,15 @@ from filters.effects import spectra
 from filters.effects.spectra import Samples
 from filters.types import Array
 
-SLOWEST = 1.0 / 20.0
-"""Of the sampling rate: what is slower may be drift (and below 1.6 Hz motion)."""
+SLOWEST = 1.0 / 20.0  # of the sampling rate: what is slower may be drift (and below 1.6 Hz motion)
 
-SIGNIFICANT = 30.0
-"""Drop of χ² from the specification's band limit, or from white noise, to the estimate."""
+SIGNIFICANT = 30.0  # drop of χ² from the specification's band limit, or from white noise, to the estimate
 
 RATIO = 1.3
 """Times by which the ratio of densities, low to high, differs from the expected one. Means of 6 or 7 readings of the
 specification's gyro, 20 Hz made of 133, differ from white noise by 1.22."""
 
-CORRELATED = 5.5
-"""Standard deviations of a correlation."""
+CORRELATED = 5.5  # standard deviations of a correlation
 
 _HIGHEST = 10.0  # times the sampling rate: no limit that shows
 _GRID = 1000

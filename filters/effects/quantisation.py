@@ -17,8 +17,7 @@ _QUANTILES = (0.5, 0.25, 0.1, 0.03)
 _KEPT = 0.9
 _KEPT_VARIANCE = 0.623
 _WINDOW_S = 2.0
-LEAST_WINDOW = 32
-"""Samples: of fewer, noise is not told."""
+LEAST_WINDOW = 32  # samples: of fewer, noise is not told
 
 _MOST_WINDOW = 1024
 _AT_ONCE = 1 << 18

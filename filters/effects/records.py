@@ -6,8 +6,7 @@ from typing import TypeGuard
 
 from filters.errors import InputError
 
-ShapeValue = float | str | list[float]
-"""What fixes an effect's shape: a number, a word, or knots."""
+ShapeValue = float | str | list[float]  # what fixes an effect's shape: a number, a word, or knots
 
 
 @dataclass(frozen=True)

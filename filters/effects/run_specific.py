@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from filters.effects.hypothesis import Hypothesis, Parameter, own_parameter
 from filters.types import Array
 
-TONE_HZ = 1.6
-"""Above it tones are sought at the full rate (`effects.lines`), below it here."""
+TONE_HZ = 1.6  # above it tones are sought at the full rate (`effects.lines`), below it here
 _PERIODS = 2.5
 _PAD = 4
 _SWITCHES = 3
@@ -84,9 +83,6 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
     """The strongest tone below `most_hz`: sum of the runs' periodograms, refined on a finer grid.
 
     `white`: whitened residual, shape (n,).
-    `t`: s, shape (n,).
-    `starts`: first row of each run.
-    `period`: of a row, s.
     `most_hz`: above it nothing is sought.
     Returns none if the runs are too short.
     """
@@ -128,7 +124,6 @@ def step(channel: int, white: Array, basis: Array, t: Array, starts: NDArray[np.
     `white`: residual over its standard deviation less each run's mean, with the fit of what is selected taken off;
       (n,).
     `basis`: orthonormal basis of the selected columns, whitened, shape (n, s).
-    `t`, `starts`: time, s, and first row of each run.
     """
     ends = np.append(starts[1:], t.size)
     parts = []
@@ -177,7 +172,6 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
 
     `r`: residual under what is selected, SI, shape (n,).
     `sd`: of each row, infinite without data.
-    `starts`: first row of each run.
     Returns none with fewer than three switches.
     """
     use = np.isfinite(sd)

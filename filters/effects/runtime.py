@@ -48,8 +48,6 @@ class CausalEffects:
     `included`: what a trace found.
     `correlation`: of all states in order, shape (p, p).
     `axes`: sign and mounting of the unit.
-    `site`: where it stands.
-    `period`: of the samples, s.
     Raises InputError if an effect is not known, or can't be had from the past alone; the message names it.
     """
 

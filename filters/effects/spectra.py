@@ -14,14 +14,11 @@ from scipy.signal import windows
 
 from filters.types import Array
 
-SEGMENT = 1 << 17
-"""Samples."""
+SEGMENT = 1 << 17  # samples
 
-LOWEST = 1.6
-"""Hz: what is slower is found among the motions and drifts."""
+LOWEST = 1.6  # Hz: what is slower is found among the motions and drifts
 
-LEAST = 64
-"""Samples of a run of which a spectrum says anything."""
+LEAST = 64  # samples of a run of which a spectrum says anything
 
 # of spectra of neighbouring segments under Hann's window, half overlapping: correlation 1/36 (Welch 1967)
 _OVERLAP = 1.0 / 36.0
@@ -67,8 +64,6 @@ def segments(x: Array, fs: float, hz: float) -> Iterator[Array]:
     """Stretches of one channel, half overlapping, of the duration 1 / `hz`, or all of a shorter run; gaps are 0.
 
     `x`: residual, shape (N,), NaN where there is none.
-    `fs`: samples a second.
-    `hz`: spacing of the grid.
     Yields without mean, shape (n,).
     """
     length = min(x.shape[0], round(fs / hz))
@@ -85,8 +80,6 @@ def spectrum(x: Array, fs: float, hz: float) -> Spectrum | None:
     P(f) = 2 ∣Σ w x exp(-2πi f t)∣² / (fs Σ w²), sums over the samples that there are.
 
     `x`: residual of one channel in one run, shape (N,), NaN where there is none.
-    `fs`: samples a second.
-    `hz`: spacing of the grid.
     Returns none without a stretch that has more than half of its samples, or without variance.
     """
     mean, count = _mean_periodogram(x, fs, hz)

@@ -7,8 +7,7 @@ from filters.effects import quantisation
 from filters.effects.fault_records import FALSE, ChannelReadings, DataFault, Flags, times_in_words
 from filters.types import Array
 
-SPIKE = 7.0
-"""Standard deviations of one reading, from the median of it and its two neighbours."""
+SPIKE = 7.0  # standard deviations of one reading, from the median of it and its two neighbours
 _FELT = 3.0  # standard deviations
 NEAR = 8  # readings on each side of a spike that are quiet
 _CHANCE_OF_POWERS = 0.05

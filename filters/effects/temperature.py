@@ -53,7 +53,6 @@ def history(
 
     `temperature`: of the samples, degC, shape (N,), NaN where it is not known; None without any.
     `t`: middle of each block, s since the power-on's first known sample, shape (n,).
-    `period`: of a block, s.
     `edges`: first sample of each block, and the end, shape (n + 1,).
     `before`: what the part before it in its power-on hands on; None where nothing is known of what came before: lags
       then start in equality, plays at rest.
@@ -84,7 +83,6 @@ def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
     """Smooth temperature and its rate by local straight lines, symmetric in time, so that neither lags.
 
     `raw`: degC, shape (n,), evenly spaced.
-    `period`: s.
     Returns degC and K/s, each (n,).
     """
     # takes half a second to load, and runs without temperature need it not

@@ -25,8 +25,7 @@ from filters.effects.records import ShapeValue, number_of, numbers_of
 from filters.errors import InputError
 from filters.types import Array
 
-FORM = "average"
-"""What `form` is among an effect's parameters in a file where it is an average."""
+FORM = "average"  # what `form` is among an effect's parameters in a file where it is an average
 ORDERS = 3
 _MOST_SPREADS = 9
 _Key = TypeVar("_Key")

@@ -69,7 +69,6 @@ class _Stretches:
 def find(fs: float, x: Array, barred: NDArray[np.bool_] | None = None, spacing: float = 1.0) -> list[Track]:
     """Wandering lines of one run.
 
-    `fs`: samples a second.
     `x`: residual, shape (N, C), NaN where there is none.
     `barred`: where none is sought, shape (C, M), bin k at k times `spacing`, Hz.
     `spacing`: see `barred`.

@@ -1,12 +1,15 @@
 """From residual to physical effect: which are there, how sure, what else would do, and the error before and after.
 
 `trace.trace` takes `run.Run`s to a `result.Trace` by these steps, in this order; each takes what the one above made.
-Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulation`, whose truths it is tested with.
+Throughout, `design` is the runs at hand with their columns, noise and drift; `channels` are numbers of those with data;
+`terms`, `selection` and `chosen` what is selected already; `seed` that of intervals and bands; a `stack` has the rows of
+all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.motion`, `filters.effects`; never
+`filters.simulation`, whose truths it is tested with.
 
  1 the data     `run` a power-on, or a part of one, with its reference · `residual` reading minus what a perfect unit
                 would read
- 2 set aside    `screening` faults of the data · `line_search` lines, sought in what effects leave and taken out ·
-                `noise_structure` colour and correlation of noise
+ 2 set aside    `screening` faults of the data, colour and correlation of noise · `line_search` lines, sought in what
+                effects leave and taken out
  3 averaged     `blocks` means of a quarter of a second · `stack` all runs, cut into cells for folds
  4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
                 residual and regressors, likelihood of drift · `design_matrix` Gram matrices, gains, fits

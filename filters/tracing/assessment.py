@@ -1,8 +1,9 @@
 """What is known of a selection: its findings, what a held-out run confirms, error before and after, what remains.
 
-Every part is a record that a function returns; `assess` puts them together. A channel's status "explained" never means proved: no
-rival fits as well, no drift is needed beside it, nothing remains, and a held-out run is at its floor. Faults that were
-set aside explain nothing: a channel that has only those is clean. What it leaves out: how it is said (`report`).
+Every part is a record that a function returns; `assess` puts them together. A channel that is called explained is not
+proved to be: no rival fits as well, no drift is needed beside it, nothing remains, and a held-out run is at its floor.
+Faults that were set aside explain nothing: a channel that has only those is clean. What it leaves out: how it is said
+(`report`).
 """
 
 from collections.abc import Sequence
@@ -26,8 +27,7 @@ from filters.tracing.selection import Selection
 from filters.tracing.stack import Stack
 from filters.tracing.trace_document import SEPARATES, LimitEntry, Status
 
-REMAINDER = 1e-4 / 24.0
-"""Probability below which a whitened residual is not white: 1e-4 over all channels and scales."""
+REMAINDER = 1e-4 / 24.0  # probability below which a whitened residual is not white: 1e-4 over all channels and scales
 _SCALES_S = (1.0, 4.0, 16.0, 64.0)
 _DISPUTED, _RIVALS = 3, 4
 
@@ -91,12 +91,8 @@ def assess(
 ) -> Assessment:
     """Assess a selection.
 
-    `chosen`: what was selected.
-    `channels`: those with data.
-    `screening`: what was found beside it.
     `heldout`: a run that nothing was fitted to.
     `asked`: effects whose limit of detection is to be said.
-    `seed`: of intervals and bands.
     """
     design = chosen.design
     found = findings_of(chosen)

@@ -96,9 +96,7 @@ def guarded_score(
 ) -> float:
     """Score of a term of one channel when both models have their own best drift, or two if it passes with one.
 
-    `terms`: what is selected already.
     `made`: columns of its own, shape (n, k), of one that is not in the design.
-    `price`: what its parameters cost.
     `accept`: at most this with one process, and two are not tried.
     """
     (c,) = term.places
@@ -177,7 +175,6 @@ def beside_drift(
 ) -> BesideDrift:
     """Judge terms of a channel beside drift.
 
-    `design`: data and columns.
     `selection`: what is selected; what several channels share stays as it is fitted.
     `terms`: of that channel alone, slow; of several the gain of all together.
     """

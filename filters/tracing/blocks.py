@@ -17,8 +17,7 @@ from filters.tracing.residual import residual, sensed
 from filters.tracing.run import Run
 from filters.types import Array
 
-BLOCK_S = 0.25
-"""Length of a block, s."""
+BLOCK_S = 0.25  # length of a block, s
 _SHARE_FLAGGED = 0.15
 _AT_REST = np.deg2rad(0.01)
 _BURSTS = 0.02
@@ -165,7 +164,6 @@ def _slope(values: Array, t: Array) -> Array:
 def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = None) -> Blocks:
     """Average a run.
 
-    `run`: with its flags.
     `block_s`: wanted length, s; a whole number of samples is taken, at least one.
     `before`: what the part before it in its power-on hands on.
     """

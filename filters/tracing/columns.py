@@ -15,16 +15,14 @@ from filters.motion.segments import AXES
 from filters.tracing.stack import Stack
 from filters.types import Array
 
-WIDE_K = 20.0
-"""Range of temperature from which long lags and wide plays are tried, K."""
+WIDE_K = 20.0  # range of temperature from which long lags and wide plays are tried, K
 _AT_ONCE = 1 << 14
 _RELAY_ROWS = 1 << 16
 """Rows up to which flips between two temperatures are tried: there are hundreds of pairs, each with a column."""
 
 
 Key = tuple[str, tuple[int, ...], str]
-Maker = tuple[Hypothesis, int, slice]
-"""A hypothesis, a channel, and the places of its columns there."""
+Maker = tuple[Hypothesis, int, slice]  # A hypothesis, a channel, and the places of its columns there
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,7 @@ def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
     return _filled(stack, makers), terms
 
 
-ColumnsByTerm = dict[tuple[object, int], Array]
-"""Columns of terms on a stack, by term's key and channel, shape (n, k)."""
+ColumnsByTerm = dict[tuple[object, int], Array]  # columns of terms on a stack, by term's key and channel, shape (n, k)
 
 
 def columns_on(stack: Stack, terms: Sequence[Term]) -> ColumnsByTerm:

@@ -61,7 +61,6 @@ def common_causes(chosen: Selection, channels: Sequence[int]) -> list[CommonCaus
 
     `chosen`: what was selected; what it explains, within a run or not, is not looked at but for steps and two-level
       noise.
-    `channels`: those with data.
     """
     rows = common_rows.rows_of(chosen, channels)
     steps, cut = common_steps.common_steps(rows)
@@ -200,8 +199,7 @@ def _course(
     return t, np.bincount(number, value)[have] / count[have]
 
 
-_SAME_S = 5.0
-"""A channel's step within this of a common event's start or end is that event."""
+_SAME_S = 5.0  # A channel's step within this of a common event's start or end is that event
 
 
 def entries(causes: Sequence[CommonCause], runs: Sequence[str], has_temperature: bool) -> list[CommonEntry]:

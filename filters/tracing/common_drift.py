@@ -16,8 +16,7 @@ from scipy.signal import windows
 from filters.tracing.common_rows import Rows, filled
 from filters.types import Array
 
-_FALSE = 1e-3
-"""Probability of one pair or more in a trace of channels that have nothing in common."""
+_FALSE = 1e-3  # probability of one pair or more in a trace of channels that have nothing in common
 _LEAST_COHERENCE = 0.1
 _AROUND = 4  # frequencies to either side, or a third of the frequency, whose mean is the power around one
 _FIRST = 2  # a straight line leaks into the first

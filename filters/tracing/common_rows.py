@@ -57,11 +57,7 @@ class Rows:
 
 
 def rows_of(chosen: Selection, channels: Sequence[int]) -> Rows:
-    """Residuals of a selection's runs on a grid of 1 s, or of so much that no more than 20 000 rows come of it.
-
-    `chosen`: what was selected.
-    `channels`: those with data.
-    """
+    """Residuals of a selection's runs on a grid of 1 s, or of so much that no more than 20 000 rows come of it."""
     stack = chosen.design.stack
     period = max(_ROW_S, stack.period, stack.t.size * stack.period / _MOST)
     values = _unexplained(chosen, channels)

@@ -15,10 +15,8 @@ from scipy import special
 from filters.tracing.common_rows import Rows, Stretch
 from filters.types import Array
 
-_FALSE = 1e-3
-"""Probability of one common step or more in a trace of channels that have nothing in common."""
-_JOINS = 1e-3
-"""Probability below which one more channel makes the step too."""
+_FALSE = 1e-3  # probability of one common step or more in a trace of channels that have nothing in common
+_JOINS = 1e-3  # probability below which one more channel makes the step too
 _SCALES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 _LEAST_MEANS = 40  # of a scale: with fewer the spread is not known
 _PER_SCALE = 6.0  # independent places, over rows, of all scales together
@@ -61,10 +59,7 @@ class _Differences:
 
 
 def common_steps(rows: Rows) -> tuple[list[CommonStep], Rows]:
-    """Common steps, by time, and the rows cut at each of them.
-
-    `rows`: of all runs.
-    """
+    """Common steps, by time, and the rows cut at each of them."""
     found: list[CommonStep] = []
     total = sum(s.end - s.first for s in rows.stretches)
     scales = [m for m in _SCALES if total >= _LEAST_MEANS * m] if len(rows.channels) > 1 else []

@@ -34,8 +34,7 @@ from filters.types import Array
 # at
 # its ends. Blocks in motion then count for less, by how much more they scatter in what effects leave.
 
-_LEAST = 30
-"""Blocks in motion and at rest that show what their noise is."""
+_LEAST = 30  # blocks in motion and at rest that show what their noise is
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +56,7 @@ class ReferenceNoise:
         )
 
 
-EXACT = ReferenceNoise(np.ones(len(CHANNELS)), np.ones(len(CHANNELS)))
-"""Of a reference without noise."""
+EXACT = ReferenceNoise(np.ones(len(CHANNELS)), np.ones(len(CHANNELS)))  # of a reference without noise
 
 
 def reference_noise(left: Sequence[Blocks]) -> ReferenceNoise:
@@ -102,8 +100,7 @@ def _levels(measured: Sequence[Blocks], channel: int, *, turns: bool) -> tuple[f
 
 # --------------------------------------------------------------------------------------------------------- comparison
 
-_SAME_NOISE = 0.05
-"""Change of the noise that is not worth another selection."""
+_SAME_NOISE = 0.05  # change of the noise that is not worth another selection
 
 Progress = Callable[[float], None]
 
@@ -125,11 +122,9 @@ class Compared:
 def compare(runs: Sequence[Run], heldout: Run | None, block_s: float, least_s: float, progress: Progress) -> Compared:
     """Select effects.
 
-    `runs`: without faults.
     `heldout`: nothing is fitted to it.
     `block_s`: length of a block, s.
     `least_s`: shorter data of a channel are not used, s.
-    `progress`: told a share from 0 to 1.
     """
     everything = [*runs, *([heldout] if heldout else [])]
     if all(run.still for run in runs):
@@ -223,7 +218,6 @@ def explained(blocks: Blocks, chosen: Selection) -> Array:
     """What the selected effects add to a run's readings, SI, shape (N, 6).
 
     `blocks`: of the run; any run, also one that nothing was fitted to.
-    `chosen`: with its joint fit.
     """
     parts = _parts(chosen)
     out = np.zeros((blocks.run.t.size, len(CHANNELS)))

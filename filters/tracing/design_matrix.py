@@ -24,8 +24,7 @@ from filters.tracing.stack import Stack
 from filters.tracing.whitening import NONE, Drift, inverse_root, unbiased, unbiased_parts, whiten, whitened_parts
 from filters.types import Array
 
-VISIBLE = 1e-4
-"""Share of a column's square beside which what is left of it is rounding, or a bias."""
+VISIBLE = 1e-4  # share of a column's square beside which what is left of it is rounding, or a bias
 _VARIES = 1e-9
 _AT_ONCE = 3_000_000  # numbers that are whitened together
 
@@ -48,7 +47,6 @@ class Fit:
 class Design:
     """Columns of all hypotheses, their Gram matrices, and fits of selections of them.
 
-    `stack`: data.
     `like`: one of the same blocks with other residuals, whose columns are taken.
     `left`: what selected effects left of the residual: noise is what varies in it, shape (n, 6).
     `terms`: all hypotheses that the data can carry, with their columns.
@@ -284,7 +282,6 @@ def parameters_on(
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Parameters of terms that act on a channel, and their columns there.
 
-    `terms`: in order.
     `firsts`: from `first_parameters`; more may follow.
     """
     rows, places = [], []

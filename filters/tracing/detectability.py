@@ -36,10 +36,8 @@ from filters.tracing.stack import Stack
 from filters.tracing.trace_document import LimitEntry
 from filters.types import Array
 
-DETECTABLE = 5.0
-"""A d of this is detected in a log."""
-TESTABLE = 2.0
-"""A d of this makes an effect testable by a motion."""
+DETECTABLE = 5.0  # A d of this is detected in a log
+TESTABLE = 2.0  # A d of this makes an effect testable by a motion
 BIAS = "bias"
 
 _HZ, _PER_PERIOD = 10.0, 20.0
@@ -52,8 +50,6 @@ _MOST_SAMPLES = 400_000
 def limits(design: Design, channels: list[int], effect: str, found: Collection[object]) -> list[LimitEntry]:
     """Limits of one effect.
 
-    `design`: of the runs.
-    `channels`: those with data.
     `effect`: in the catalogue.
     `found`: keys of the terms that were found: they need no limit.
     Returns a deterministic effect of several parameters has a limit for each. One without limit where the log can't

@@ -9,8 +9,7 @@ from scipy import special
 from filters.tracing.trace_document import ErrorEntry, HeldOut
 from filters.types import Array
 
-DRAWS = 1000
-"""Times that errors are drawn again for an interval."""
+DRAWS = 1000  # times that errors are drawn again for an interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

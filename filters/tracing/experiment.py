@@ -73,7 +73,6 @@ class EvaluatedMotion:
 class CandidateRuns:
     """Candidates for a unit whose runs are in a design, made ready once for any number of effects.
 
-    `design`: of the runs at hand, with their noise.
     `like`: one of them: how the unit sits.
     """
 
@@ -92,7 +91,6 @@ class CandidateRuns:
         `a`: what was found,
         `theta`: with its parameters, SI, shape (k,).
         `rivals`: at least one.
-        `rest`: all else that was found.
         """
         pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
         lasting = list({term.key: term for pair in pairs for term in pair.lasting}.values())
@@ -178,14 +176,11 @@ def separating(
 ) -> SeparatingExperiment | None:
     """The run to make next to tell an effect from its rivals.
 
-    `design`: of the runs at hand, with their noise.
     `a`: what was found,
     `theta`: with its parameters, SI, shape (k,).
     `rivals`: what would do in its place, the strongest first; none of them contains it. Whatever would have to be a
       hundred times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a
       drift of Earth rate. If that is `a`, the strongest rival takes its place.
-    `run`: one of the runs at hand.
-    `rest`: all else that was found.
     `candidate_runs`: that of the design, where several effects are asked for.
     Returns none if nothing would tell them apart at all.
     """

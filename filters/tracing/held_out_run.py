@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 _Folded = dict[int, tuple[FoldedErrors, list[object]]]  # by channel, with the key of each group of columns
 
-_SLOW_HZ = 0.05
-"""Faster tones are not in means of 10 s."""
+_SLOW_HZ = 0.05  # faster tones are not in means of 10 s
 _FREE_S = (10.0, 60.0)  # of free navigation
 
 
@@ -98,14 +97,7 @@ def correction(design: Design, found: Sequence[Finding]) -> Array:
 def held_out_errors(
     run: HeldOutRun, used: Sequence[Finding], design: Design, channels: Sequence[int], seed: int
 ) -> list[ErrorFigure]:
-    """Errors of the held-out run before and after.
-
-    `run`: with columns of the findings.
-    `used`: all that the runs at hand chose.
-    `design`: of the runs at hand, for drift.
-    `channels`: those with data.
-    `seed`: of intervals and bands.
-    """
+    """Errors of the held-out run before and after."""
     stack = run.stack
     after = stack.y - run.correction(used)
     fit = design.fit([f.term for f in used])
@@ -126,13 +118,7 @@ def held_out_errors(
 def folded_errors(
     design: Design, found: Sequence[Finding], channels: Sequence[int], seed: int
 ) -> tuple[list[ErrorFigure], list[Finding]]:
-    """Errors within the runs at hand, each cell under fits to the others; findings with the share that each removes.
-
-    `design`: of the runs at hand.
-    `found`: all that was chosen.
-    `channels`: those with data.
-    `seed`: of intervals.
-    """
+    """Errors within the runs at hand, each cell under fits to the others; findings with the share that each removes."""
     stack = design.stack
     own: _Folded = {}
     for c in channels:
@@ -172,12 +158,10 @@ def free_drift(
     ε' = C δω, δv' = C δf + ε × f_n, δp' = δv with δω, δf what is left of the readings' errors when the bias filter's
     estimate at the start is taken off: a bias stays, a Gauss-Markov drift is forgotten at its own rate.
 
-    `stack`: of the held-out run alone.
     `before`, `after`: residuals of all channels, instrument axes, SI, shape (n, 6).
     `white`: white densities, shape (6,).
     `drifts`: of the six channels, in the bias filter after.
     `seconds`: of free navigation, 10 or 60.
-    `seed`: of the interval.
     Returns none with fewer than two starts.
     """
     run = stack.blocks[0].run

@@ -17,7 +17,6 @@ def untestable(design: Design, channels: list[int]) -> list[UntestableEntry]:
     """Deterministic effects of the catalogue that the log at hand can't show, computed from its regressors.
 
     `design`: whitened without drift, before anything was selected.
-    `channels`: those with data.
     """
     best: dict[str, list[Term]] = {}
     for term in design.terms:

@@ -72,11 +72,7 @@ def judge(
 ) -> tuple[list[Finding], list[Refuted]]:
     """Judge findings on a run that nothing was fitted to.
 
-    `run`: with columns of all of them.
     `found`: all that the runs at hand chose; each is judged beside all others.
-    `design`: of the runs at hand, for noise and drift.
-    `channels`: those with data.
-    `seed`: of intervals.
     Returns those that are not refuted, with `confirmed` and `share`.
     Returns those that are.
     """

@@ -18,15 +18,12 @@ from filters.tracing.stack import FOLDS
 from filters.tracing.whitening import Drift, whiten
 from filters.types import Array
 
-LEAST = 3
-"""Power-ons that it takes."""
+LEAST = 3  # power-ons that it takes
 _UNKNOWN = 2.0
 """Variance of a parameter by the others, over that by the one left out: beyond it the others say too little."""
-_TELLS = 16.0
-"""Chi-square that a true term must have on what is left out, so that a loss there is hardly chance."""
+_TELLS = 16.0  # chi-square that a true term must have on what is left out, so that a loss there is hardly chance
 
-_ROUNDING = 1e-9
-"""Share of all that is said of a parameter which is left of it by rounding."""
+_ROUNDING = 1e-9  # share of all that is said of a parameter which is left of it by rounding
 
 _Normal = tuple[Array, Array]  # A and b of normal equations A θ = b
 
@@ -34,8 +31,6 @@ _Normal = tuple[Array, Array]  # A and b of normal equations A θ = b
 def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]:
     """Gain of each term that carries over on power-ons that its fit has not seen, summed, by key.
 
-    `design`: data and columns.
-    `terms`: all that is selected.
     Returns without the terms of which fewer than two power-ons are witnesses, or witnesses of too little.
     """
     lasting = [a for a in terms if not isinstance(a.hypothesis, RunSpecific)]
@@ -121,9 +116,6 @@ def unseen_gain(
 
     Both fits, without and with it, are joint over all channels that shared effects tie to the term's.
 
-    `design`: data and columns.
-    `selection`: what is there already.
-    `term`: the new one.
     `made`: columns of its own, shape (n, k), of one that is not in the design.
     `drifts`: of the six channels; by default the design's.
     `spared`: how many best cells are left out of the second figure.

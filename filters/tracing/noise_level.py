@@ -48,7 +48,6 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
     """Multipliers of the noise of every block, and what they follow.
 
     `design`: columns of the drivers.
-    `channels`: those with data.
     Returns shape (n, 6), 1 where the noise is even.
     """
     multiplier, found = np.ones_like(design.stack.y), []

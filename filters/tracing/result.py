@@ -7,8 +7,7 @@ from filters.motion.profile import Profile
 from filters.tracing.trace_document import TraceFindings
 from filters.types import Array
 
-Thermal = tuple[tuple[float, float], ...]
-"""Temperature in the case: s since power-on, degC, straight lines between."""
+Thermal = tuple[tuple[float, float], ...]  # temperature in the case: s since power-on, degC, straight lines between
 
 
 @dataclass(frozen=True)

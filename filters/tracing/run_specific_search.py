@@ -21,8 +21,6 @@ _TONES_A_BAND = 3
 def search(design: Design, terms: Sequence[Term], channel: int) -> list[tuple[Term, float]]:
     """Run-specific effects of a channel that are not selected yet.
 
-    `design`: data and columns.
-    `terms`: what is selected.
     Returns each with its gain. Its columns are its hypothesis' `made`; its places number them, none is in the design.
     """
     stack = design.stack
@@ -102,19 +100,15 @@ def _gain(design: Design, effect: RunSpecific, own: Array) -> float:
 # and weaker ones; the best is then placed to a block. What it leaves out: steps of a constant bias
 # (`effects.run_specific`), and whether it is one (`selection`).
 
-_WEAKER = (1.0, 0.5, 0.25, 0.1)
-"""Of the drift as it is: a step that is taken for drift makes it stronger."""
+_WEAKER = (1.0, 0.5, 0.25, 0.1)  # of the drift as it is: a step that is taken for drift makes it stronger
 _TRIED = 300
 _LEAST_S = 4.0
-_END_S = 3.0
-"""Nearer to an end of a power-on a step is no more than a few odd readings."""
+_END_S = 3.0  # nearer to an end of a power-on a step is no more than a few odd readings
 
 
 def step_on_drift(design: Design, selection: Sequence[Term], channel: int) -> Step | None:
     """The most likely step beside drift.
 
-    `design`: data, columns, and the channel's drift.
-    `selection`: what is selected.
     Returns none if no power-on is long enough.
     """
     stack = design.stack
@@ -190,16 +184,13 @@ def _best(rows: Rows, columns: Array, drift: Drift) -> tuple[float, int, Drift]:
 
 _MEANS_S = (60.0, 180.0, 600.0)
 _TURNS = 3
-_SWITCHES = 6
-"""In each of two power-ons, twice as many in a single one: drift has a few sudden turns of its own."""
+_SWITCHES = 6  # in each of two power-ons, twice as many in a single one: drift has a few sudden turns of its own
 _SURE = 4.0
 
 
 def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[Telegraph, float] | None:
     """The most likely two levels beside drift, and their gain.
 
-    `design`: data, columns, and the channel's drift.
-    `selection`: what is selected.
     Returns none if nothing switches often enough.
     """
     rows = rows_of(design, [], channel, design.unexplained(selection, channel)[:, None])

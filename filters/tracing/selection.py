@@ -104,8 +104,6 @@ def select(
     """Find what the data show.
 
     `design`: with the noise's multipliers set; its drifts are set here.
-    `channels`: those with data.
-    `progress`: told a share from 0 to 1.
     """
     chosen = Selection(design)
     usable = [a for a in design.terms if any(c in channels for c in a.places)]
@@ -403,10 +401,8 @@ def weak_of(
 ) -> Weak:
     """A term that is not accepted, with its size and the size that would have been.
 
-    `chosen`: data.
     `rest`: what it is fitted beside.
     `score`, `guarded`: without the guard and with it; `guarded` 0 where it did not come so far.
-    `why`: in words.
     `drift`: that of its channel beside it; None: as it is.
     """
     design, h = chosen.design, term.hypothesis

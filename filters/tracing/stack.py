@@ -11,10 +11,8 @@ from filters.errors import InputError
 from filters.tracing.blocks import Blocks
 from filters.types import Array
 
-CELL_S = 20.0
-"""Length of a cell, s: what is left out together when a fit is judged on what it has not seen."""
-FOLDS = 5
-"""A fold leaves out every fifth cell."""
+CELL_S = 20.0  # length of a cell, s: what is left out together when a fit is judged on what it has not seen
+FOLDS = 5  # A fold leaves out every fifth cell
 
 
 @dataclass(frozen=True)

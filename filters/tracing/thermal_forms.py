@@ -142,7 +142,6 @@ class Rows:
 def rows_of(design: Design, channel: int, y: Array, beside: Array, instead: Array) -> Rows | None:
     """Rows of a channel; None where temperature is not known or does not go far enough.
 
-    `design`: data.
     `y`: its residual, SI, shape (n,).
     `beside`: columns to be fitted beside the forms, SI, shape (n, m).
     `instead`: columns that the forms are to take the place of, shape (n, k).
@@ -284,7 +283,6 @@ def _weighed(fitted: Sequence[_Fitted], forms: Sequence[Form], scores: Array, we
 def score_before(rows: Rows, price: float) -> float:
     """Score of what the forms are to take the place of, beside its best walk.
 
-    `rows`: of the channel.
     `price`: what its parameters and its choice cost.
     """
     raw = np.column_stack([rows.y, rows.beside, rows.instead])

@@ -35,11 +35,7 @@ _CERTAIN = 1e-3
 
 
 def choose_jointly(chosen: Selection, channels: Sequence[int]) -> None:
-    """Let averages take the place of thermal effects where they have more evidence; `chosen` is changed.
-
-    `chosen`: what the greedy selection found.
-    `channels`: those with data.
-    """
+    """Let averages take the place of thermal effects where they have more evidence; `chosen` is changed."""
     for c in channels:
         own = [a for a in chosen.on(c) if replaceable(a)]
         if own or chosen.design.drift[c].level > 0.0:
@@ -125,7 +121,6 @@ _NOTHING = 1e-12
 def carried_over(rows: Rows, found: Average, channel: int) -> float:
     """Amplitude with which an average is carried over to other runs.
 
-    `rows`: what it was fitted to.
     `channel`: which: how large hysteresis may be is the catalogue's plausible size.
     """
     own = rows.columns @ found.weights

@@ -16,8 +16,7 @@ from filters.tracing.result import Trace
 from filters.tracing.run import Run, in_order
 from filters.tracing.screening import Screening, noise_findings, without_faults
 
-LEAST_S = 60.0
-"""A run must be this long to be used at all."""
+LEAST_S = 60.0  # A run must be this long to be used at all
 _LONG_S = 4.0 * 3600.0
 
 Progress = Callable[[float, str], None]
@@ -36,7 +35,6 @@ def trace(
     `runs`: power-ons to learn from, or parts of them, at least one.
     `heldout`: a power-on, or a part of one, that nothing is fitted to; without one, folds of the runs judge.
     `asked`: effects whose limit of detection is to be said.
-    `seed`: of intervals and bands.
     `progress`: told a share from 0 to 1 and what is being done.
     Raises InputError if there is no run, or one is too short.
     """

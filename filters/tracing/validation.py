@@ -34,8 +34,7 @@ from filters.types import Array
 
 HOLD_S = 60.0
 WINDOW_S = 10.0
-LEAST_S = 300.0
-"""Below this length of a held-out run there is no verdict."""
+LEAST_S = 300.0  # below this length of a held-out run there is no verdict
 _SAME_RATE = np.deg2rad(0.5)
 _WITHIN_3_SD = 0.9973
 
@@ -64,7 +63,6 @@ class Correction:
 def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> Windows:
     """Windowed means of a channel's residual.
 
-    `stack`: blocks.
     `r`: residual of the channel, SI, shape (n,), or several of them, shape (n, k).
     `channel`: whose weights count.
     `seconds`: longest window.
@@ -104,10 +102,8 @@ def _regimes(blocks: Blocks) -> Array:
 def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
     """Error of 10 s means after a bias hold of 60 s, on a run.
 
-    `stack`: of the held-out run alone.
     `before`, `after`: residual of the channel without and with the correction, SI, shape (n,).
     `white`: white density, unit·√s.
-    `seed`: of the floor's band and the interval.
     Returns none if less than two windows follow the hold.
     """
     both = after_hold(stack, np.column_stack([before, after]), channel)
@@ -157,7 +153,6 @@ class AfterHold:
 def after_hold(stack: Stack, columns: Array, channel: int) -> AfterHold | None:
     """Errors of windowed means once the mean of the first 60 s is taken off; None where most of those are missing.
 
-    `stack`: of one run.
     `columns`: residuals of the channel, SI, shape (n, k).
     """
     w = stack.weight[:, channel]
@@ -208,11 +203,9 @@ def folded(
 ) -> FoldedErrors | None:
     """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer.
 
-    `stack`: of the run, or runs.
     `y`: residual of the channel, SI, shape (n,).
     `groups`: columns of each of what was found on it, shape (n, k).
     `white`: white density, unit·√s.
-    `seed`: of the interval.
     Returns none if a fold has too little to fit, or less than four windows remain.
     """
     residuals = _folded_residuals(stack, y, groups, channel)
@@ -273,7 +266,6 @@ def nis(
 ) -> ErrorFigure | None:
     """√(NIS/dof) of windowed means in the bias filter, without drift before, with it and the correction's states after.
 
-    `stack`: of the held-out run alone.
     `before`, `after`: residual of the channel without and with the correction, SI, shape (n,).
     `white`: white density, unit·√s.
     `drift`: of the filter after.

@@ -44,8 +44,7 @@ class Drift:
         return "random_walk" if self.is_walk else "gauss_markov"
 
 
-NONE = Drift(1.0, 0.0)
-"""No drift."""
+NONE = Drift(1.0, 0.0)  # no drift
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
