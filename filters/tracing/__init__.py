@@ -2,7 +2,7 @@
 
 `trace.trace` takes `run.Run`s to a `result.Trace` by these steps, in this order; each takes what the one above made.
 Throughout, `design` is the runs at hand with their columns, noise and drift; `channels` are numbers of those with data;
-`terms`, `selection` and `chosen` what is selected already; `seed` that of intervals and bands; a `stack` has the rows of
+`terms`, `selection` and `chosen` what is selected already; `seed` is of intervals and bands; a `stack` has the rows of
 all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.motion`, `filters.effects`; never
 `filters.simulation`, whose truths it is tested with.
 

@@ -22,7 +22,7 @@ _RELAY_ROWS = 1 << 16
 
 
 Key = tuple[str, tuple[int, ...], str]
-Maker = tuple[Hypothesis, int, slice]  # A hypothesis, a channel, and the places of its columns there
+Maker = tuple[Hypothesis, int, slice]  # a hypothesis, a channel, and the places of its columns there
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ def _course(
     return t, np.bincount(number, value)[have] / count[have]
 
 
-_SAME_S = 5.0  # A channel's step within this of a common event's start or end is that event
+_SAME_S = 5.0  # a channel's step within this of a common event's start or end is that event
 
 
 def entries(causes: Sequence[CommonCause], runs: Sequence[str], has_temperature: bool) -> list[CommonEntry]:

@@ -36,8 +36,8 @@ from filters.tracing.stack import Stack
 from filters.tracing.trace_document import LimitEntry
 from filters.types import Array
 
-DETECTABLE = 5.0  # A d of this is detected in a log
-TESTABLE = 2.0  # A d of this makes an effect testable by a motion
+DETECTABLE = 5.0  # a d of this is detected in a log
+TESTABLE = 2.0  # a d of this makes an effect testable by a motion
 BIAS = "bias"
 
 _HZ, _PER_PERIOD = 10.0, 20.0

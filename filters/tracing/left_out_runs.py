@@ -25,7 +25,7 @@ _TELLS = 16.0  # chi-square that a true term must have on what is left out, so t
 
 _ROUNDING = 1e-9  # share of all that is said of a parameter which is left of it by rounding
 
-_Normal = tuple[Array, Array]  # A and b of normal equations A θ = b
+_Normal = tuple[Array, Array]  # a and b of normal equations A θ = b
 
 
 def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]:

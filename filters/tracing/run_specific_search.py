@@ -93,7 +93,7 @@ def _gain(design: Design, effect: RunSpecific, own: Array) -> float:
 
 
 # -------------------------------------------------------------------------------------------------- step beside drift
-# A step of a channel that drifts: sought in what is whitened, for a drift takes a clean step for its own.
+# a step of a channel that drifts: sought in what is whitened, for a drift takes a clean step for its own.
 #
 # Steps are tried every few seconds, of one power-on and of all at the same time, on coarse rows under the drift as it
 # is

@@ -12,7 +12,7 @@ from filters.tracing.blocks import Blocks
 from filters.types import Array
 
 CELL_S = 20.0  # length of a cell, s: what is left out together when a fit is judged on what it has not seen
-FOLDS = 5  # A fold leaves out every fifth cell
+FOLDS = 5  # a fold leaves out every fifth cell
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from filters.tracing.result import Trace
 from filters.tracing.run import Run, in_order
 from filters.tracing.screening import Screening, noise_findings, without_faults
 
-LEAST_S = 60.0  # A run must be this long to be used at all
+LEAST_S = 60.0  # a run must be this long to be used at all
 _LONG_S = 4.0 * 3600.0
 
 Progress = Callable[[float, str], None]

@@ -8,7 +8,7 @@ the separating experiment's profile as text. Figures that are not finite are Non
 
 from typing import Annotated, Literal, NotRequired, TypeAlias, TypedDict
 
-SEPARATES = 5.0  # A d of this tells two effects apart
+SEPARATES = 5.0  # a d of this tells two effects apart
 
 Ends: TypeAlias = Annotated[list[float], 2]  # of an interval
 HeldOut = Literal["run", "part", "folds"]
