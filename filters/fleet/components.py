@@ -100,9 +100,7 @@ def _information(w2: Array, w3: Array, W: Array, B: Array, c: Array) -> Array:
 
 # --------------------------------------------------------------------------------------------------------- components
 
-_RANGE = 1e5
-_TOLD = 1.92
-"""Log likelihood that a component must add to be told from none: half the 95 % quantile of chi-square."""
+_TOLD = 1.92  # log likelihood that a component must add to be told from none: half the 95 % quantile of chi-square
 _NOTHING = 1e-6
 _TINY = 1e-300
 
@@ -187,9 +185,7 @@ def _integrated(data: PowerOns, free: tuple[int, ...]) -> Grid:
         told: Array = given.log_likelihood + prior + np.sum(2.0 * np.log(sds), axis=1)
         return told
 
-    spread = max(float(np.ptp(data.values)), float(np.sqrt(data.variances.max())))
-    low = 1e-3 * min(float(np.sqrt(data.variances.min())), spread)
-    return grid.integrate(density, low, _RANGE * spread, len(free), data.values.size)
+    return grid.integrate(density, float(np.ptp(data.values)), data.variances, len(free))
 
 
 def _component(data: PowerOns, points: Grid, free: tuple[int, ...], axis: int) -> Component:

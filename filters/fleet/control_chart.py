@@ -24,10 +24,8 @@ from scipy.special import stdtrit
 from filters.fleet.readings import PowerOns
 from filters.types import Array
 
-FALSE_ALARMS = 0.0027
-"""Share of power-ons in control that fall out by chance."""
-_MOST_OUT = 5
-"""At most one in so many power-ons is set aside."""
+FALSE_ALARMS = 0.0027  # share of power-ons in control that fall out by chance
+_MOST_OUT = 5  # at most one in so many power-ons is set aside
 _MOST_STEPS = 50
 _LEAST_DOF = 3
 

@@ -29,7 +29,6 @@ from filters.types import Array
 # has
 # Student's distribution where all variances are equal.
 
-_RANGE = 1e5
 _TINY = 1e-300
 _UNLIKE = 0.01
 """Probability below which a unit scatters more about its line than the others do, and is judged by its own scatter."""
@@ -107,9 +106,7 @@ def _scatter(lines: Sequence[Line]) -> Grid:
         return told
 
     variances = np.concatenate([line.variances for line in lines])
-    spread = max(*(float(np.ptp(line.y)) for line in lines), float(np.sqrt(variances.max())))
-    low = 1e-3 * min(float(np.sqrt(variances.min())), spread)
-    return grid.integrate(density, low, _RANGE * spread, 1, variances.size)
+    return grid.integrate(density, max(float(np.ptp(line.y)) for line in lines), variances, 1)
 
 
 def _given(line: Line, sds: Array) -> _Given:
@@ -132,10 +129,8 @@ def _given(line: Line, sds: Array) -> _Given:
 
 Verdict = Literal["drift", "temperature", "drift_or_temperature", "none", "too_few"]
 
-LEAST = 3
-"""Power-ons at different times that a slope takes."""
-LEVEL = 0.05
-"""Of the test, after Holm's correction."""
+LEAST = 3  # Power-ons at different times that a slope takes
+LEVEL = 0.05  # of the test, after Holm's correction
 _LEAST_KELVIN = 1.0
 _CLOSE = 1e-6
 
@@ -184,37 +179,28 @@ def drifts(groups: Sequence[Sequence[Course]]) -> list[list[Drift]]:
     `groups`: units that share a scatter between power-ons: those of one model and one channel.
     """
     fits = [fit for group in groups for fit in _fits(group)]
-    time = _corrected([fit.time for fit in fits])
-    kelvin = _corrected([fit.kelvin for fit in fits])
-    time_alone = _corrected([fit.time_alone for fit in fits])
-    kelvin_alone = _corrected([fit.kelvin_alone for fit in fits])
-    told = map(_told, fits, time, kelvin, time_alone, kelvin_alone)
+    names = ("time", "kelvin", "time_alone", "kelvin_alone")
+    corrected = [_corrected([getattr(fit, name) for fit in fits]) for name in names]
+    told = (
+        _told(fit, [_sure(one) for one in p], p[0]) for fit, p in zip(fits, zip(*corrected, strict=True), strict=True)
+    )
     return [[next(told) for _ in group] for group in groups]
 
 
-def _told(fit: _Fit, time: float | None, kelvin: float | None, time_alone: float | None,
-          kelvin_alone: float | None) -> Drift:  # fmt: skip
+def _told(fit: _Fit, sure: Sequence[bool], p_holm: float | None) -> Drift:
+    """What a course shows, by which of its coefficients are sure."""
+    time, kelvin, time_alone, kelvin_alone = sure
     alone = fit.time_alone.estimate if fit.time_alone else None
+    changes = time_alone or kelvin_alone
     if fit.time is None:
         if not fit.collinear:
             return Drift("too_few")
-        changes = _sure(time_alone) or _sure(kelvin_alone)
         return Drift("drift_or_temperature" if changes else "none", alone=alone)
-    per_kelvin = fit.kelvin.estimate if fit.kelvin else None
-    verdict = _verdict(fit, time, kelvin, time_alone, kelvin_alone)
-    return Drift(verdict, fit.time.estimate, fit.time.p, time, per_kelvin, alone)
-
-
-def _verdict(fit: _Fit, time: float | None, kelvin: float | None, time_alone: float | None,
-             kelvin_alone: float | None) -> Verdict:  # fmt: skip
-    if _sure(time):
-        return "drift"
-    if _sure(kelvin):
-        return "temperature"
-    if not (_sure(time_alone) or _sure(kelvin_alone)):
-        return "none"
-    # each alone explains the change, and neither adds to the other, unless time alone explains nothing
-    return "drift_or_temperature" if fit.time_alone and fit.time_alone.p < LEVEL else "temperature"
+    verdict: Verdict = "drift" if time else "temperature" if kelvin else "none"
+    if changes and verdict == "none":
+        # each alone explains the change, and neither adds to the other, unless time alone explains nothing
+        verdict = "drift_or_temperature" if fit.time_alone and fit.time_alone.p < LEVEL else "temperature"
+    return Drift(verdict, fit.time.estimate, fit.time.p, p_holm, fit.kelvin.estimate if fit.kelvin else None, alone)
 
 
 def _sure(p: float | None) -> bool:

@@ -13,15 +13,14 @@ import numpy as np
 from filters.types import Array
 
 _ROUNDS = 6
-_DROP = 17.0
-"""Logarithm of the density below its greatest at which nothing is left to integrate."""
+_RANGE = 1e5
+_DROP = 17.0  # logarithm of the density below its greatest at which nothing is left to integrate
 _LEAST = 1e-6
 _CELLS = 4_000_000
 _STEPS = ((40, 25, 51), (400, 25, 27), (sys.maxsize, 13, 15))
 """Up to so many values: points of an axis while looking, and when integrating. Many make a density narrow."""
 
-Density = Callable[[Array], Array]
-"""Logarithm of a density at standard deviations of shape (G, axes), shape (G,)."""
+Density = Callable[[Array], Array]  # logarithm of a density at standard deviations of shape (G, axes), shape (G,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +39,20 @@ class Grid:
         return np.exp(np.interp(probabilities, middle, np.log(x)))
 
 
-def integrate(density: Density, low: float, high: float, axes: int, size: int) -> Grid:
+def integrate(density: Density, span: float, variances: Array, axes: int) -> Grid:
     """Grid over the part of the range where a density is.
 
     The grid is laid anew, several times, over the box that holds all but e⁻¹⁷ of the greatest density. Points with
     less than a millionth of the greatest weight are left out.
 
     `density`: of the logarithms of standard deviations, given at standard deviations.
-    `low`, `high`: range of standard deviations to look in, positive.
+    `span`: how far the values that it is made of lie apart; `variances` of their measurement, positive. A grid is finer
+      where these are few.
     `axes`: 1 or 2.
-    `size`: values that the density is made of: a grid is finer where these are few.
     """
-    box = np.log([[low, high]] * axes)
+    span, size = max(span, float(np.sqrt(variances.max()))), variances.size
+    low = 1e-3 * min(float(np.sqrt(variances.min())), span)
+    box = np.log([[low, _RANGE * span]] * axes)
     coarse, fine = next((a, b) for most, a, b in _STEPS if size <= most)
     for _ in range(_ROUNDS):
         coordinates = [np.linspace(a, b, coarse) for a, b in box]

@@ -42,8 +42,7 @@ APPLIED = "applied_effects.toml"
 _BY_READINGS = ("gravity", "turned")
 _SENSED = np.r_[RATE, FORCE]
 _DRIFTS = ("random_walk", "gauss_markov")
-_Message: TypeAlias = tuple[int, int, str, bytes]
-"""Stamp, rank among those of the same stamp, topic, bytes."""
+_Message: TypeAlias = tuple[int, int, str, bytes]  # Stamp, rank among those of the same stamp, topic, bytes
 
 
 @dataclass(frozen=True, slots=True)

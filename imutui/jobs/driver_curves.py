@@ -6,7 +6,7 @@ the motion's past, of time, or of several quantities together are left out.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -27,8 +27,7 @@ from imutui.logbook.reader import Log
 
 TEMPERATURE = "temperature"
 UNITS = {TEMPERATURE: "°C", **{name: "deg/s" if name.startswith("w") else "g" for name in SENSED}}
-LEAST_SPANS = {"°C": 0.5, "deg/s": 2.0, "g": 0.1}
-"""Range of a driver, by its unit, below which it shows nothing."""
+LEAST_SPANS = {"°C": 0.5, "deg/s": 2.0, "g": 0.1}  # range of a driver, by its unit, below which it shows nothing
 _MOST_BLOCKS = 20_000
 
 
@@ -263,30 +262,16 @@ def _inputs(driver: str, x: Array) -> Inputs:
     sensed = np.zeros((x.size, 6))
     if driver != TEMPERATURE:
         sensed[:, SENSED.index(driver)] = x * (DPS if driver.startswith("w") else G)
-    level = x if driver == TEMPERATURE else np.full(x.size, REFERENCE_DEGC)
-    return _all_inputs(sensed, level, np.zeros(x.size), np.zeros((x.size, 0)), np.zeros((x.size, 0)))
+    return _all_inputs(x=sensed, temperature=x if driver == TEMPERATURE else np.full(x.size, REFERENCE_DEGC))
 
 
-def _all_inputs(sensed: Array, level: Array, rate: Array, lagged: Array, plays: Array) -> Inputs:
-    n = level.size
-    return Inputs(
-        t=np.zeros(n),
-        x=sensed,
-        x_dot=np.zeros((n, 6)),
-        temperature=level,
-        temperature_rate=rate,
-        lagged=lagged,
-        plays=plays,
-        spin=np.zeros((n, 3)),
-        horizontal=np.zeros((n, 3, 2)),
-        centripetal=np.zeros((n, 3, 3)),
-        angles=np.zeros((n, 3)),
-        rates=np.zeros((n, 3)),
-        table_accel=np.zeros(n),
-        since_motion=np.zeros(n),
-        direction=np.zeros((n, 3)),
-        trail=np.zeros((n, 0, 0)),
-    )
+def _all_inputs(temperature: Array, **known: Array) -> Inputs:
+    """Drivers of which only some are known, the others being zero."""
+    n = temperature.size
+    shapes = {"x": (6,), "x_dot": (6,), "lagged": (0,), "plays": (0,), "spin": (3,), "horizontal": (3, 2),
+              "centripetal": (3, 3), "angles": (3,), "rates": (3,), "direction": (3,), "trail": (0, 0)}  # fmt: skip
+    zeros = {field.name: np.zeros((n, *shapes.get(field.name, ()))) for field in fields(Inputs)}
+    return Inputs(**zeros | {"temperature": temperature} | known)
 
 
 # ------------------------------------------------------------------------------------- of temperature's past
@@ -324,4 +309,4 @@ def _remembered(of: DriverCourse) -> tuple[Array, Inputs]:
     level, rate = temperature.smoothed(np.interp(t, of.t[known], of.values[TEMPERATURE][known]), period)
     lagged = np.stack([temperature.lag(level, tau / period) for tau in LAGS], axis=1)
     plays, _ = temperature.plays(level - level[0])
-    return t, _all_inputs(np.zeros((t.size, 6)), level, rate, lagged, plays)
+    return t, _all_inputs(level, temperature_rate=rate, lagged=lagged, plays=plays)

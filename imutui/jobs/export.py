@@ -8,7 +8,6 @@ from pathlib import Path
 from filters.errors import InputError
 from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples, topic
-from imutui.logbook.export.columns import Table
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
 
@@ -64,7 +63,10 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     Raises FileExistsError if a file exists and may not be replaced.
     """
     known = pieces.outline(wanted.log) if wanted.topic is None else None
-    made = _table(wanted, known)
+    if known is None:
+        made = topic.table(wanted.log, wanted.topic or "", wanted.start, wanted.end)
+    else:
+        made = samples.table(known, wanted.start, wanted.end)
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
     reference = _reference(wanted, known) if known is not None and wanted.whole else None
     if reference is not None and reference[0].exists() and not wanted.overwrite:
@@ -77,12 +79,6 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
         atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
     names = tuple(column.name for column in made.columns)
     return Exported(rows, names, made.units(), made.about, made.damage(), reference and reference[0])
-
-
-def _table(wanted: Export, known: Outline | None) -> Table:
-    if known is None:
-        return topic.table(wanted.log, wanted.topic or "", wanted.start, wanted.end)
-    return samples.table(known, wanted.start, wanted.end)
 
 
 def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:

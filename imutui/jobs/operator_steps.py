@@ -38,8 +38,7 @@ _WORDS = {
 _SUFFIXES = (".toml", ".csv")
 _PARTNERS = ("scale", "cross_axis", "tilt")
 _EXPERIMENT = "experiment.toml"
-READY_MADE = "ready-made"
-"""Place of a profile that lies in no folder."""
+READY_MADE = "ready-made"  # place of a profile that lies in no folder
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ did. What comes out must be the result; else there are no figures of it, and it 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias, cast
+from typing import cast
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from imutui.jobs import check, driver_curves, replay, residuals
 from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.linear_correction import Term, of_effects_file, of_states
 from imutui.jobs.residuals import NoiseLevel
+from imutui.jobs.result_files import Result
 from imutui.logbook import effects_file, reader
 from imutui.logbook.reader import Log
 from imutui.logbook.results import EstimatePoints, ResultDocument
@@ -74,8 +75,6 @@ def quality_of(log: Log) -> Quality:
 
 
 # ---------------------------------------------------------------------------------------------------------- page data
-
-Result: TypeAlias = TraceDocument | ResultDocument
 
 _SAME, _SHARE = 1e-9, 1e-3
 

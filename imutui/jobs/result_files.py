@@ -14,10 +14,8 @@ from imutui.logbook.results import ResultDocument
 
 Result: TypeAlias = TraceDocument | ResultDocument
 
-VERSION = 1
-"""Of results that this edition reads: both kinds."""
-LIMIT = 64 * 2**20
-"""Longest file of results, bytes."""
+VERSION = 1  # of results that this edition reads: both kinds
+LIMIT = 64 * 2**20  # longest file of results, bytes
 _FILTERED = (
     "duration_s", "sd", "spread", "converged", "converged_s", "nis", "noise", "effects", "gaps", "rejected",
     "reference", "mount", "accel_sign", "measurements", "seed", "config_sha256",

@@ -10,8 +10,7 @@ from filters.errors import InputError
 from imutui.logbook import atomic_file
 from imutui.logbook import effects_file as effects
 
-_LONGEST = 120
-"""Bytes of a name that is made of those of several logs."""
+_LONGEST = 120  # bytes of a name that is made of those of several logs
 
 
 @dataclass(frozen=True, slots=True)

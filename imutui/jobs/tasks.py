@@ -56,18 +56,11 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
     )
 
 
-def info_log(path: Path, tell: Tell) -> "InfoDocument":
-    """All that is in a log, see `jobs.info`."""
-    from imutui.jobs import info
+def look_at_log(kind: str, path: Path, tell: Tell) -> "InfoDocument | CheckDocument":
+    """Info or check of a log, see `jobs.info` and `jobs.check`."""
+    from imutui.jobs import check, info
 
-    return info.info(path, tell)
-
-
-def check_log(path: Path, tell: Tell) -> "CheckDocument":
-    """Whether a log is whole and its parts agree, see `jobs.check`."""
-    from imutui.jobs import check
-
-    return check.check(path, tell)
+    return info.info(path, tell) if kind == "info" else check.check(path, tell)
 
 
 def recover_log(path: Path, output: Path, overwrite: bool, mode: int, tell: Tell) -> "RecoverDocument":

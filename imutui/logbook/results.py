@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")
-PLACE = ("position", "velocity")
-"""What is not observable where only the attitude is known, beside biases."""
+PLACE = ("position", "velocity")  # what is not observable where only the attitude is known, beside biases
 _NAMES = tuple(f"{bias}_{axis}" for bias in _BIASES for axis in "xyz")
 
 EXACT = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
@@ -150,10 +149,8 @@ class ReplayChoices(TypedDict, total=False):
     start: float
     end: float
     overrides: dict[str, str | float]
-    effects: str
-    """Text of the effects file; empty for none."""
-    reference: str
-    """SHA-256 of the reference's file, which is not kept."""
+    effects: str  # text of the effects file; empty for none
+    reference: str  # SHA-256 of the reference's file, which is not kept
 
 
 class PartResult(TypedDict):
@@ -211,22 +208,17 @@ class ResultDocument(TypedDict):
     config_sha256: NotRequired[str]
     identity: NotRequired[IdentityEntry]
     library: NotRequired[str]
-    start_utc: NotRequired[str]
-    """Of the log, as are temperatures: what `imutui report` adds where the log is at hand."""
+    start_utc: NotRequired[str]  # of the log, as are temperatures: what `imutui report` adds where the log is at hand
     temperature_degc: NotRequired[list[float] | None]
-    damage: NotRequired[str]
-    effects_of_other_unit: NotRequired[str]
-    """Replays only: what is wrong with the file, if anything."""
+    damage: NotRequired[str]  # replays only: what is wrong with the file, if anything
+    effects_of_other_unit: NotRequired[str]  # replays only: whose effects they are, if not this unit's
     parts: NotRequired[list[PartResult]]
     """Live recordings in several files only: all of them, the last one's result being this."""
     course: NotRequired[HistoryRows]
     """Replays on the screen only: gyro biases in deg/s, then accelerometer biases in mg, over time."""
-    points: NotRequired[EstimatePoints]
-    """Replays for a page only."""
-    asked: NotRequired[ReplayChoices]
-    """Replays that differ from the recording only."""
-    truth: NotRequired[StateFields]
-    """The demo only: what the virtual instrument really has."""
+    points: NotRequired[EstimatePoints]  # replays for a page only
+    asked: NotRequired[ReplayChoices]  # replays that differ from the recording only
+    truth: NotRequired[StateFields]  # the demo only: what the virtual instrument really has
 
 
 def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True) -> StateFields:

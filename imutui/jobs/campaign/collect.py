@@ -25,8 +25,7 @@ class CollectDocument(TypedDict):
     logs: int
     errors: int
     not_fine: int
-    twice: int
-    """Logs that more than one part has a row of."""
+    twice: int  # logs that more than one part has a row of
     complete: bool
     notes: list[str]
 

@@ -89,36 +89,29 @@ class VersionsField(TypedDict):
 class Row(TypedDict):
     """What a campaign tells of a log; of one that could not be used, all that is not known of it is None or empty."""
 
-    log: str
-    """Path relative to the campaign's root, with slashes."""
-    error: str | None
-    """Why the log has no result, in words; None if it has one."""
+    log: str  # path relative to the campaign's root, with slashes
+    error: str | None  # why the log has no result, in words; None if it has one
     retry: bool
     """Whether the next run tries again though nothing has changed: the error is not the log's, but the machine's."""
     log_sha256: str | None
     log_bytes: int | None
     log_mtime_ns: int | None
     """When the log was last changed: with its size, what tells without reading it that it is still the same."""
-    config_sha256: str | None
-    """Hash of all that decides the estimates of this log apart from its samples."""
-    settings_sha256: str
-    """Hash of what the campaign was asked for: see `results.json`'s `settings`."""
+    config_sha256: str | None  # hash of all that decides the estimates of this log apart from its samples
+    settings_sha256: str  # hash of what the campaign was asked for: see `results.json`'s `settings`
     kind: str
     """"measured", "simulated" or "unknown"."""
     instrument: str
     serial_number: str
     operator: str
-    start_utc: str | None
-    """ISO text; None where it is not known, as for an import."""
-    power_on: str | None
-    """Id of the power-on that the log is a part of."""
+    start_utc: str | None  # ISO text; None where it is not known, as for an import
+    power_on: str | None  # id of the power-on that the log is a part of
     duration_s: float | None
     samples: int | None
     rate_hz: float | None
     temperature_degc: TemperatureField | None
     finished: bool | None
-    damage: str | None
-    """What is wrong with the file, if anything; what could be read of it is used."""
+    damage: str | None  # what is wrong with the file, if anything; what could be read of it is used
     filter: str | None
     reference: str | None
     accel_sign: int | None
@@ -136,10 +129,8 @@ class Row(TypedDict):
     bad_checksums: int | None
     alarms: list[str]
     verdict: VerdictField | None
-    findings: NotRequired[list[FindingField] | None]
-    """With a trace only; None where the log cannot be traced."""
-    trace_error: NotRequired[str | None]
-    """With a trace only: why the log could not be traced."""
+    findings: NotRequired[list[FindingField] | None]  # with a trace only; None where the log cannot be traced
+    trace_error: NotRequired[str | None]  # with a trace only: why the log could not be traced
     wall_s: float
     filter_s: float | None
     read_s: float | None
@@ -165,16 +156,12 @@ class HeadFields(TypedDict):
     """What `results.json` says before its rows, and each run at its beginning in `rows.jsonl`."""
 
     version: int
-    root: str
-    """Folder that `log` of the rows is relative to."""
-    shard: str | None
-    """Which part of the logs, such as "2/4"; None for all of them."""
-    logs: int
-    """How many logs the last run was asked for."""
+    root: str  # folder that `log` of the rows is relative to
+    shard: str | None  # which part of the logs, such as "2/4"; None for all of them
+    logs: int  # how many logs the last run was asked for
     settings: SettingsFields
     settings_sha256: str
-    complete: bool
-    """Whether each of these logs has its row."""
+    complete: bool  # whether each of these logs has its row
 
 
 class ResultsDocument(HeadFields):

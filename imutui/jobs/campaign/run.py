@@ -60,22 +60,17 @@ class RunDocument(TypedDict):
 
     version: int
     results: str
-    table: str | None
-    """Where `results.parquet` is; None without pyarrow."""
+    table: str | None  # where `results.parquet` is; None without pyarrow
     root: str
     shard: str | None
     logs: int
     kept: int
     computed: int
-    unchanged: int
-    """Of those kept: touched since, and still the same."""
+    unchanged: int  # of those kept: touched since, and still the same
     errors: int
-    not_fine: int
-    """Without an error, but not converged, RED, damaged or not traceable."""
-    beyond: int
-    """Rows in the results of logs that this run was not asked for."""
-    other_settings: int
-    """Rows of other settings, which are left out of `results.json`."""
+    not_fine: int  # without an error, but not converged, RED, damaged or not traceable
+    beyond: int  # rows in the results of logs that this run was not asked for
+    other_settings: int  # rows of other settings, which are left out of `results.json`
     broken_lines: int
     wall_s: float
     per_minute: float | None

@@ -18,10 +18,8 @@ from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import BiasFields
 
 JOURNAL, DOCUMENT = "rows.jsonl", "results.json"
-LONGEST_ROW = 4 * 2**20
-"""Longest line of a journal, bytes: a trace's findings of one log are some kilobytes."""
-LONGEST_DOCUMENT = 2**30
-"""Longest `results.json`, bytes: some 300 000 rows."""
+LONGEST_ROW = 4 * 2**20  # longest line of a journal, bytes: a trace's findings of one log are some kilobytes
+LONGEST_DOCUMENT = 2**30  # longest `results.json`, bytes: some 300 000 rows
 
 
 class Part(NamedTuple):

@@ -12,8 +12,7 @@ Quantity = Literal["bias", "noise"]
 LimitVerdict = Literal["fails", "not_told"]
 Level = Literal["model", "some_units", "unit", "day", "not_told"]
 
-MONTH_DAYS = 30.4375
-"""Days of a month: a twelfth of 365.25."""
+MONTH_DAYS = 30.4375  # days of a month: a twelfth of 365.25
 
 
 class EstimateField(TypedDict):

@@ -14,10 +14,8 @@ from imutui.jobs.campaign.fleet_values import BiasValue
 from imutui.jobs.campaign.rows import Row
 from imutui.jobs.campaign.summary_document import LimitField, LimitVerdict, Quantity
 
-SURE = 3.0
-"""Standard deviations beyond a limit at which a value fails it; as many on the inner side are not told."""
-_SQRT_HOUR = 60.0
-"""√s."""
+SURE = 3.0  # standard deviations beyond a limit at which a value fails it; as many on the inner side are not told
+_SQRT_HOUR = 60.0  # √s
 
 
 class _Worst(NamedTuple):

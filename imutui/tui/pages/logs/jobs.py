@@ -41,10 +41,9 @@ def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = 
     `mode`: permissions of a file that is made.
     """
     match kind:
-        case "info":
-            return _job(kind, path, lambda: Worker(tasks.info_log, path), "info of", logs.info_text)
-        case "check":
-            return _job(kind, path, lambda: Worker(tasks.check_log, path), "check of", logs.check_text)
+        case "info" | "check":
+            words = logs.info_text if kind == "info" else logs.check_text
+            return _job(kind, path, lambda: Worker(tasks.look_at_log, kind, path), f"{kind} of", words)
         case "recover":
             return _job(kind, path, lambda: _recovery(path, mode), "recovered from", logs.recover_text)
         case "replay":
