@@ -77,8 +77,8 @@ def command(
         return
     from imutui import config
     from imutui.jobs.campaign import log_list, stored_rows
+    from imutui.jobs.campaign.one_log import CampaignSettings
     from imutui.jobs.campaign.run import Campaign, run
-    from imutui.jobs.campaign.settings import CampaignSettings
     from imutui.jobs.replay import ReplayOptions
 
     if not logs or output is None:

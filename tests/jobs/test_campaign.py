@@ -16,8 +16,8 @@ from imutui.jobs import replay
 from imutui.jobs.campaign import cluster, log_list, one_log, stored_rows
 from imutui.jobs.campaign.collect import collect
 from imutui.jobs.campaign.log_list import LogList, Shard
+from imutui.jobs.campaign.one_log import CampaignSettings
 from imutui.jobs.campaign.run import Campaign, RunDocument, run
-from imutui.jobs.campaign.settings import CampaignSettings
 from imutui.jobs.replay import ReplayOptions
 from imutui.logbook.reader import UnreadableLogError
 

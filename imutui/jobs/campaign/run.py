@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Protocol, TypedDict
 
 from imutui.jobs.campaign.log_list import LogList, Shard
-from imutui.jobs.campaign.one_log import Task
+from imutui.jobs.campaign.one_log import CampaignSettings, Task
 from imutui.jobs.campaign.results_folder import Known, ResultsFolder
 from imutui.jobs.campaign.rows import VERSION, HeadFields, Row
-from imutui.jobs.campaign.settings import CampaignSettings
 
 _SHOWN = 3
 

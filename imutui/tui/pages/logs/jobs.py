@@ -65,15 +65,15 @@ def _job(kind: str, path: Path, worker: Callable[[], Worker], title: str, words:
 
 
 def _recovery(path: Path, mode: int) -> Worker:
-    from imutui.jobs import sidecar_files
+    from imutui.jobs import log_files
 
-    return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False, mode)
+    return Worker(tasks.recover_log, path, log_files.free_name(path, "_recovered.mcap"), False, mode)
 
 
 def _base(paths: Sequence[Path]) -> Path:
-    from imutui.jobs import sidecar_files
+    from imutui.jobs import log_files
 
-    return sidecar_files.base(paths)
+    return log_files.base(paths)
 
 
 def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:

@@ -20,7 +20,7 @@ from imutui.tui.widgets.option_rows import OptionRows
 from imutui.tui.widgets.wrapped_text import WrappedText
 
 if TYPE_CHECKING:
-    from imutui.jobs.sidecar_files import EffectsFile
+    from imutui.jobs.log_files import EffectsFile
 
 
 class LiveEffects:
@@ -80,15 +80,15 @@ class LiveEffects:
 
 
 def _effects_files(folders: list[Path]) -> "list[EffectsFile]":
-    from imutui.jobs import sidecar_files
+    from imutui.jobs import log_files
 
-    return sidecar_files.effects_files(folders)
+    return log_files.effects_files(folders)
 
 
 def _effects_file(path: Path) -> "EffectsFile":
-    from imutui.jobs import sidecar_files
+    from imutui.jobs import log_files
 
-    return sidecar_files.effects_file(path)
+    return log_files.effects_file(path)
 
 
 _NAME = 64

@@ -197,8 +197,8 @@ class ResultPage(Page):
 
 
 def _kept(log: Path, ending: str, content: str) -> Path:
-    from imutui.jobs import sidecar_files
+    from imutui.jobs import log_files
 
     if not log.exists() and not log.name.count("_with_"):
         raise FileNotFoundError(errno.ENOENT, "is not there any more: it was renamed or deleted meanwhile", str(log))
-    return sidecar_files.keep(log, ending, content)
+    return log_files.keep(log, ending, content)

@@ -34,7 +34,7 @@ class Outcome:
 
     kind: str  # "trace", "replay", "info", "check" or "recover"
     title: str  # what it is of
-    log: Path  # beside which files are written, and whose name they begin with; of several logs `sidecar_files.base`
+    log: Path  # beside which files are written, and whose name they begin with; of several logs `log_files.base`
     document: Any  # JSON-ready
     text: Callable[[int], str]  # its text at a width
     # effects, experiment: TOML of a trace's effects, and of the motion that would separate its causes; empty if there

@@ -6,21 +6,21 @@ from pathlib import Path
 import pytest
 from helpers import traces
 
-from imutui.jobs import log_files, sidecar_files
+from imutui.jobs import log_files
 from imutui.logbook import checksum_file, effects_file, file_lock
 
 
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"
-    names = [sidecar_files.keep(log, "_effects.toml", text).name for text in ("1", "2", "3")]
+    names = [log_files.keep(log, "_effects.toml", text).name for text in ("1", "2", "3")]
     assert names == ["a_effects.toml", "a_effects_2.toml", "a_effects_3.toml"]
     assert (tmp_path / "a_effects_2.toml").read_text() == "2"
-    assert sidecar_files.free_name(log, "_effects.toml").name == "a_effects_4.toml"
+    assert log_files.free_name(log, "_effects.toml").name == "a_effects_4.toml"
 
 
 def test_files_of_several_logs_are_told_apart(tmp_path: Path) -> None:
     logs = [tmp_path / f"imu400cd_991_20261121T{hour:02d}0000Z.mcap" for hour in range(20)]
-    names = [sidecar_files.base(logs[:n]).name for n in (1, 2, 3, 19, 20)]
+    names = [log_files.base(logs[:n]).name for n in (1, 2, 3, 19, 20)]
     assert names[:2] == [logs[0].name, "imu400cd_991_20261121T000000Z_with_20261121T010000Z.mcap"]
     assert len(set(names)) == 5
     assert max(len(name) for name in names) < 180
@@ -60,7 +60,7 @@ def test_effects_files_are_told_from_other_settings(tmp_path: Path) -> None:
     (tmp_path / "none.toml").write_text(effects_file.dumps(traces.nothing(), "trace of b.mcap"))
     (tmp_path / "broken.toml").write_text('version = 1\nsource = "x"\ninclude_as = 3\n')
     (tmp_path / "scenario.toml").write_text('seed = 1\n[[effect]]\nname = "thermal_lin"\nchannel = "gy"\n')
-    files = {file.path.name: file for file in sidecar_files.effects_files([tmp_path])}
+    files = {file.path.name: file for file in log_files.effects_files([tmp_path])}
     assert sorted(files) == ["broken.toml", "found.toml", "none.toml"]
     assert files["found.toml"].effects == ("thermal_lin (gy)", "gauss_markov (gx)")
     assert files["found.toml"].source == "trace of a.mcap"
