@@ -232,8 +232,8 @@ def _parameter(name: str, unit: str, every: Sequence[tuple[float, float, _PowerO
 # ------------------------------------------------------------------------------------------------------------- limits
 # Units beyond the limits of their specification: biases of each power-on, white noise over all logs.
 #
-# A bias is beyond a limit if it is so by three standard deviations, in any power-on: so much the paper's table allows on
-# no day. Noise is the unit's, and a mean over its logs is compared.
+# A bias is beyond a limit if it is so by three standard deviations, in any power-on: so much the paper's table allows
+# on no day. Noise is the unit's, and a mean over its logs is compared.
 
 SURE = 3.0  # standard deviations beyond a limit at which a value fails it; as many on the inner side are not told
 _SQRT_HOUR = 60.0  # √s
