@@ -81,6 +81,16 @@ def told(values: list[float], form: str = "") -> str:
     return f"{text(statistics.median(values))} ({text(min(values))}..{text(max(values))})"
 
 
+def wilson(count: int, of: int) -> tuple[float, float]:
+    """95 % interval of a share."""
+    from scipy import stats
+
+    if of == 0:
+        return 0.0, 1.0
+    interval = stats.binomtest(count, of).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)
+
+
 def row(*cells: object) -> None:
     """Print a row of a Markdown table."""
     print(f"| {' | '.join(map(str, cells))} |", flush=True)

@@ -68,68 +68,37 @@ _T = {"driver:temperature", "driver:temperature_threshold", "thermal_lin", "ther
 _RATE = {"driver:temperature_rate", "thermal_rate"}
 
 
-def _of_temperature(
-    shape: Callable[[np.random.Generator], Callable[[Array], Array]],
-) -> Callable[..., tuple[Function, set[str]]]:
+def _heat(name: str, function: Callable[..., Array], *ranges: tuple[float, float], signed: bool = False) -> Form:
+    """Of temperature and of parameters, each of them drawn evenly; the last one of either sign if so wanted."""
+
     def drawn(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-        f = shape(rng)
-        return lambda world, own: f(world.T), _T
+        values = [rng.uniform(*limits) for limits in ranges]
+        if signed:
+            values[-1] *= rng.choice([-1.0, 1.0])
+        return lambda world, own: function(world.T, *values), _T
+
+    return Form(name, drawn, True)
+
+
+def _own_rate(function: Callable[..., Array], least: float, most: float) -> Callable[..., tuple[Function, set[str]]]:
+    """Of a gyro's own rate and of a width, deg/s."""
+
+    def drawn(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
+        width = rng.uniform(least, most)
+        names = {f"driver:w{'xyz'[c]}", "scale", "nonlinearity_cubic", "asymmetry", "nonlinearity_quadratic"}
+        return lambda world, own: function(world.w(c), width), names
 
     return drawn
 
 
-def _tanh_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    at, width = rng.uniform(24, 29), rng.uniform(0.8, 2.5)
-    return lambda T: np.tanh((T - at) / width)
+def _force(name: str, function: Callable[[World, Array], Array], *names: str) -> Form:
+    """Of the specific force on another axis; {} stands for that in the names of findings that are right."""
 
+    def drawn(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
+        axis = int(rng.choice([k for k in range(3) if k != c % 3]))
+        return lambda world, own: function(world, world.f(axis)), {name.format(f"f{'xyz'[axis]}") for name in names}
 
-def _exp_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    width = rng.uniform(2, 5) * rng.choice([-1.0, 1.0])
-    return lambda T: np.exp((T - 27.0) / width)
-
-
-def _abs_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    at = rng.uniform(23.5, 28)
-    return lambda T: np.abs(T - at)
-
-
-def _bump_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    at, width = rng.uniform(23.5, 29), rng.uniform(1.0, 2.5)
-    return lambda T: np.exp(-0.5 * ((T - at) / width) ** 2)
-
-
-def _sin_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    period, phase = rng.uniform(6, 12), rng.uniform(0, 2 * np.pi)
-    return lambda T: np.sin(2 * np.pi * T / period + phase)
-
-
-def _threshold_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
-    at = rng.uniform(24, 28)
-    return lambda T: (at < T).astype(float)
-
-
-def _tanh_rate(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-    width = rng.uniform(10, 40)
-    names = {f"driver:w{'xyz'[c]}", "scale", "nonlinearity_cubic", "asymmetry", "nonlinearity_quadratic"}
-    return lambda world, own: np.tanh(world.w(c) / width), names
-
-
-def _dead_zone(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-    width = rng.uniform(15, 50)
-    names = {f"driver:w{'xyz'[c]}", "scale", "nonlinearity_cubic", "asymmetry", "nonlinearity_quadratic"}
-    return lambda world, own: -np.clip(world.w(c), -width, width), names
-
-
-def _cubic_f(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-    axis = int(rng.choice([k for k in range(3) if k != c % 3]))
-    names = {f"driver:f{'xyz'[axis]}", "g_sensitivity", "cross_axis"}
-    return lambda world, own: world.f(axis) ** 3, names
-
-
-def _abs_f(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-    axis = int(rng.choice([k for k in range(3) if k != c % 3]))
-    names = {f"driver:f{'xyz'[axis]}", "g_squared"}
-    return lambda world, own: np.abs(world.f(axis)), names
+    return Form(name, drawn)
 
 
 def _product(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
@@ -169,11 +138,6 @@ def _time_w(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     return lambda world, own: (world.t - 435.0) * world.w(axis), {f"driver:time*w{'xyz'[axis]}"}
 
 
-def _heat_by_force(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
-    axis = int(rng.choice([k for k in range(3) if k != c % 3]))
-    return lambda world, own: (world.T - 26.0) * world.f(axis), {f"driver:temperature*f{'xyz'[axis]}"}
-
-
 def _rate_norm(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     width = rng.uniform(20, 60)
     return lambda world, own: np.tanh(np.linalg.norm(world.perfect[:, :3], axis=1) * _DEG / width), {"driver:rate_norm"}
@@ -185,24 +149,26 @@ def _tanh_slope(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
 
 
 FORMS = (
-    Form("tanh in temperature", _of_temperature(_tanh_heat), True),
-    Form("tanh of own rate", _tanh_rate, channels=GYROS),
-    Form("exponential in temperature", _of_temperature(_exp_heat), True),
+    _heat("tanh in temperature", lambda T, at, width: np.tanh((T - at) / width), (24, 29), (0.8, 2.5)),
+    Form("tanh of own rate", _own_rate(lambda w, width: np.tanh(w / width), 10, 40), channels=GYROS),
+    _heat("exponential in temperature", lambda T, width: np.exp((T - 27.0) / width), (2, 5), signed=True),
     Form("rate times specific force", _product),
-    Form("bump in temperature", _of_temperature(_bump_heat), True),
+    _heat("bump in temperature", lambda T, at, width: np.exp(-0.5 * ((T - at) / width) ** 2), (23.5, 29), (1.0, 2.5)),
     Form("three times a turn", _third),
-    Form("absolute value of temperature", _of_temperature(_abs_heat), True),
+    _heat("absolute value of temperature", lambda T, at: np.abs(T - at), (23.5, 28)),
     Form("settles after moves", _settling),
-    Form("cubic in another axis' force", _cubic_f),
-    Form("threshold in temperature", _of_temperature(_threshold_heat), True),
+    _force("cubic in another axis' force", lambda world, f: f**3, "driver:{}", "g_sensitivity", "cross_axis"),
+    _heat("threshold in temperature", lambda T, at: (at < T).astype(float), (24, 28)),
     Form("direction of the last move", _direction),
     Form("temperature times angle", _heat_by_angle),
-    Form("sine in temperature", _of_temperature(_sin_heat), True),
+    _heat(
+        "sine in temperature", lambda T, period, phase: np.sin(2 * np.pi * T / period + phase), (6, 12), (0, 2 * np.pi)
+    ),
     Form("time times rate", _time_w),
-    Form("absolute value of another axis' force", _abs_f),
+    _force("absolute value of another axis' force", lambda world, f: np.abs(f), "driver:{}", "g_squared"),
     Form("signed settling", _signed_settling),
-    Form("temperature times force", _heat_by_force),
-    Form("dead zone", _dead_zone, channels=GYROS),
+    _force("temperature times force", lambda world, f: (world.T - 26.0) * f, "driver:temperature*{}"),
+    Form("dead zone", _own_rate(lambda w, width: -np.clip(w, -width, width), 15, 50), channels=GYROS),
     Form("saturating in the norm of rate", _rate_norm),
     Form("saturating in temperature's rate", _tanh_slope, True),
 )

@@ -4,10 +4,10 @@ The rules stand here once, before anything is run. A name is right if what drive
 set's words, a family of names each. Nothing here knows a set.
 """
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
+import bench
 from undeclared_sets import FAINT_D, VISIBLE_D, Undeclared
 
 from filters.channels import CHANNELS
@@ -213,19 +213,8 @@ def summary(results: Iterable[tuple[Undeclared, Document]]) -> dict[str, Any]:
 
 
 def _count(hits: int, n: int) -> dict[str, Any]:
-    low, high = wilson(hits, n)
+    low, high = bench.wilson(hits, n)
     return {"count": hits, "of": n, "ci95": [round(low, 3), round(high, 3)]}
-
-
-def wilson(hits: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share."""
-    if n == 0:
-        return 0.0, 1.0
-    z = 1.959964
-    p = hits / n
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def table(results: Iterable[tuple[Undeclared, Document]]) -> list[str]:
