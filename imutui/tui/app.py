@@ -112,7 +112,6 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self.theme = self.appearance.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
-        """Begin with the acquisition that was given, if any."""
         self.app_resume_signal.subscribe(self, self.drawing.repaint)
         if self._first_client is not None:
             self._connector.look_at(self._first_client)
@@ -129,12 +128,10 @@ class ImutuiApp(textual_private.WithoutTraceback):
 
     @property
     def file_mode(self) -> int:
-        """Permissions of logs."""
         return self._connector.defaults.mode
 
     @property
     def page(self) -> Page | None:
-        """The page in front, also under a dialog."""
         return self.context.front
 
     @property
@@ -153,13 +150,11 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return [*super().get_line_filters(), self._control_characters]
 
     def get_driver_class(self) -> type[Driver]:
-        """Textual's driver for this terminal, made to measure."""
         return measured(super().get_driver_class())
 
     # what comes from the acquisition and from pages
 
     def on_from_poller(self, message: FromPoller) -> None:
-        """A snapshot has come, or the acquisition does not answer."""
         if isinstance(message.event, Poller.Arrived):
             self._connector.take(message.event, self.drawing.draw)
         else:
@@ -181,33 +176,27 @@ class ImutuiApp(textual_private.WithoutTraceback):
             self.context.logs_page.answer(message)
 
     def on_experiment_found(self, message: requests.ExperimentFound) -> None:
-        """The table page offers the motion that the last trace recommends."""
         self.experiment = message
         if self.context.table_page is not None:
             self.context.table_page.look()
 
     async def on_offer_profile(self, message: requests.OfferProfile) -> None:
-        """The table page offers a profile that was just written."""
         await self.switch_mode("table")
         if self.context.table_page is not None:
             self.context.table_page.offer(message.path)
 
     def on_begin_guide(self, _: requests.BeginGuide) -> None:
-        """Begin to guide, with a recording as the Record page's form says."""
         if self.context.connected("record"):
             self._recorder.begin_guide()
 
     def on_page_wanted(self, message: Page.Wanted) -> None:
-        """A page has come to the front."""
         self._recorder.show_finished(message.page)
         self.context.arrived(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
-        """A page has something to say."""
         self.context.say(message.text, message.level)
 
     def on_page_ask(self, message: Page.Ask) -> None:
-        """A page asks something of the acquisition."""
         if self.context.connected("ask"):
             self._recorder.ask(message)
 
@@ -249,64 +238,52 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_page(self, name: str) -> None:
-        """Go to a page."""
         if not self._connector.connecting:
             self.switch_mode(name)
 
     def action_live(self) -> None:
-        """To the live page, unless there is nothing to see."""
         if self.context.connection.newest is not None:
             self.action_page("live")
 
     def action_freeze(self) -> None:
-        """Let the view stand still, or follow again."""
         connection = self.context.connection
         if connection.newest is not None:
             connection.freeze(not connection.frozen)
             self.context.redraw()
 
     def action_follow(self) -> None:
-        """Follow again, if frozen."""
         if self.context.connection.frozen:
             self.action_freeze()
 
     def action_plot_mode(self) -> None:
-        """Let plots scroll, or sweep, or be away, or let that be chosen."""
         self.drawing.cycle_plots()
 
     def action_debug_line(self) -> None:
-        """Show what drawing costs, or hide it."""
         self.toggle_class("-debug")
         self.context.redraw()
 
     def action_missing(self, purpose: str) -> None:
-        """Say what a key lacks that needs an acquisition."""
         self.context.connected(purpose)
 
     def action_record(self, _: str) -> None:
-        """Begin a recording as the Record page's form says, or finish the one that runs."""
         if self.context.connected("record"):
             self._recorder.toggle()
 
     def action_mark(self) -> None:
-        """Ask for a mark's text."""
         if self.context.connected("mark"):
             self._recorder.ask_for_mark()
 
     def action_copy_page(self) -> None:
-        """Copy the numbers of the page in front."""
         if self.page is not None:
             copied = self.page.as_text()
             self.copy_to_clipboard(copied)
             self.context.say(messages.copied(self.page.TITLE or "", copied, os.environ), "none")
 
     def action_help(self) -> None:
-        """Help in plain language."""
         page = self.screen
         self.push_screen(HelpDialog(page.TITLE or "" if isinstance(page, Page) else ""))
 
     def action_detach(self) -> None:
-        """Leave the screen; the acquisition goes on."""
         self._leaving.detach()
 
     async def action_quit(self) -> None:
@@ -314,7 +291,6 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self._leaving.quit()
 
     def action_help_quit(self) -> None:
-        """Ctrl+C asks as q does."""
         self.call_later(self.action_quit)
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:

@@ -60,11 +60,9 @@ class Connector:
 
     @property
     def connecting(self) -> bool:
-        """Whether an attempt is under way."""
         return self._attempt is not None
 
     def answer(self, request: requests.ConnectRequest) -> None:
-        """Do what the connect page asks."""
         match request:
             case requests.Start():
                 self._start_with(request.changes)
@@ -165,7 +163,6 @@ class Connector:
         event.poller.taken()
 
     def lost(self, event: Poller.Lost) -> None:
-        """The acquisition does not answer."""
         if self._context.connection.owns(event.poller):
             self._ended(messages.KILLED if event.gone and event.report is None else event.error, event.report)
 
@@ -212,7 +209,6 @@ class Leaving:
         self._recorder = recorder
 
     def quit(self) -> None:
-        """Quit, after asking what becomes of the acquisition; in a dialog, close that."""
         context, app = self._context, self._context.app
         jobs = context.jobs()
         if isinstance(app.screen, ModalScreen):
@@ -237,7 +233,6 @@ class Leaving:
             self._context.work(self._stop_and_quit())
 
     def detach(self) -> None:
-        """Leave the screen; the acquisition goes on."""
         if self._context.connected("detach from"):
             self.farewell += messages.left(self._context.connection.newest)
             self._connector.release()
@@ -249,7 +244,6 @@ class Leaving:
         self._context.app.exit(0 if error is None else 4)
 
     def ask_to_stop(self) -> None:
-        """Stop the acquisition, after asking."""
         if self._context.connection.client is not None:
             self._context.app.push_screen(stop_dialog(self._context.connection.newest), self._after_stop)
 

@@ -84,7 +84,6 @@ class AppContext:
             page.show(self.connection.view())
 
     def redraw(self) -> None:
-        """Draw the page in front anew."""
         if self.front is not None:
             self.show(self.front)
 

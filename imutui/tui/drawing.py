@@ -40,7 +40,6 @@ class Drawing:
             self._context.redraw()
 
     def cycle_plots(self) -> None:
-        """Let plots scroll, or sweep, or be away, or let that be chosen."""
         self._context.connection.set_pacing(self.frames.controller.cycle(), self.frames.debug)
         self._context.redraw()
 
@@ -77,7 +76,6 @@ class FrameMonitor:
 
     @property
     def pacing(self) -> Pacing:
-        """What is drawn now."""
         return self.controller.pacing
 
     def admit(self, driver: Driver | None, snapshot: Snapshot, asked_at: float) -> bool:

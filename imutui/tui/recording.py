@@ -41,7 +41,6 @@ class RecordingControl:
         self._seen_by = 0.0
 
     def toggle(self) -> None:
-        """Begin a recording, or finish the one that runs."""
         context, client = self._context, self._context.connection.client
         # a key that came twice is no wish to undo what the first one asked for
         if client is None or self._under_way or (time.monotonic() < self._seen_by and not self._seen()):
@@ -148,7 +147,6 @@ class RecordingControl:
             record_page.finished(self._finished)
 
     def ask_for_mark(self) -> None:
-        """Ask for a mark's text, then set it."""
         if self._context.recording is None:
             self._context.app.push_screen(nothing_to_mark())
         else:
@@ -167,7 +165,6 @@ class RecordingControl:
         await self._context.guarded(steps)
 
     def ask(self, request: Page.Ask) -> None:
-        """Ask what a page wants asked."""
         client = self._context.connection.client
         if client is not None:
             self._context.work(self._ask(client, request))

@@ -13,7 +13,6 @@ def _app(client: FakeClient) -> ImutuiApp:
 
 
 async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain text without plots and keys; what was copied is said, and in tmux what to allow."""
     monkeypatch.setenv("TMUX", "/tmp/tmux-0/default,1,0")
     app = _app(FakeClient())
     async with app.run_test(size=SMALLEST) as pilot:
@@ -29,7 +28,6 @@ async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch)
 
 
 async def test_a_theme_of_the_configuration_takes_effect() -> None:
-    """By its own name, or as light and dark; a name that is none is refused with those there are."""
     for asked, name in (("ansi-light", "ansi-light"), ("light", "textual-light"), ("dark", "textual-dark")):
         app = ImutuiApp(FakeClient(), appearance=Appearance(theme=asked))  # type: ignore[arg-type]
         async with app.run_test(size=SMALLEST) as pilot:
@@ -40,7 +38,6 @@ async def test_a_theme_of_the_configuration_takes_effect() -> None:
 
 
 async def test_quitting_asks_about_jobs_that_would_be_lost() -> None:
-    """Without an acquisition too; the job is named, Esc stays, s quits and ends it."""
     ended: list[str] = []
     app = ImutuiApp()
     async with app.run_test(size=SMALLEST) as pilot:

@@ -22,7 +22,6 @@ def _app(client: FakeClient | None) -> ImutuiApp:
 
 
 async def test_live_has_every_vital_text_at_80x24() -> None:
-    """Nothing is cut: identity, origin, numbers, plot, rates, losses, warm-up, file, keys."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -38,14 +37,12 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
 
 
 async def test_a_measured_unit_is_not_called_simulated() -> None:
-    """The label is for simulated units only."""
     async with _app(FakeClient(kind="measured")).run_test(size=SMALLEST) as pilot:
         assert "SIMULATED" not in await shows(pilot, "IMU400CD-200")
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
-    """No page is higher or wider than its terminal, and its footer is whole."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=size) as pilot:
@@ -60,7 +57,6 @@ async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40), (200, 60)])
 async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
-    """The plots' room at any size; width adds events; the lines above the plots stay."""
     async with _app(FakeClient()).run_test(size=size) as pilot:
         first = "gx, deg/s, with mean" if size == SMALLEST else "gyro, deg/s"
         lines = (await shows(pilot, first, "now")).splitlines()
@@ -76,7 +72,6 @@ async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
 
 
 async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
-    """What is shown has all the room."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "gx, deg/s, with mean")
         for there, away in (("gyro, deg/s", "accel, mg"), ("accel, mg", "gyro, deg/s")):
@@ -91,7 +86,6 @@ async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
 
 
 async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
-    """The title says how time runs; without plots, the numbers stay; frozen, the way of drawing may still change."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "scroll, autoscale")
@@ -107,7 +101,6 @@ async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
 
 
 async def test_a_slow_link_is_said_in_words() -> None:
-    """What is drawn less because of the terminal says so in the plots' titles."""
     app = _app(FakeClient())
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "scroll, autoscale")
@@ -120,7 +113,6 @@ async def test_a_slow_link_is_said_in_words() -> None:
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) -> None:
-    """Ctrl+B shows frames, bytes, processor, age and queue in one line on every page, and hides it again."""
     async with _app(FakeClient()).run_test(size=size) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("ctrl+b")
@@ -133,7 +125,6 @@ async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) ->
 
 
 async def test_only_the_page_in_front_draws() -> None:
-    """While another page is on, the plots of the live page stand still; back on it they are up to date."""
     app = _app(FakeClient())
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "scroll, autoscale")
@@ -148,7 +139,6 @@ async def test_only_the_page_in_front_draws() -> None:
 
 
 async def test_a_small_terminal_says_what_it_needs() -> None:
-    """Below 80×24 there is a message instead of a broken page, and it goes away with more room."""
     async with _app(FakeClient()).run_test(size=(79, 24)) as pilot:
         assert "gyro" not in await shows(pilot, "needs 80x24", "79x24")
         await pilot.resize_terminal(*SMALLEST)
@@ -158,7 +148,6 @@ async def test_a_small_terminal_says_what_it_needs() -> None:
 
 
 async def test_no_key_acts_unseen_in_a_small_terminal() -> None:
-    """A recording is told and goes on, whatever is pressed; q asks, visibly."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -174,7 +163,6 @@ async def test_no_key_acts_unseen_in_a_small_terminal() -> None:
 
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every state is a word: the same texts stand there without colour, and the plot is drawn."""
     monkeypatch.setenv("NO_COLOR", "1")
     client = FakeClient()
     client.recording = True
@@ -188,7 +176,6 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With IMUTUI_SCREEN_GLYPHS=ascii, no page and no dialog has another sign."""
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
     client = FakeClient()
     client.recording = True
@@ -208,7 +195,6 @@ async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
-    """The first r asks for a note where there is none and begins a file, the next one finishes it and names it."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "not recording: r writes")
@@ -228,7 +214,6 @@ async def test_r_records_and_says_which_file_it_finished() -> None:
 
 
 async def test_a_refusal_is_said() -> None:
-    """An error of the acquisition reaches the screen as it is."""
     client = FakeClient()
 
     def refuse(note: str = "") -> str:
@@ -243,7 +228,6 @@ async def test_a_refusal_is_said() -> None:
 
 
 async def test_m_marks_a_recording() -> None:
-    """The text goes to the acquisition; letters that are keys elsewhere are text here."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -256,7 +240,6 @@ async def test_m_marks_a_recording() -> None:
 
 
 async def test_m_without_a_recording_says_why_not() -> None:
-    """There is nothing to mark, and the page says how to change that."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "not recording: r writes")
@@ -268,7 +251,6 @@ async def test_m_without_a_recording_says_why_not() -> None:
 
 
 async def test_space_freezes_the_view_and_not_the_data() -> None:
-    """The polls go on, the numbers stand still, the state is a word, Esc follows again."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -282,7 +264,6 @@ async def test_space_freezes_the_view_and_not_the_data() -> None:
 
 
 async def test_span_and_lock() -> None:
-    """Plus and minus change the span, a locks the scale."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "last 30 s, scroll, autoscale")
         await pilot.press("plus")
@@ -296,7 +277,6 @@ async def test_span_and_lock() -> None:
 
 
 async def test_quitting_while_recording_says_what_goes_on() -> None:
-    """Cancel stays; leave detaches, and recording goes on."""
     client = FakeClient()
     client.recording = True
     app = _app(client)
@@ -318,7 +298,6 @@ async def test_quitting_while_recording_says_what_goes_on() -> None:
 
 
 async def test_stop_and_quit_finishes_the_file() -> None:
-    """The acquisition is stopped, and the terminal says which file was finished."""
     client = FakeClient()
     client.recording = True
     app = _app(client)
@@ -331,7 +310,6 @@ async def test_stop_and_quit_finishes_the_file() -> None:
 
 
 async def test_control_keys_never_kill_a_recording() -> None:
-    """They ask as q does; pressed again they cancel."""
     client = FakeClient()
     client.recording = True
     app = _app(client)
@@ -347,7 +325,6 @@ async def test_control_keys_never_kill_a_recording() -> None:
 
 
 async def test_d_detaches() -> None:
-    """The UI ends, the acquisition does not, and the terminal says how to come back."""
     client = FakeClient(name="bench")
     app = _app(client)
     async with app.run_test(size=SMALLEST) as pilot:
@@ -360,7 +337,6 @@ async def test_d_detaches() -> None:
 
 @pytest.mark.parametrize("dialog", [[], ["q"]])
 async def test_an_acquisition_that_ends_is_said_at_once(dialog: list[str]) -> None:
-    """The error is shown, whatever dialog is open, nothing claims to record, and connecting is offered."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -374,7 +350,6 @@ async def test_an_acquisition_that_ends_is_said_at_once(dialog: list[str]) -> No
 
 
 async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_stays() -> None:
-    """Who, when, and the finished file; beside ENDED stands no GREEN, and the message goes with its page."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -395,7 +370,6 @@ async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_st
 
 
 async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
-    """The Record page names the file that was finished, and what Table and Filter offered is on page 6 now."""
     client = FakeClient()
     client.recording = True
     angles: dict[str, Any] = {"angles_deg": [0.0, 0.0, 0.0], "axis": None, "rate_dps": None}
@@ -438,7 +412,6 @@ async def test_an_acquisition_that_was_killed_is_said_to_be_and_its_file_to_be_r
 
 
 async def test_a_failed_state_is_an_end_too() -> None:
-    """A last snapshot that says failed is enough."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -449,7 +422,6 @@ async def test_a_failed_state_is_an_end_too() -> None:
 
 
 async def test_silence_is_an_alarm() -> None:
-    """A dead line is said in words, with what to do."""
     client = FakeClient()
     client.changes["silent_s"] = 3.2
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -457,7 +429,6 @@ async def test_silence_is_an_alarm() -> None:
 
 
 async def test_unknown_numbers_are_dashes() -> None:
-    """The first snapshot knows almost nothing, and nothing breaks."""
     client = FakeClient(history_s=0.0)
     client.changes.update(
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
@@ -469,7 +440,6 @@ async def test_unknown_numbers_are_dashes() -> None:
 
 
 async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
-    """Both keys open it at the page's own part; what stands before is above; Esc goes back."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         for key, page, part in (("question_mark", "2", "ON THE LIVE PAGE"), ("f1", "6", "ON THE LOGS PAGE")):
@@ -483,7 +453,6 @@ async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
 
 
 async def test_the_palette_has_every_action_with_its_key() -> None:
-    """What a key does can be found by name."""
     app = _app(FakeClient())
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")

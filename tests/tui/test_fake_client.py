@@ -36,7 +36,6 @@ def differences(value: Any, hint: Any, where: str = "") -> list[str]:
 
 
 def test_the_fake_acquisition_tells_what_a_real_one_does() -> None:
-    """Every field of the snapshot, none besides, recording or not, with a filter."""
     client = FakeClient()
     assert differences(client.snapshot(), Snapshot) == []
     client.recording = True

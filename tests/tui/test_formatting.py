@@ -7,17 +7,14 @@ from imutui.tui.terminal import glyphs
 
 
 def test_digits_do_not_dance() -> None:
-    """Width and decimals are fixed, whatever the value."""
     assert {len(formatting.number(v, 9, 3)) for v in (0.0, -1001.2214, 7.5, None, float("nan"))} == {9}
 
 
 def test_zero_has_no_sign() -> None:
-    """A value that rounds to zero does not flicker between 0 and -0."""
     assert formatting.number(-0.0001, 6, 2) == "  0.00"
 
 
 def test_points_stand_below_each_other() -> None:
-    """Columns of mixed units align at the decimal point."""
     four, three = formatting.aligned(0.3461, 10, 4, 4), formatting.aligned(-6.112, 10, 3, 4)
     assert four.index(".") == three.index(".")
     assert len(four) == len(three) == 10
@@ -37,12 +34,10 @@ def test_long_names_keep_both_ends() -> None:
     [(None, "–"), (999, "999 B"), (1234, "1 kB"), (12_345_678, "12.3 MB"), (2_345_678_901, "2.35 GB")],
 )
 def test_sizes_have_decimal_prefixes(count: int | None, said: str) -> None:
-    """Bytes are said as disks say them."""
     assert formatting.size(count) == said
 
 
 def test_clocks_and_times() -> None:
-    """Durations are h:mm:ss, stamps lose their date."""
     assert formatting.clock(3 * 3600 + 62) == "3:01:02"
     assert formatting.utc_time("2026-11-21T10:43:07Z") == "10:43:07"
     assert formatting.minutes(125 * 60) == "2 h 05 min"
@@ -60,17 +55,14 @@ def test_clocks_and_times() -> None:
     ],
 )
 def test_glyphs_fit_the_terminal(environ: dict[str, str], name: str) -> None:
-    """What is asked for wins; else what the terminal's font is known to have."""
     assert glyphs.choose(environ).name == name
 
 
 def test_ascii_means_ascii() -> None:
-    """Every sign that widgets use has a stand-in."""
     assert glyphs.GLYPHS["ascii"].text("● ± Δ ° ▕··│██▏ – ┤─ ▲ … − ² ≥ ×").isascii()
 
 
 def test_a_shortened_path_keeps_the_files_name() -> None:
-    """Folders give way first, whole ones; a name that is too long itself loses its middle."""
     path = "/tmp/pytest-of-ana/a_long_name_for_a_folder/logs/imu400cd_9911750_20261121T104307Z.mcap"
     for width in range(40, 90):
         shown = formatting.shorten_path(path, width)
@@ -82,7 +74,6 @@ def test_a_shortened_path_keeps_the_files_name() -> None:
 
 
 def test_a_long_path_is_broken_behind_separators() -> None:
-    """No name is cut that fits a line; what has no such word is left to whoever wraps it."""
     path = "/tmp/" + "/".join(["a_folder_of_some_length"] * 5) + "/cut_recovered.mcap"
     said = formatting.folded(f"recovered: {path} and more", 40)
     assert max(map(len, said.split("\n"))) <= 40

@@ -20,7 +20,6 @@ def test_silence_is_judged_by_the_packet_rate() -> None:
 
 
 def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
-    """A quarter of an hour, and then only while the temperature moves."""
     assert messages.warm_up(180.0, 0.42) == (
         "warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min"
     )
@@ -30,7 +29,6 @@ def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
 
 
 def test_who_begins_a_file_is_told_of_the_profile_that_the_filter_goes_by() -> None:
-    """Only of a profile, as it has to be followed; not of a reference without one, nor before anything is known."""
     told = [
         messages.recording_to("/logs/x.mcap", None if reference is None else {"reference": reference})
         for reference in (
@@ -44,7 +42,6 @@ def test_who_begins_a_file_is_told_of_the_profile_that_the_filter_goes_by() -> N
 
 
 def test_a_finished_file_is_named_with_its_biases() -> None:
-    """The answer to stopping a recording is the path and what the filter found."""
     final = {"gyro_bias_dps": [0.1, None, -0.2], "accel_bias_mg": [1.0, 2.0, 3.0]}
     said = messages.finished(None, {"log": "/logs/x.mcap", "samples": 246, "final": final})
     assert said == (
@@ -60,19 +57,16 @@ def test_an_acquisition_that_does_not_answer_may_still_run() -> None:
 
 @pytest.mark.parametrize(("entered", "rate"), [("133", 133.0), ("0.1", 0.1), (" 0,5 ", 0.5)])
 def test_rates_are_read(entered: str, rate: float) -> None:
-    """The whole range, and a decimal comma."""
     assert text.parse_rate(entered, offer_of("")) == rate
 
 
 @pytest.mark.parametrize("entered", ["", "fast", "0.05", "134", "nan"])
 def test_impossible_rates_are_refused(entered: str) -> None:
-    """The message has the range."""
     with pytest.raises(ValueError, match=r"0\.1 to 133 Hz"):
         text.parse_rate(entered, offer_of(""))
 
 
 def test_enter_takes_what_is_most_likely_meant() -> None:
-    """A running acquisition, else an adapter, else the virtual instrument; a built-in port only on request."""
     adapter, built_in = ("/dev/serial/by-id/usb-x", "ttyUSB0"), ("/dev/ttyS0", "n/a")
     assert text.likely(text.choices(["default"], [adapter])) == Choice(
         "attach", "default", 'running acquisition "default": look at it again'
@@ -83,5 +77,4 @@ def test_enter_takes_what_is_most_likely_meant() -> None:
 
 @pytest.mark.parametrize(("rate", "span"), [(133.0, 30.0), (1.0, 60.0), (0.1, 600.0)])
 def test_slow_packets_begin_with_a_long_span(rate: float, span: float) -> None:
-    """At least sixty samples are in sight."""
     assert first_span(rate) == span

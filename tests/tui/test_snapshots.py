@@ -137,7 +137,6 @@ async def test_pages_look_as_they_did(look: str, place: Path, snapshot: Snapshot
 
 
 async def test_the_first_page_looks_as_it_did(look: str, place: Path, snapshot: SnapshotAssertion) -> None:
-    """`imutui` on a machine where nothing runs, with an adapter and a built-in port."""
     async with application(None, look).run_test(size=LOOKS[look][0]) as pilot:
         picture = await _still(pilot, "virtual instrument")
     assert_as_before({"first": picture}, look, place, snapshot)

@@ -30,7 +30,6 @@ _TEXT = (
 
 
 def test_what_is_said_knows_no_widget() -> None:
-    """Texts and verdicts are records and strings: they load without Textual."""
     program = "import sys\n" + "".join(f"import imutui.tui.{name}\n" for name in _TEXT)
     program += "print(*sorted(name for name in sys.modules if name.partition('.')[0] == 'textual'))"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -38,7 +37,6 @@ def test_what_is_said_knows_no_widget() -> None:
 
 
 def test_pages_are_loaded_when_they_are_opened() -> None:
-    """The first frame waits for one page."""
     program = "import sys, imutui.tui.app\nprint(*(n for n in sys.modules if n.startswith('imutui.tui.pages.')))"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not [name for name in found.stdout.split() if name.endswith(".page")]

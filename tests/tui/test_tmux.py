@@ -91,7 +91,6 @@ def terminal(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 
 
 def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Terminal) -> None:
-    """From the first screen to a finished file at 20 Hz, the terminal left and found again in between."""
     program = f"{sys.executable} -m imutui"
     terminal.type(f"{program}\n")
     terminal.wait_for("virtual instrument", "rate, Hz", "press v for the DEMO")
@@ -165,7 +164,6 @@ def choose(terminal: Terminal, wanted: str) -> None:
 
 
 def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: Terminal) -> None:
-    """`imutui demo` in a terminal: labelled simulated, recording at once; stop and quit ends unit and acquisition."""
     terminal.type(f"{sys.executable} -m imutui demo --seed 3\n")
     terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
     (pid,) = [client.attach("demo").pid]
@@ -185,7 +183,6 @@ def goes_on(connection: client.Client) -> None:
 
 
 def test_the_whole_job(home: Path, terminal: Terminal) -> None:
-    """By the keys that are on the screen, from nothing to effects in the live filter: demo, mark, replay, trace."""
     terminal.type(f"{sys.executable} -m imutui\n")
     terminal.wait_for("not connected", "press v for the DEMO", "virtual instrument", "v demo", "? help", "q quit")
     terminal.press("v")
@@ -255,7 +252,6 @@ def trace_and_load(terminal: Terminal) -> None:
 
 
 def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Terminal) -> None:
-    """`imutui` then takes none of them unasked."""
     with ExitStack() as units:
         for name in ("east", "west"):
             asked = Plan(units.enter_context(virtual()), 20.0, name=name, logs=str(terminal.logs), filter="none")

@@ -44,7 +44,6 @@ def why() -> str:
 
 
 def test_no_paragraph_of_a_dialog_ends_in_a_word_alone() -> None:
-    """Help, the reasons of the badge, questions, hints, at every width that a terminal has."""
     texts = [wrapping.joined(HELP), why(), ZERO_TEXT, logs_text.NOTE_HINT, logs_text.RENAME_HINT]
     texts.append(logs_text.deletion("a.mcap", ["a.mcap.sha256", "a_trace.json", "a_effects.toml"], 323_000))
     for text in texts:
@@ -56,7 +55,6 @@ def test_no_paragraph_of_a_dialog_ends_in_a_word_alone() -> None:
 
 
 def test_no_sentence_of_a_trace_ends_in_a_word_alone() -> None:
-    """Between its tables, on the terminal and on the result page, at every width."""
     document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
     made = trace_tables.sections(document, trace_tables.TERMINAL)
     said = [replace(s, blocks=tuple(b for b in s.blocks if not isinstance(b, Table))) for s in made]
@@ -65,7 +63,6 @@ def test_no_sentence_of_a_trace_ends_in_a_word_alone() -> None:
 
 
 def test_text_in_columns_goes_on_under_its_column() -> None:
-    """A line that is too long, and one that stands in the source as two."""
     told = wrapping.joined("  r        start a recording; r again\n           finishes the file\n  m        a mark")
     assert told == "  r        start a recording; r again finishes the file\n  m        a mark"
     assert wrapping.reflowed(told, 34).splitlines()[:3] == [
@@ -76,7 +73,6 @@ def test_text_in_columns_goes_on_under_its_column() -> None:
 
 
 def test_biases_of_a_finished_file_stand_apart_from_their_names() -> None:
-    """The Record page pads names to ten characters."""
     final = {"gyro_bias_dps": [-3.16, 0.0, 0.0], "accel_bias_mg": [-3.16, 0.0, 0.0]}
     rows = record_text.finished(None, {"final": final})  # type: ignore[typeddict-item]
     assert [name for name, _ in rows if len(name) > 8] == []
@@ -85,7 +81,6 @@ def test_biases_of_a_finished_file_stand_apart_from_their_names() -> None:
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 async def test_no_number_runs_into_what_stands_before_it(size: tuple[int, int]) -> None:
-    """Values far beyond what a good unit has, on every page."""
     client = FakeClient()
     client.recording = True
     rows = [bias(f"{axis} gyro", -3.1612, 12.9, change_10s=-10.0011) for axis in "xyz"]

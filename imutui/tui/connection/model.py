@@ -78,7 +78,6 @@ class ConnectionModel:
         self._biases, self._temperature = EstimateHistory(_BIASES), EstimateHistory(1)
 
     def attach(self, client: Client, post: Callable[[Poller.Arrived | Poller.Lost], bool]) -> None:
-        """Look at an acquisition."""
         self.leave()
         self._clear()
         self._said = NOTHING
@@ -159,11 +158,9 @@ class ConnectionModel:
 
     @property
     def frozen(self) -> bool:
-        """Whether the view stands still."""
         return self._frozen is not None
 
     def view(self) -> View:
-        """What to show now."""
         view = self._frozen or self._view(frozen=False)
         return replace(
             view,
@@ -198,7 +195,6 @@ class ConnectionModel:
         self._said_until = min(self._said_until, time.monotonic() + _LEFT_S[self._said[0]])
 
     def notice_text(self) -> str:
-        """What was said last."""
         return self._said[1]
 
     def _notice(self) -> tuple[str, str]:

@@ -51,7 +51,6 @@ class PacketSeries:
         return self._t[start : self._end], self._values[start : self._end]
 
     def frozen(self) -> "PacketSeries":
-        """A copy that stays as it is now."""
         t, values = self.last(np.inf)
         copy = PacketSeries(values.shape[1], max(t.size, 1))
         copy.extend(t, values)

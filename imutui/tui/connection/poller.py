@@ -63,7 +63,6 @@ class Poller:
         self._thread = threading.Thread(target=self._run, name="imutui-poller", daemon=True)
 
     def start(self) -> None:
-        """Begin to ask the acquisition for snapshots, in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -72,12 +71,10 @@ class Poller:
         self._taken.set()
 
     def taken(self) -> None:
-        """The UI has taken the last snapshot."""
         self._taken.set()
 
     @property
     def stopped(self) -> bool:
-        """Whether `stop` was called."""
         return self._stop.is_set()
 
     def _run(self) -> None:

@@ -67,7 +67,6 @@ class Page(Screen[None]):
         self._fitted: tuple[int, int] | None = None
 
     def compose(self) -> ComposeResult:
-        """Header, the page's own widgets, notice, footer."""
         yield TooSmall()
         with Vertical(id="page"):
             yield StatusHeader(PAGES, self.TITLE or "")
@@ -95,7 +94,6 @@ class Page(Screen[None]):
         """End that, because the program ends."""
 
     def on_unmount(self) -> None:
-        """Abandon what the page has begun and not finished."""
         self.abandon()
 
     def as_text(self) -> str:
@@ -105,12 +103,10 @@ class Page(Screen[None]):
         return "\n".join(line.rstrip() for text in shown for line in text.splitlines() if line.strip())
 
     def on_mount(self) -> None:
-        """Fit, and ask for what there is to show."""
         self._fit()
         self.post_message(self.Wanted(self))
 
     def on_resize(self, _: events.Resize) -> None:
-        """Show as much as the terminal's new size has room for."""
         self._fit()
 
     def on_screen_suspend(self) -> None:

@@ -56,7 +56,6 @@ class ControlCharacterFilter(LineFilter):
     """
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The line as it may be sent."""
         if all(segment.control or segment.text.isprintable() for segment in segments):
             return segments
         return [s if s.control else Segment(masked(s.text), s.style) for s in segments]

@@ -46,7 +46,6 @@ class Meter:
         self._round_trip_s: float | None = None
 
     def begin(self) -> None:
-        """Note that a write to the terminal begins now."""
         with self._lock:
             self._began = time.monotonic()
 
@@ -116,14 +115,12 @@ class Output:
         self._meter.end(len(data))
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        pass
 
     def fileno(self) -> int:
-        """Number of the file."""
         return self._file.fileno()
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
         return self._file.isatty()
 
 
@@ -157,7 +154,6 @@ class Terminal(LinuxDriver, Measured):
 
     @property
     def queue(self) -> int:
-        """How many writes wait for the terminal."""
         return textual_private.queued(self)
 
     def probe(self) -> None:
@@ -184,14 +180,12 @@ class Terminal(LinuxDriver, Measured):
         super().process_message(message)
 
     def start_application_mode(self) -> None:
-        """Begin, and watch for the end of the terminal."""
         super().start_application_mode()  # type: ignore[no-untyped-call]
         signal.signal(signal.SIGHUP, lambda *_: self._hang_up())
         if textual_private.is_watchable(self) and self.input_tty:
             threading.Thread(target=self._watch, name="imutui-hangup", daemon=True).start()
 
     def run_input_thread(self) -> None:
-        """Read keys until the end, or until the terminal is gone."""
         try:
             super().run_input_thread()
         except OSError:
@@ -200,7 +194,6 @@ class Terminal(LinuxDriver, Measured):
             self._hang_up()
 
     def close(self) -> None:
-        """Write no more, and end the watch for a hang-up."""
         self._closed.set()
         super().close()
 
@@ -247,7 +240,6 @@ def measured(base: type[Driver]) -> type[Driver]:
             super().__init__(*positional, **named)
 
         def write(self, data: str) -> None:
-            """Count and time a write, and pass it on."""
             _counted(self.meter, super().write, data)  # type: ignore[safe-super]
 
     return Counted

@@ -23,7 +23,6 @@ class Glyphs:
     replaced: Mapping[str, str]  # signs that this set lacks and what stands for them
 
     def text(self, text: str) -> str:
-        """Text with only the signs that the font has."""
         return text.translate({ord(sign): other for sign, other in self.replaced.items()})
 
 

@@ -33,12 +33,10 @@ class Load:
 
     @property
     def behind(self) -> bool:
-        """Whether less should be sent."""
         return self.busy > _BEHIND_BUSY or self.stuck_s > _BEHIND_S or (self.round_trip_s or 0.0) > _BEHIND_ROUND_TRIP_S
 
     @property
     def keeps_up(self) -> bool:
-        """Whether there is room for more."""
         return self.busy < _KEEPS_BUSY and self.stuck_s < _KEEPS_S and (self.round_trip_s or 0.0) < _KEEPS_ROUND_TRIP_S
 
 

@@ -52,7 +52,6 @@ class WithoutTraceback(App[int]):
 
     @property
     def unforeseen(self) -> Exception | None:
-        """The exception that ended it."""
         return getattr(self, "_exception", None)
 
 
@@ -120,7 +119,6 @@ class KeptStylesheet(Stylesheet):
         self._parse_cache = _parsed(frozenset(variables.items()))
 
     def reparse(self) -> None:
-        """Take the sources with the colours that are set."""
         self.parse()
 
 

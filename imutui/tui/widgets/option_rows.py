@@ -47,10 +47,8 @@ class OptionRows(OptionList, inherit_bindings=False):
         self._shown = plain
 
     def as_text(self) -> str:
-        """The lines as they are shown, without the cursor."""
         return "\n".join(line.rstrip() for line in self._shown)
 
     @property
     def cursor(self) -> int | None:
-        """Number of the line with the cursor."""
         return self.highlighted if self.highlighted is not None and self.highlighted < len(self._shown) else None

@@ -29,7 +29,6 @@ class StatusHeader(TextLines):
         self._current = current
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Identity and time; pages, filter and recording."""
         now = view.now
         tabs = self._tabs()
         return [self._first(now, width), self.spread(tabs, self._filter(view, width - tabs.cell_length - 2), width)]
@@ -92,7 +91,6 @@ class DebugLine(TextLines):
     DEFAULT_CSS = "DebugLine { height: 1; display: none; color: $foreground 60%; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """What the frame monitor has measured, cut to the width."""
         return [self.line(f" {view.debug}"[:width])]
 
 
@@ -112,7 +110,6 @@ class Notice(TextLines):
             self.refresh(layout=True)
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """The most urgent message."""
         level, said = _chosen(view)
         said = formatting.folded(said, width)
         return [self.line((said, "" if level == "event" else LEVEL_STYLES[level]))]
@@ -147,7 +144,6 @@ class EventList(TextLines):
     DEFAULT_CSS = "EventList { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """A headline, and under it as many of the last events as there is room for."""
         events = (view.now["events"] if view.now is not None else [])[-max(self.content_size.height - 1, 1) :]
         head = self.line(("events, UTC".ljust(width), "bold underline"))
         rows = [self.line(event_text(event)).truncate(width, ellipsis=True) for event in events]
@@ -166,7 +162,6 @@ class KeysLine(Footer):
         self._made_of: list[object] | None = None
 
     async def recompose(self) -> None:
-        """Take other keys, if there are other ones."""
         if not self.is_attached:  # its page went meanwhile
             return
         wanted: list[object] = [
@@ -195,13 +190,11 @@ class TooSmall(Widget):
     recording = False
 
     def show(self, *, recording: bool) -> None:
-        """Take whether a file is being written."""
         if recording != self.recording:
             self.recording = recording
             self.refresh()
 
     def render(self) -> Content:
-        """The size needed, the size there is, and what to do."""
         size, (width, height) = self.app.size, NEEDED
         return Content(
             f"imutui needs {width}x{height} characters;\nthis terminal has {size.width}x{size.height}.\n\n"

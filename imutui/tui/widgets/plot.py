@@ -84,7 +84,6 @@ class Plot(PlotWidget):
         self.redraw()
 
     def drawn(self, width: int, height: int) -> list[Line]:
-        """Title, lanes, and a time axis if a line is left over."""
         rows, left = divmod(max(height - 1, 0), len(self._names))
         if len(self._names) == 1 and rows > _TALL:  # a lane that is alone can spare the line
             rows, left = rows - 1, 1

@@ -60,7 +60,6 @@ class PlotLanes:
         self._newest = 0
 
     def follow_scales(self) -> None:
-        """Forget the scales, so that the next update finds new ones."""
         self.ranges = [None] * self._count
 
     def update(self, series: PacketSeries, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:

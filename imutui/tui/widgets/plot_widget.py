@@ -43,16 +43,13 @@ class PlotWidget(Widget):
             self.refresh(*(Region(0, y, self.size.width, 1) for y in changed))
 
     def on_resize(self) -> None:
-        """Draw anew for another size."""
         self.redraw()
 
     def notify_style_update(self) -> None:
-        """Take the colours of another theme."""
         super().notify_style_update()
         self._styles, self._lines, self._strips = {}, [], []
 
     def render_line(self, y: int) -> Strip:
-        """One line of the widget."""
         if not self._strips:
             self._make()
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)

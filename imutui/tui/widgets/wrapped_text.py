@@ -23,7 +23,6 @@ class WrappedText(Widget):
         self._said = choose().text(text)
 
     def update(self, text: str) -> None:
-        """Show another text."""
         self._said = choose().text(text)
         self.refresh(layout=True)
 
@@ -31,9 +30,7 @@ class WrappedText(Widget):
         return wrapping.reflowed(formatting.folded(self._said, width), width)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """As many lines as it takes at that width."""
         return self._lines(width).count("\n") + 1
 
     def render(self) -> Content:
-        """The lines."""
         return Content(self._lines(max(self.content_size.width, 1)))

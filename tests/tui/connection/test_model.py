@@ -32,7 +32,6 @@ class Inbox:
 
 
 def test_series_keep_their_capacity_in_order() -> None:
-    """Whatever the sizes of the pieces, the last rows are there, in order."""
     series = PacketSeries(2, 100)
     numbers = np.arange(1234.0)
     for piece in np.array_split(numbers, 97):
@@ -44,7 +43,6 @@ def test_series_keep_their_capacity_in_order() -> None:
 
 
 def test_a_frozen_series_stays() -> None:
-    """What is taken later does not reach the copy."""
     series = PacketSeries(1)
     series.extend(np.arange(5.0), np.ones((5, 1)))
     still = series.frozen()
@@ -53,7 +51,6 @@ def test_a_frozen_series_stays() -> None:
 
 
 def test_a_new_run_starts_the_series_anew() -> None:
-    """Time that jumps back is another run, not a knot in the plot."""
     series = PacketSeries(1)
     series.extend(np.arange(50.0), np.ones((50, 1)))
     series.extend(np.arange(3.0), np.ones((3, 1)))
@@ -61,7 +58,6 @@ def test_a_new_run_starts_the_series_anew() -> None:
 
 
 def test_slopes_are_per_minute() -> None:
-    """A ramp of 0.01 K/s is 0.6 K/min; too short a series has no slope."""
     series = PacketSeries(1)
     t = np.arange(0.0, 60.0, 0.1)
     series.extend(t[:50], (0.01 * t[:50])[:, None])
@@ -86,7 +82,6 @@ def test_the_feed_waits_until_its_snapshot_is_taken() -> None:
 
 
 def test_the_feed_asks_only_for_what_is_new() -> None:
-    """The second snapshot's series goes on where the first one ended."""
     client, inbox = FakeClient(), Inbox()
     poller = Poller(client, inbox.post, 20.0)  # type: ignore[arg-type]
     poller.start()
@@ -126,7 +121,6 @@ def test_who_attaches_late_sees_the_run_from_its_begin() -> None:
 
 
 def test_a_lost_acquisition_is_told_once() -> None:
-    """The error is the message, and the feed ends."""
     client, inbox = FakeClient(), Inbox()
     client.gone = "the acquisition has ended"
     Poller(client, inbox.post).start()  # type: ignore[arg-type]
@@ -135,7 +129,6 @@ def test_a_lost_acquisition_is_told_once() -> None:
 
 
 def test_the_pace_reaches_the_feed_and_the_view() -> None:
-    """What is decided about drawing holds for an acquisition that is looked at now or later."""
     link = ConnectionModel()
     link.set_pacing(Pacing("sweep", 4.0), "4 fps")
     client, inbox = FakeClient(), Inbox()
@@ -149,7 +142,6 @@ def test_the_pace_reaches_the_feed_and_the_view() -> None:
 
 
 def test_freezing_keeps_the_view_and_not_the_data() -> None:
-    """Tables stand still, the recording's state does not, and nothing is missing afterwards."""
     client, link = FakeClient(), ConnectionModel()
     link.take(client.snapshot())
     link.freeze(True)
@@ -194,7 +186,6 @@ def test_what_was_given_up_is_stopped_when_it_begins() -> None:
 
 
 def test_what_has_begun_and_was_not_taken_is_stopped_too() -> None:
-    """Giving up in the moment of success leaves nothing behind."""
     starter = Starter()
     starter.go.set()
     attempt = Attempt(starter.start)
@@ -205,7 +196,6 @@ def test_what_has_begun_and_was_not_taken_is_stopped_too() -> None:
 
 
 def test_letting_go_of_a_running_acquisition_does_not_stop_it() -> None:
-    """Cancelling an attach only closes the connection."""
     starter = Starter()
     starter.go.set()
     attempt = Attempt(starter.start, stops=False)
@@ -216,8 +206,6 @@ def test_letting_go_of_a_running_acquisition_does_not_stop_it() -> None:
 
 
 def test_a_failed_start_raises_only_if_somebody_waits() -> None:
-    """After giving up, an error is nobody's business."""
-
     def fail() -> Any:
         raise SessionError("no answer")
 

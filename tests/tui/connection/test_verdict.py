@@ -37,7 +37,6 @@ def with_bias(**changes: Any) -> dict[str, Any]:
 
 
 def test_all_converged_and_nothing_unexplained_is_green() -> None:
-    """The word, why, and what the biases are good for."""
     found = judge(settled(), 0.02)
     assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; means over 10 s are as noise allows")
     assert "reading − bias" in found.todo_at_length
@@ -45,7 +44,6 @@ def test_all_converged_and_nothing_unexplained_is_green() -> None:
 
 
 def test_green_says_what_it_has_not_looked_for() -> None:
-    """Whole on the badge of 80 columns; at length wherever there is room."""
     found = judge(settled(), 0.02)
     first, second = two_lines(f"{found.reason}\n{found.todo}", 80 - 11 - 1, 80 - 11 - len("  w why "))
     assert (first, second) == (found.reason, found.todo)
@@ -57,7 +55,6 @@ def test_green_says_what_it_has_not_looked_for() -> None:
 
 
 def test_what_is_waited_for_is_named_with_number_and_need() -> None:
-    """Name, number, unit and need of the bias that is farthest from converged."""
     found = judge(estimates(remainder=remainder()), 0.0)
     assert found.word == "AMBER"
     assert found.reason == "5 of 6 biases converged; z gyro: 3 sd 0.2100 deg/s, needs 0.15"
@@ -65,7 +62,6 @@ def test_what_is_waited_for_is_named_with_number_and_need() -> None:
 
 
 def test_a_bias_that_moves_is_said_in_its_own_deviations_and_with_the_temperature() -> None:
-    """The operator sees how much it moves, and what most likely moves it."""
     moving = with_bias(converged_s=None, sd3=0.03, change_10s=0.009)
     assert "z gyro moves 0.9 sd in 10 s: temperature +0.4 K/min" in judge(moving, 0.42).reason
     assert judge(moving, 0.01).reason.endswith("z gyro moves 0.9 sd in 10 s")
@@ -75,7 +71,6 @@ def test_a_bias_that_moves_is_said_in_its_own_deviations_and_with_the_temperatur
     ("ratio", "word"), [(2.0, "GREEN"), (2.1, "AMBER"), (3.0, "AMBER"), (3.1, "RED"), (None, "GREEN")]
 )
 def test_the_remainder_has_two_thresholds(ratio: float | None, word: str) -> None:
-    """Above 2 look, above 3 act; what is not known is no reason."""
     found = judge(settled(remainder=remainder(ratio)), 0.0)
     assert found.word == word
     if word != "GREEN":
@@ -94,7 +89,6 @@ def test_a_single_mean_is_not_judged() -> None:
     ("slope", "word"), [(None, "AMBER"), (0.1, "GREEN"), (-0.1, "GREEN"), (0.11, "AMBER"), (-3.0, "AMBER")]
 )
 def test_an_unsteady_temperature_is_amber(slope: float | None, word: str) -> None:
-    """Converged biases still move with the temperature, up or down, and may where it is not known yet."""
     found = judge(settled(), slope)
     assert found.word == word
     if word == "AMBER":
@@ -125,14 +119,12 @@ def test_nis_counts_if_it_is_a_test(mean: float, word: str) -> None:
 
 
 def test_alarms_come_first_and_are_counted() -> None:
-    """A converged filter with an alarm is red, with the alarm's own words."""
     found = judge(settled(alarms=["innovations too large", "another"]), 0.0)
     assert (found.word, found.reason) == ("RED", "2 alarms: innovations too large")
     assert found.short == "filter × RED 2 alarms"
 
 
 def test_a_filter_that_stopped_says_why_and_what_to_do() -> None:
-    """It is said at once, and once, though the alarms have it too."""
     failure = "the filter stopped, recording goes on: sample 7"
     found = judge(settled(failure=failure, alarms=[failure]), 0.0)
     assert (found.word, found.reason, found.sudden) == ("RED", failure, True)
@@ -140,7 +132,6 @@ def test_a_filter_that_stopped_says_why_and_what_to_do() -> None:
 
 
 def test_what_cannot_be_observed_is_not_waited_for() -> None:
-    """An unobservable bias is named, and does not hold the badge back."""
     biases = settled()["biases"]
     biases[3] = bias("x accel", None, None, observable=False, converged_s=None, change_10s=None)
     found = judge(settled(biases=biases), 0.0)
@@ -175,7 +166,6 @@ def test_a_profile_that_waits_is_what_hides_the_biases(
 
 
 def test_waiting_and_off_are_neither_good_nor_bad() -> None:
-    """The filter's own reason is passed on; no filter is said as well."""
     waiting = judge(estimates(waiting="finding level, 6 s more"))
     assert (waiting.word, waiting.reason, waiting.level) == ("WAIT", "finding level, 6 s more", "none")
     assert judge(estimates(t=None)).word == "WAIT"
@@ -183,7 +173,6 @@ def test_waiting_and_off_are_neither_good_nor_bad() -> None:
 
 
 def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
-    """The last word is told as the past; no filter stays no filter."""
     last = verdict.ended(judge(settled(), 0.0))
     assert last is not None
     assert (last.short, last.level) == ("filter – ENDED", "none")
@@ -194,7 +183,6 @@ def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
 
 
 def test_old_estimates_are_not_green() -> None:
-    """With a silent line nothing is estimated, however good the last numbers were; a hiccup is no reason."""
     assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
     silent = {"state": "running", "silent_s": 8.0, "rate_hz": 20.0, "sampling": "stream"}
     silent["advice"] = {"silence": "check power and cable"}
@@ -203,12 +191,10 @@ def test_old_estimates_are_not_green() -> None:
 
 
 def test_motion_that_hides_a_bias_is_amber() -> None:
-    """A bias that could as well be scale is not known, whatever its deviation."""
     assert judge(settled(confounded=["z gyro bias: turn both ways"]), 0.0).reason.startswith("z gyro bias: turn both")
 
 
 def test_every_word_fits_the_header_beside_the_pages() -> None:
-    """The short form has 24 characters of room at 80 columns."""
     cases = [judge(settled(), slope) for slope in (0.0, -12.3)]
     cases += [judge(settled(alarms=["x"] * 12)), judge(settled(remainder=remainder(98.7))), judge(None)]
     cases += [judge(with_bias(value=2.0)), judge(settled(failure="x")), judge(estimates()), judge(estimates(t=None))]
@@ -217,7 +203,6 @@ def test_every_word_fits_the_header_beside_the_pages() -> None:
 
 @pytest.mark.parametrize(("mean", "word"), [(12.0, "above"), (5.0, "below"), (9.0, "inside"), (None, "no samples")])
 def test_nis_is_judged_by_its_band(mean: float | None, word: str) -> None:
-    """If NIS is a test, its place relative to the band is said."""
     nis = {"mean": mean, "band95": [8.9, 9.1], "is_test": True, "why": ""}
     assert rules.nis_meaning(nis).startswith(word)
 
@@ -250,14 +235,12 @@ def test_a_word_stands_for_two_seconds(steps: list[tuple[float, str]]) -> None:
 
 @given(STATES, st.sampled_from(["good", "wait", "bad"]))
 def test_a_state_that_lasts_is_shown(steps: list[tuple[float, str]], last: str) -> None:
-    """Holding a word delays the next one by no more than holding and waiting together."""
     shown = _shown([*steps, *[(0.1, last)] * 45])
     assert shown[-1][1].level == last
 
 
 @given(STATES)
 def test_a_better_word_is_earned(steps: list[tuple[float, str]]) -> None:
-    """The badge never gets better while something worse was seen in the last two seconds."""
     rank = {"good": 1, "wait": 2, "bad": 3}
     shown = _shown(steps)
     for i in range(1, len(shown)):
@@ -268,7 +251,6 @@ def test_a_better_word_is_earned(steps: list[tuple[float, str]]) -> None:
 
 
 def test_a_filter_that_stops_is_said_at_once() -> None:
-    """Its clock may stand still: nothing is waited for."""
     hold = Debounce()
     hold.take(1.0, judge(settled(), 0.0))
     assert hold.take(1.1, judge(settled(failure="broke down"), 0.0)).word == "RED"
@@ -277,7 +259,6 @@ def test_a_filter_that_stops_is_said_at_once() -> None:
 
 
 def test_what_to_do_has_room_beside_a_long_reason() -> None:
-    """A short reason leaves a line to it; a long one is cut behind a word."""
     assert two_lines("all is well\nuse it", 30, 20) == ("all is well", "use it")
     first, second = two_lines("a reason that is much longer than one line has room for it\nstop here", 30, 38)
     assert (first, second) == ("a reason that is much longer", "than one line has room …; stop here")

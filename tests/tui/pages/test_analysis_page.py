@@ -23,7 +23,6 @@ def seen() -> StatisticsSnapshot:
 
 
 async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
-    """Cursor and channel are moved by the arrows; Esc is back on Live."""
     client = FakeClient()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
         await shows(pilot, ">gx")
@@ -47,8 +46,6 @@ async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
 
 
 async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It does not know the request; the page says so, and the rest of the screen goes on."""
-
     def refuse(self: FakeClient, channel: int) -> StatisticsSnapshot:
         raise SessionRefusalError(f'no such request: "statistics" {channel}')
 
@@ -61,7 +58,6 @@ async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeyp
 
 @pytest.mark.parametrize("glyphs", ["braille", "block", "ascii"])
 def test_every_view_fills_its_place_with_signs_that_there_are(seen: StatisticsSnapshot, glyphs: str) -> None:
-    """As many lines and characters as asked for, and numbers on both axes, for every channel."""
     for channel in (0, 3, 6):
         told = FakeClient().statistics(channel) if channel else seen
         for view in VIEWS:
@@ -76,7 +72,6 @@ def test_every_view_fills_its_place_with_signs_that_there_are(seen: StatisticsSn
 
 
 def test_a_curve_is_where_its_values_are() -> None:
-    """From corner to corner on two logarithmic axes; dotted where it is not data; the cursor in its column."""
     x, y = Axis(0.1, 10.0, log=True), Axis(1.0, 100.0, log=True)
     ends = np.array([0.1, 10.0])
     level = np.array([1.0, 100.0])
@@ -94,7 +89,6 @@ def test_a_curve_is_where_its_values_are() -> None:
 
 
 def test_what_is_read_is_what_is_known(seen: StatisticsSnapshot) -> None:
-    """Deviation and density with uncertainties that cover the truth, the line's amplitude, Gaussian packets."""
     allan, spectrum, histogram = seen["allan"], seen["spectrum"], seen["histogram"]
     assert allan is not None
     assert spectrum is not None
@@ -114,7 +108,6 @@ def test_what_is_read_is_what_is_known(seen: StatisticsSnapshot) -> None:
 
 
 def test_a_channel_without_noise_is_told_so(seen: StatisticsSnapshot) -> None:
-    """One that is stuck, and one of too few packets: words instead of a figure."""
     assert seen["allan"] is not None
     stuck = seen | {"allan": seen["allan"] | {"deviation": [0.0] * len(seen["allan"]["tau"])}}
     assert figures.of(figures.ALLAN, stuck) is None  # type: ignore[arg-type]

@@ -38,7 +38,6 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
 
 
 async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path: Path) -> None:
-    """On a machine without a port, Enter leads to live numbers, not recorded."""
     app = ImutuiApp(logs=str(tmp_path))
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "no serial port", "press v for the DEMO", "virtual, 133 Hz, stream")
@@ -77,7 +76,6 @@ async def test_what_is_heard_of_ports_after_the_page_has_gone_is_let_go(
 
 
 async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
-    """Tab goes through port, rate and sampling; Enter connects."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 133 Hz")
         await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "right")
@@ -89,7 +87,6 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
 
 
 async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
-    """Signs and mounting are the configuration's; its rate stands in the form."""
     app = ImutuiApp(defaults=Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1))
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 50 Hz")
@@ -99,7 +96,6 @@ async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: lis
 
 
 async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_path: Path) -> None:
-    """One key on a fresh machine: a virtual instrument, recorded from its first packet, in the configured folder."""
     app = ImutuiApp(defaults=Plan("virtual", logs=str(tmp_path), mount="x,-y,-z"))
     async with app.run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "press v for the DEMO", "estimates its biases", "v demo", "? help", "q quit")
@@ -112,7 +108,6 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
 
 
 async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """A second v starts nothing."""
     monkeypatch.setattr(session, "running", lambda: ["demo"])
     monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
     async with _app(None).run_test(size=SMALLEST) as pilot:
@@ -123,7 +118,6 @@ async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch:
 
 
 async def test_a_key_that_needs_an_acquisition_says_what_is_missing(machine: list[Plan]) -> None:
-    """It is not in the footer, and still answers with the next step."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         assert "r record" not in await shows(pilot, "press v for the DEMO")
         await pilot.press("r")
@@ -131,7 +125,6 @@ async def test_a_key_that_needs_an_acquisition_says_what_is_missing(machine: lis
 
 
 async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Looking sends nothing; p asks on the chosen port, a on all, and the answers stand in the list."""
     asked: list[str] = []
 
     def probe(port: str) -> dict[str, object]:
@@ -165,7 +158,6 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
 async def test_a_unit_that_answered_is_offered_what_it_gives(
     machine: list[Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rates and packets of an IMU381: one that it does not give is refused in the form, one that was typed is meant."""
     answer = {"answers": True, "instrument": "IMU381ZA-200", "serial_number": "17", "firmware": "", "error": ""}
     monkeypatch.setattr(session, "ports", lambda: [("/dev/ttyUSB0", "FT232R")])
     monkeypatch.setattr(session, "probe", lambda port: {"port": port, **answer})
@@ -209,7 +201,6 @@ async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.Monke
 
 
 async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> None:
-    """They are chosen with the arrows, each in its own line."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 133 Hz")
         await pilot.press(*("tab",) * 4, "right", "down", "right")
@@ -220,7 +211,6 @@ async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> Non
 
 
 async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
-    """The dialog says what is stored where; Enter cancels, z does it; while recording it is refused."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -242,7 +232,6 @@ async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
 
 
 async def test_a_unit_without_a_command_that_zeroes_is_not_offered_it() -> None:
-    """An IMU381 has none: the key and the button are not there."""
     client = FakeClient()
     client.changes["instrument"] = "IMU381ZA-200"
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -256,7 +245,6 @@ async def test_a_unit_without_a_command_that_zeroes_is_not_offered_it() -> None:
 
 
 async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
-    """The range is named beside the field, and Enter refuses."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 133 Hz")
         await pilot.press("tab", "tab", "end", "4")
@@ -267,7 +255,6 @@ async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: lis
 
 
 async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The paragraph stays with the form, what was asked for is in the form, and the exit code is the error's."""
     reason = "/dev/ttyUSB7 is not there. Ports of this machine: none. Plug the adapter in, then press Enter."
 
     def fail(plan: Plan) -> FakeClient:
@@ -285,7 +272,6 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
 
 
 async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Enter looks at it again and starts nothing."""
     monkeypatch.setattr(session, "running", lambda: ["default"])
     monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
     async with _app(None).run_test(size=SMALLEST) as pilot:
@@ -298,7 +284,6 @@ async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monke
 async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
     machine: list[Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As the page then says; a line that somebody has chosen stays chosen."""
     running: list[str] = []
     monkeypatch.setattr(session, "running", lambda: list(running))
     monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
@@ -315,7 +300,6 @@ async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
 
 
 async def test_the_connected_page_stops_only_after_asking() -> None:
-    """Another instrument needs the first one stopped; a recording is finished, and named."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:

@@ -13,13 +13,11 @@ def _plain(parts: StyledText) -> str:
 
 
 def test_every_filter_and_sampling_is_offered() -> None:
-    """The form has neither more nor less than there is."""
     assert tuple(text.FILTERS) == (*FILTERS, "none")
     assert tuple(text.SAMPLINGS) == SAMPLINGS
 
 
 def test_an_answer_stands_in_place_of_the_description() -> None:
-    """Who answers matters more than which adapter it is; the others keep theirs."""
     found = text.choices([], [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R")])
     heard = {"/dev/ttyUSB0": "IMU400CD 1.2 #9911750"}
     labels = [text.label(choice, heard) for choice in found]
@@ -29,7 +27,6 @@ def test_an_answer_stands_in_place_of_the_description() -> None:
 
 
 def test_what_a_probe_found_is_short() -> None:
-    """Version and serial number, or why not."""
     assert text.answered({"answers": True, "firmware": "IMU400CD 1.2", "serial_number": "7"}) == "IMU400CD 1.2 #7"
     assert text.answered({"answers": True, "firmware": "", "serial_number": ""}) == "answers a ping"
     assert text.answered({"answers": False, "error": None}) == "silent"
@@ -44,13 +41,11 @@ def test_what_a_probe_found_is_short() -> None:
 
 
 def test_several_acquisitions_are_to_be_chosen_from() -> None:
-    """None of them is taken unasked."""
     assert "choose one" in _plain(text.lead(text.choices(["a", "b"], [])))
     assert "choose" not in _plain(text.lead(text.choices(["a"], [])))
 
 
 def test_what_is_connected_is_said_with_its_reference_file() -> None:
-    """Filter, reference and effects that were loaded are in the lines."""
     now = FakeClient().snapshot()
     now = {**now, "reference": {"name": "profile", "file": "tumble.toml", "profile": True}, "effects": ["gy tone"]}
     said = _plain(text.connected(now))

@@ -54,7 +54,6 @@ def _shown(app: ImutuiApp) -> dict[str, str]:
 
 
 async def test_in_dialogs_the_shown_keys_work_and_no_other_acts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The footer is the dialog's own, each of its keys does something there, and no key of the page below does."""
     ran: list[str] = []
     run_action = ImutuiApp.run_action
 
@@ -127,7 +126,6 @@ async def test_a_dialog_that_comes_while_somebody_types_takes_no_letter_for_an_a
 
 
 async def test_a_dialog_is_answered_once() -> None:
-    """Keys that were on their way when it went do nothing more."""
     from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 
     answers: list[str | None] = []

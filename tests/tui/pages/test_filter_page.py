@@ -36,7 +36,6 @@ def lines_of(screen: str) -> list[str]:
 
 
 async def test_every_vital_text_is_there_at_80x24() -> None:
-    """Badge with reason, six biases with certainty, limit and change, NIS, remainder, navigation, plot, keys."""
     client = client_with()
     client.recording = True
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
@@ -53,7 +52,6 @@ async def test_every_vital_text_is_there_at_80x24() -> None:
 
 
 async def test_the_header_has_the_badge_on_every_page() -> None:
-    """The same word as on the page, in short."""
     async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
         for key in "236":
             await shows(pilot, "SIMULATED")
@@ -62,7 +60,6 @@ async def test_the_header_has_the_badge_on_every_page() -> None:
 
 
 async def test_alarms_are_in_full_behind_a_key() -> None:
-    """The badge has the first alarm and the number, the lines below more, and `w` all of them and every rule."""
     client = client_with(alarms=[f"alarm number {i}" for i in range(9)])
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
@@ -75,7 +72,6 @@ async def test_alarms_are_in_full_behind_a_key() -> None:
 
 
 async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
-    """Arrows or j and k go round; Enter gives the plot the page, Escape gives it back."""
     async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "─> x gyro, deg/s")
         await pilot.press("down", "j", "down")
@@ -108,7 +104,6 @@ async def test_without_a_filter_no_unit_has_the_limits_of_another() -> None:
 
 
 async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -> None:
-    """From the first sample, though the screen came later; without a past of the temperature there is no plot."""
     client = client_with()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "─> x gyro, deg/s")
@@ -128,7 +123,6 @@ async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -
 
 @pytest.mark.parametrize("size", [(80, 40), (120, 40), (112, 34)])
 async def test_a_tall_terminal_shows_all_six_plots(size: tuple[int, int]) -> None:
-    """Room adds panels and moves none: the lines above are those of the small terminal."""
     client = client_with()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         small = lines_of(await filter_page(pilot, "▲ AMBER", "velocity N"))
@@ -141,7 +135,6 @@ async def test_a_tall_terminal_shows_all_six_plots(size: tuple[int, int]) -> Non
 
 
 async def test_t_and_e_say_where_that_is() -> None:
-    """Without a recording there is nothing to trace, and the page says what to do."""
     async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "r records, then t traces")
         await pilot.press("t")
@@ -149,7 +142,6 @@ async def test_t_and_e_say_where_that_is() -> None:
 
 
 async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
-    """T traces the recording there, and e offers the effects that a trace has found."""
     client = client_with()
     client.recording = True
     app = ImutuiApp(client)
@@ -165,7 +157,6 @@ async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
 
 
 async def test_loaded_effects_are_listed() -> None:
-    """Value, three standard deviations, unit; more than fit are counted."""
     effects = [
         {"label": "gz thermal_lin k", "value": 0.01234, "sd": 0.0004, "unit": "deg/s/K"},
         {"label": "ax scale k", "value": -0.00213, "sd": 0.0003, "unit": ""},
@@ -185,7 +176,6 @@ async def test_loaded_effects_are_listed() -> None:
 
 
 async def test_what_is_unobservable_says_so() -> None:
-    """Under a gravity reference two biases have no estimate, in the table and in the plot."""
     biases = estimates()["biases"]
     for i, name in ((3, "x accel"), (4, "y accel")):
         biases[i] = bias(name, None, None, observable=False, converged_s=None, change_10s=None)
@@ -197,7 +187,6 @@ async def test_what_is_unobservable_says_so() -> None:
 
 
 async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
-    """The table stands still; the header, and a word in the page's badge, go on."""
     client = client_with()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "▲ AMBER")
@@ -211,7 +200,6 @@ async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
 
 @pytest.mark.parametrize("glyphs", ["block", "ascii"])
 async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No row breaks though some signs need two characters, and ASCII is ASCII."""
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", glyphs)
     biases = [bias(name, -0.4702, 0.0291, observable=name[0] != "y") for name in ("x gyro", "y gyro", "z gyro")]
     biases += estimates()["biases"][3:]
@@ -227,14 +215,12 @@ async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPa
 
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Word and sign are there without colour."""
     monkeypatch.setenv("NO_COLOR", "1")
     async with ImutuiApp(client_with(alarms=["innovations too large"])).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "× RED", "alarm: innovations too large", "filter × RED alarm")
 
 
 async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
-    """Both states have a word and a next step."""
     client = FakeClient()
     client.changes["filter"] = None
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
@@ -251,7 +237,6 @@ def snapshot(t: float | None, since_start: float, **changes: Any) -> Snapshot:
 
 
 def test_a_past_that_was_not_seen_is_said() -> None:
-    """Attached late, the plots begin there; seen from the begin, they begin at zero."""
     link = ConnectionModel()
     link.take(snapshot(700.0, 750.0))
     link.take(snapshot(701.5, 751.5))
@@ -278,7 +263,6 @@ def test_the_past_keeps_estimate_and_certainty() -> None:
 
 
 def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:
-    """A state that lasts less than two seconds is not taken back at once."""
     link = ConnectionModel()
     converged = [bias(f"{axis} {kind}", 0.1, 0.02) for kind in ("gyro", "accel") for axis in "xyz"]
     good: dict[str, Any] = {"biases": converged, "remainder": []}

@@ -11,7 +11,6 @@ WIDE = (120, 40)
 
 
 async def test_the_chosen_channel_is_large_and_others_have_numbers_and_a_trend() -> None:
-    """Down chooses the next channel, up the last one from the first."""
     async with ImutuiApp(FakeClient()).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
         page = pilot.app.screen
 
@@ -30,7 +29,6 @@ async def test_the_chosen_channel_is_large_and_others_have_numbers_and_a_trend()
 
 
 async def test_a_tall_terminal_has_room_for_six_lanes() -> None:
-    """Until g chooses otherwise, also when the terminal changes its size."""
     async with ImutuiApp(FakeClient()).run_test(size=WIDE) as pilot:  # type: ignore[arg-type]
         await shows(pilot, "gyro, deg/s", "accel, mg")
         await pilot.resize_terminal(*SMALLEST)
@@ -38,7 +36,6 @@ async def test_a_tall_terminal_has_room_for_six_lanes() -> None:
 
 
 async def test_what_a_unit_says_of_itself_stands_beside_what_was_lost() -> None:
-    """Bits of its status word, while any is set; of a unit that has none there is nothing to read."""
     client = FakeClient()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
         await shows(pilot, "bad sums 0")

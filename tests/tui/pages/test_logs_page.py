@@ -81,7 +81,6 @@ def over(app: Any) -> Callable[[], bool]:
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_recordings_have_length_rate_kind_and_state(client: FakeClient, size: tuple[int, int]) -> None:
-    """Each on one line; what is wrong with the one under the cursor is said in words."""
     async with _app(client).run_test(size=size) as pilot:
         await to_logs(pilot, "cut")
         screen = await shows(pilot, "3 recordings, newest first", "unfinished", "finished", "simulated", "its index")
@@ -91,7 +90,6 @@ async def test_recordings_have_length_rate_kind_and_state(client: FakeClient, si
 
 
 async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
-    """Chosen ones are counted and marked, and what t takes is written before; choosing again takes them out."""
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot)
         await shows(pilot, "t traces whole")
@@ -109,7 +107,6 @@ async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
 
 
 async def test_a_recording_is_noted_renamed_and_deleted_with_its_files(client: FakeClient, home: Path) -> None:
-    """A note stands beside the log, whose bytes stay; no name is replaced; deleting asks, and Enter keeps."""
     logs = home / "logs"
     before = (logs / "whole.mcap").read_bytes()
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -137,7 +134,6 @@ async def test_a_recording_is_noted_renamed_and_deleted_with_its_files(client: F
 
 
 def test_what_a_trace_takes_is_told_in_the_room_there_is() -> None:
-    """The line with the cursor, the chosen ones, or both where they differ and it will be asked."""
     a, b, c = (Path(f"/logs/imu400cd_{name}.mcap") for name in ("991_0900", "991_1000", "991_1100"))
     assert text.takes([], a, 78) == "t traces 991_0900"
     assert text.takes([a], a, 78) == "t traces the one chosen: 991_0900"
@@ -151,7 +147,6 @@ def test_what_a_trace_takes_is_told_in_the_room_there_is() -> None:
 async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
     client: FakeClient, home: Path, held: Held, size: tuple[int, int]
 ) -> None:
-    """The same job in another process: the document saved is that of `imutui replay --json` in all but timings."""
     async with _app(client).run_test(size=size) as pilot:
         await to_logs(pilot)
         await pilot.press("p")
@@ -187,7 +182,6 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
 
 
 async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, home: Path, held: Held) -> None:
-    """A real job over a small log of a table that turns; the screen stays alive meanwhile, and 6 shows the result."""
     log = traces.imported(home / "logs" / "turns.mcap", traces.arrays(seed=4))
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot, "turns")
@@ -229,7 +223,6 @@ async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, he
 
 
 async def test_a_job_that_fails_says_why(client: FakeClient) -> None:
-    """The file, the reason, and the list is there as before."""
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot)
         await pilot.press("t")
@@ -238,7 +231,6 @@ async def test_a_job_that_fails_says_why(client: FakeClient) -> None:
 
 
 async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home: Path) -> None:
-    """Check says what is wrong; recovery writes a finished file beside it that is then in the list."""
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot, "cut")
         await pilot.press("c")
@@ -258,7 +250,6 @@ async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home
 
 
 async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient, home: Path) -> None:
-    """From a file that a trace wrote; not while recording."""
     (home / "logs" / "a_effects.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot)
@@ -278,7 +269,6 @@ async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient,
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size: tuple[int, int]) -> None:
-    """Effects and the separating motion are written beside the log, and loaded; the text fits and scrolls."""
     found = traces.trace()
     document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
     result = tasks.TraceResult(
@@ -319,7 +309,6 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
 
 
 async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Path) -> None:
-    """A path that is not there says so, and is asked for again: no letter of the next one is a key of the page."""
     (home / "other").mkdir()
     shutil.copy(SAMPLE, home / "other" / "elsewhere.mcap")
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -331,7 +320,6 @@ async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Pa
 
 
 async def test_why_a_job_came_to_nothing_is_said_on_its_own_page(client: FakeClient) -> None:
-    """On another page there is a line for it that goes by itself, not the reasons."""
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot, "whole")
         await pilot.press("t")
@@ -345,7 +333,6 @@ async def test_why_a_job_came_to_nothing_is_said_on_its_own_page(client: FakeCli
 
 
 async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeClient, home: Path) -> None:
-    """Up to now: the file is readable while it is written."""
     client.recording = True
     app = _app(client)
     async with app.run_test(size=SMALLEST) as pilot:
@@ -358,7 +345,6 @@ async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeC
 
 
 def test_a_replay_reads_as_table_1_has_it() -> None:
-    """Value, certainty, limit and share of it, when it converged; what is out of the limit says so."""
     document = {
         "converged": False, "log": "a.mcap", "rate_hz": 20.0, "samples": 10, "duration_s": 0.5, "kind": "simulated",
         "filter": "spkf", "reference": "level",

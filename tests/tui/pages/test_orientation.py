@@ -10,7 +10,6 @@ from imutui.tui.terminal.glyphs import GLYPHS
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (30.0, -20.0), (-170.0, 60.0), (90.0, 0.0), (0.0, 89.0)])
 def test_roll_and_pitch_are_those_of_the_attitude(roll: float, pitch: float) -> None:
-    """Whatever the yaw was, which gravity does not show."""
     attitude = Rotation.from_euler("ZYX", [123.0, pitch, roll], degrees=True)
     seen = tilt(attitude.inv().apply([0.0, 0.0, 1000.0]))
     assert seen is not None
@@ -20,7 +19,6 @@ def test_roll_and_pitch_are_those_of_the_attitude(roll: float, pitch: float) -> 
 
 
 def test_what_is_not_gravity_alone_is_no_attitude() -> None:
-    """And without any force there is none."""
     assert tilt(np.zeros(3)) is None
     turned = tilt(np.array([0.0, 0.0, 1400.0]))
     assert turned is not None
@@ -29,7 +27,6 @@ def test_what_is_not_gravity_alone_is_no_attitude() -> None:
 
 @pytest.mark.parametrize("glyphs", list(GLYPHS.values()))
 def test_each_axis_has_its_name(glyphs: object) -> None:
-    """A level unit's z is drawn downwards, in any signs."""
     seen = tilt(np.array([0.0, 0.0, 1000.0]))
     assert seen is not None
     lines = drawn(seen, 9, 36, glyphs)  # type: ignore[arg-type]

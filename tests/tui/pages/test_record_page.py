@@ -18,7 +18,6 @@ def _app(client: FakeClient) -> ImutuiApp:
 
 
 async def test_record_has_every_vital_text_at_80x24() -> None:
-    """State as a word, file, size, growth, time to full, rates, losses, flush, line, form, marks, keys."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -36,7 +35,6 @@ async def test_record_has_every_vital_text_at_80x24() -> None:
 
 
 async def test_a_late_flush_is_said_in_words() -> None:
-    """Above three seconds the disk does not keep up; colour is not needed to see it."""
     client = FakeClient()
     client.recording = True
     take = client._recording(0.0)
@@ -48,7 +46,6 @@ async def test_a_late_flush_is_said_in_words() -> None:
 
 
 async def test_the_form_goes_into_the_next_recording() -> None:
-    """Prefilled from the acquisition; letters are text while typing; r takes the form along, also from another page."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -63,7 +60,6 @@ async def test_the_form_goes_into_the_next_recording() -> None:
 
 
 async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the_acquisition_has_it() -> None:
-    """What the form shows is what the file says; a field that nobody touched says nothing of its own."""
     client = FakeClient()
     client.changes["note"] = "demo"
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -78,7 +74,6 @@ async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the
 
 
 async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> None:
-    """What was changed is asked of the acquisition, and what was left is not; no such key without a recording."""
     client = FakeClient()
     client.changes["note"] = "cold"
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -95,7 +90,6 @@ async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> No
 
 
 async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
-    """And does not wipe out what is said of it."""
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -110,7 +104,6 @@ async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
 
 
 async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
-    """Also while a dialog about the present one, or another page, was in front."""
     client = FakeClient()
     client.recording = True
     client.changes["note"] = "cold"
@@ -128,7 +121,6 @@ async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
 
 
 async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the_present_one() -> None:
-    """A note that was given to the running file is its own."""
     client = FakeClient()
     client.recording = True
     client.changes |= {"note": "cold", "next_note": "demo"}
@@ -140,7 +132,6 @@ async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the
 
 
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
-    """It is said while typing, and r says it again instead of recording."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -152,7 +143,6 @@ async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
 
 
 async def test_a_finished_file_is_named_with_what_comes_next() -> None:
-    """What was written stays on the page, although it was finished on another one."""
     client = FakeClient()
     client.changes["note"] = "cold"
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -166,7 +156,6 @@ async def test_a_finished_file_is_named_with_what_comes_next() -> None:
 
 
 async def test_an_empty_acquisition_page_has_no_numbers() -> None:
-    """Without an acquisition it says how to get one."""
     async with ImutuiApp().run_test(size=SMALLEST) as pilot:
         await shows(pilot, "not connected")
         await pilot.press("3")
@@ -178,12 +167,10 @@ async def test_an_empty_acquisition_page_has_no_numbers() -> None:
     ("seconds", "said"), [(600.0, "10 min"), (5400.0, "1.5 h"), (359_000.0, "99.7 h"), (8_500_000.0, "98 days")]
 )
 def test_time_to_full_has_the_unit_of_its_size(seconds: float, said: str) -> None:
-    """Minutes, hours, days."""
     assert text.until_full(seconds) == said
 
 
 def test_what_is_not_known_yet_is_said() -> None:
-    """The first seconds of a recording know neither growth nor time to full nor a flush."""
     take = {"bytes_per_s": None, "to_full_s": None, "flush_age_s": None, "part": 1}
     assert text.growth(take) == "growth not known before 10 s"
     assert text.fill_words(take, None) == "free space unknown"
@@ -191,14 +178,12 @@ def test_what_is_not_known_yet_is_said() -> None:
 
 
 def test_rotation_in_words() -> None:
-    """By time, by size, by whichever comes first, or not at all."""
     assert text.rotation(0.0, None) == "one file"
     assert text.rotation(30.0, 0.0) == "a new file every 30 min"
     assert text.rotation(30.0, 100.0) == "a new file every 30 min or 100 MB"
 
 
 def test_losses_and_silence_have_levels() -> None:
-    """What went wrong is told apart from what is fine, with the next step."""
     assert text.losses(SNAPSHOT)[0] == "none"
     assert text.losses({**SNAPSHOT, "lost_packets": 2, "lost_packets_max": 2})[0] == "wait"
     assert "check the cable" in text.losses({**SNAPSHOT, "bad_checksums": 1})[1]
@@ -206,7 +191,6 @@ def test_losses_and_silence_have_levels() -> None:
 
 
 def test_a_wish_takes_decimal_commas_and_refuses_nonsense() -> None:
-    """Empty is never; negative is refused with the field's name."""
     entered = dict.fromkeys(text.FIELDS, "")
     assert text.wish({}) == RecordingWish()
     assert text.wish(entered) == RecordingWish("", "", "", "", 0.0, 0.0)
@@ -217,6 +201,5 @@ def test_a_wish_takes_decimal_commas_and_refuses_nonsense() -> None:
 
 
 def test_little_room_has_a_level() -> None:
-    """A colour from half an hour on, and another when it is time to be quick."""
     times = {None: "none", 3600.0: "none", 1700.0: "wait", 200.0: "bad"}
     assert {left: text.room({"to_full_s": left}) for left in times} == times

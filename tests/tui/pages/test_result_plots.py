@@ -36,7 +36,6 @@ def drawn(kind: str, document: Any, width: int = 76, glyphs: str = "braille") ->
 @pytest.mark.parametrize("width", [56, 76, 116])
 @pytest.mark.parametrize("glyphs", ["braille", "ascii"])
 def test_a_replay_has_six_plots_with_the_pause_in_them(width: int, glyphs: str) -> None:
-    """Two in a row where there is room, never wider than the page; a result of an older version has none."""
     lines = drawn("replay", replayed(), width, glyphs)
     assert max(len(line) for line in lines) <= width
     said = "\n".join(lines)
@@ -48,7 +47,6 @@ def test_a_replay_has_six_plots_with_the_pause_in_them(width: int, glyphs: str) 
 
 
 def test_a_trace_has_curves_and_residuals() -> None:
-    """What its document holds: the driver curve, residuals on one scale, unchanged ones last."""
     curve = {"x": [0.0, 1.0, 2.0, 3.0], "before": [1.0, 2.0, None, 4.0], "after": [0.1, 0.1, None, 0.1]}
     same = {**curve, "after": curve["before"]}
     channels = {"gx": {"residual": same}, "gy": {"residual": curve}}
@@ -61,7 +59,6 @@ def test_a_trace_has_curves_and_residuals() -> None:
 
 
 def test_two_replays_are_compared_in_their_deviations() -> None:
-    """The difference over the root of both variances; what one of them does not know is not compared."""
     said = comparison_text.compared("replay", replayed(), replayed("b", gx=0.65), ("one", "two"))
     assert "x gyro      0.5000   ±0.0900    0.6500   ±0.0900   +0.1500    +3.5  deg/s" in said
     assert "z gyro           –                   –                   –       –  deg/s" in said
@@ -71,7 +68,6 @@ def test_two_replays_are_compared_in_their_deviations() -> None:
 
 
 def test_two_traces_are_compared_effect_by_effect() -> None:
-    """Errors of both, and each parameter with the difference; what only one of them found says which."""
     other = traces.document()
     other["findings"] = [{**other["findings"][0], "params": [{**other["findings"][0]["params"][0], "value": 0.025}]}]
     said = comparison_text.compared("trace", traces.document(), other, ("one", "two"))

@@ -87,7 +87,6 @@ def _app(client: FakeClient | None) -> ImutuiApp:
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size: tuple[int, int]) -> None:
-    """Choose, begin, arrive, hold, cancel, resume, done: each state says in words what to do next."""
     client = Acquisition(folder / "logs")
     async with _app(client).run_test(size=size) as pilot:
         await shows(pilot, "SIMULATED")
@@ -119,7 +118,6 @@ async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size:
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_attaching_again_shows_where_the_operator_is(folder: Path, size: tuple[int, int]) -> None:
-    """The state is the acquisition's, not the screen's; and what a segment shows is worked out again."""
     client = Acquisition(folder / "logs")
     client.configure(reference_file=("tumble.toml", ""))
     client.recording = True
@@ -138,7 +136,6 @@ async def test_attaching_again_shows_where_the_operator_is(folder: Path, size: t
 
 
 async def test_a_profile_that_cannot_be_used_says_why(folder: Path) -> None:
-    """In the list, below it, and when it is taken all the same."""
     client = Acquisition(folder / "logs")
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -152,7 +149,6 @@ async def test_a_profile_that_cannot_be_used_says_why(folder: Path) -> None:
 
 
 async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
-    """It is said before anything is asked."""
     client = Acquisition(folder / "logs")
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -165,7 +161,6 @@ async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
 
 
 async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -> None:
-    """By hand, the operator's marks join it; by itself, what the file says; then nobody is guided."""
     client = Acquisition(folder / "logs")
     client.changes["note"] = "cold"
     (folder / "a.toml").write_text(f'# To tell scale from bias: turn it.\nalign = "gyro"\n{REST}{TURN}')
@@ -198,7 +193,6 @@ async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -
 
 
 async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder: Path) -> None:
-    """As long as no file has it; a copy gets another name, replaces nothing, and is under the cursor then."""
     client = Acquisition(folder / "logs")
     app = _app(client)
     recommended = f'# To tell scale from bias: rest.\nalign = "none"\n{REST}'
@@ -222,7 +216,6 @@ async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder
 
 
 async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
-    """Files elsewhere can be followed too."""
     client = Acquisition(folder / "logs")
     elsewhere = folder / "run"
     (elsewhere / "my.toml").write_text(
@@ -239,7 +232,6 @@ async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
 
 
 async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None:
-    """As r does: the form goes into the file; a form that cannot be is said instead of beginning."""
     client = Acquisition(folder / "logs")
     client.configure(reference_file=("tumble.toml", ""))
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -259,7 +251,6 @@ async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None
 
 
 async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:
-    """A row of its own, only while there is a profile; the cursor stays with its profile beside it."""
     client = Acquisition(folder / "logs")
     client.changes["note"] = "cold"
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -302,7 +293,6 @@ async def test_a_virtual_units_operator_is_warned_before_beginning(folder: Path)
 
 
 async def test_names_have_the_rows_whole_room(folder: Path) -> None:
-    """No name is cut while there is room; a place gives way to a name."""
     client = Acquisition(folder / "logs")
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -334,7 +324,6 @@ async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
 
 
 async def test_without_an_acquisition_profiles_can_be_looked_at(folder: Path) -> None:
-    """And the page says what is missing."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "imutui")
         await pilot.press("escape", "5")

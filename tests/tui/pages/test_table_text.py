@@ -18,7 +18,6 @@ def guide(state: str, segment: int = 1, **changes: Any) -> dict[str, Any]:
 
 
 def test_each_segment_has_a_word() -> None:
-    """Done, now, next, to do; one that was skipped is left out."""
     assert [text.state_word(None, n) for n in range(3)] == ["to do"] * 3
     assert [text.state_word(guide("go"), n) for n in range(3)] == ["done", "now", "next"]
     assert [text.state_word(guide("hold", 0), n) for n in range(3)] == ["now", "next", "to do"]
@@ -31,7 +30,6 @@ def test_each_segment_has_a_word() -> None:
 
 
 def test_it_waits_for_ever_and_says_for_what() -> None:
-    """No limit on people: what is waited for and how to say that it is done."""
     what, then = text.said(guide("go"), PROFILE, True)
     assert what == "Segment 2 of 3: turn inner at +30 deg/s"
     assert then == "I wait for you. Enter when it turns at that rate."
@@ -41,14 +39,12 @@ def test_it_waits_for_ever_and_says_for_what() -> None:
 
 
 def test_a_virtual_unit_that_turns_by_itself_is_sent_and_waited_for() -> None:
-    """The operator of one has nothing to turn: Enter does it, and what is left of the way is said."""
     assert text.said(guide("go", turns_s=0.0), PROFILE, True)[1] == "Enter: the virtual unit does it by itself."
     assert text.said(guide("go", turns_s=4.2), PROFILE, True)[1] == "It turns, for 4 s still."
     assert "I wait for you" in text.said(guide("go", turns_s=None), PROFILE, True)[1]
 
 
 def test_the_end_and_a_cancelled_run_say_what_next() -> None:
-    """Also when the recording is over: one way through a profile belongs to one recording."""
     assert "r finishes the file, t traces it" in text.said(guide("done"), PROFILE, True)[1]
     assert "b begins again" in text.said(guide("done"), PROFILE, False)[0]
     assert "b resumes there" in text.said(guide("cancelled"), PROFILE, True)[1]
@@ -56,7 +52,6 @@ def test_the_end_and_a_cancelled_run_say_what_next() -> None:
 
 
 def test_what_can_be_asked_follows_the_state() -> None:
-    """Nothing is offered that the acquisition would refuse."""
     assert text.can(None, False) == {"begin"}
     assert text.can(guide("go"), True) == {"there", "cancel"}
     assert text.can(guide("hold"), True) == {"cancel"}
@@ -66,7 +61,6 @@ def test_what_can_be_asked_follows_the_state() -> None:
 
 
 def test_what_does_not_fit_is_counted() -> None:
-    """One line, and the reader knows that there is more."""
     items = ["bias ax ay az", "scale factor az", "g-sensitivity gx"]
     assert text.testable(items, 80) == "bias ax ay az; scale factor az; g-sensitivity gx"
     assert text.testable(items, 40) == "bias ax ay az; scale factor az; +1 more"
@@ -77,5 +71,4 @@ def test_what_does_not_fit_is_counted() -> None:
 
 
 def test_a_bar_is_as_long_at_its_ends() -> None:
-    """It never grows beyond its width, whatever share is told."""
     assert [len(text.bar(share, 10)) for share in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [10] * 5

@@ -30,7 +30,6 @@ def screen(before: str = "", **environ: str) -> Terminal:
 
 
 def test_the_terminal_is_as_before_after_detaching() -> None:
-    """Main screen, line settings and exit code are right, and the way back is printed where it stays."""
     terminal = screen(NO_COLOR="1")
     try:
         terminal.read_until("asked 20 measured")
@@ -44,7 +43,6 @@ def test_the_terminal_is_as_before_after_detaching() -> None:
 
 
 def test_without_textuals_private_names_the_screen_is_drawn_plainly() -> None:
-    """Another page, the next data and the end of it: all as Textual itself sends it."""
     terminal = screen(_PLAIN)
     try:
         terminal.read_until("asked 20 measured")
@@ -61,7 +59,6 @@ def test_without_textuals_private_names_the_screen_is_drawn_plainly() -> None:
 
 
 def test_the_linux_console_gets_blocks_and_sixteen_colours() -> None:
-    """No braille and no other colours than its font and palette have."""
     terminal = screen(TERM="linux")
     try:
         shown = terminal.read_until("asked 20 measured")
@@ -83,7 +80,6 @@ def _ends_within(process: "subprocess.Popen[bytes]", seconds: float) -> bool:
 
 
 def test_a_hangup_signal_ends_the_ui_in_order() -> None:
-    """SIGHUP is no crash: the terminal is left as it was."""
     terminal = screen()
     try:
         terminal.read_until("asked 20 measured")
@@ -96,7 +92,6 @@ def test_a_hangup_signal_ends_the_ui_in_order() -> None:
 
 
 def test_a_frozen_terminal_neither_stops_the_ui_nor_is_sent_old_frames() -> None:
-    """While nobody reads, frames are left out; read again, the terminal gets a new one, less of it, and is told why."""
     terminal = screen()
     try:
         terminal.read_until("scroll, autoscale")
@@ -116,7 +111,6 @@ def test_a_frozen_terminal_neither_stops_the_ui_nor_is_sent_old_frames() -> None
 
 
 def test_an_answer_that_is_awaited_is_as_late_as_it_is_by_now(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A line that has become slow is known before the terminal has answered; till then the last answer stands."""
     now = 100.0
     monkeypatch.setattr(driver, "time", SimpleNamespace(monotonic=lambda: now))
     meter, late = driver.Meter(), []

@@ -25,7 +25,6 @@ def _modes(held: list[Pacing]) -> list[str]:
 
 @pytest.mark.parametrize(("remote", "mode", "fps"), [(False, SCROLL, 10.0), (True, SWEEP, 5.0)])
 def test_by_itself_a_local_terminal_scrolls_and_a_remote_one_sweeps(remote: bool, mode: str, fps: float) -> None:
-    """Ten frames a second, five over SSH; nothing is said, as nothing is less than wished."""
     pacing = PacingController(remote=remote).pacing
     assert (pacing.mode, pacing.fps, pacing.note) == (mode, fps, "")
     assert is_remote({"SSH_CONNECTION": "1.2.3.4 5 6.7.8.9 22"}) is True
@@ -33,7 +32,6 @@ def test_by_itself_a_local_terminal_scrolls_and_a_remote_one_sweeps(remote: bool
 
 
 def test_a_terminal_that_falls_behind_gets_less_and_is_told_why() -> None:
-    """From scrolling to a sweep, to fewer frames, to numbers; each step is given a moment."""
     held = _run(PacingController(), STUCK, 0.0, 10.0)
     assert _modes(held) == [SWEEP, NUMBERS]
     assert held[0].note == "link is slow"
@@ -43,7 +41,6 @@ def test_a_terminal_that_falls_behind_gets_less_and_is_told_why() -> None:
 
 
 def test_it_goes_up_again_only_after_it_has_kept_up_for_a_while() -> None:
-    """Nothing for twenty seconds, then one step at a time."""
     pace = PacingController()
     _run(pace, STUCK, 0.0, 10.0)
     assert {p.mode for p in _run(pace, IDLE, 10.0, 19.0)} == {NUMBERS}
@@ -63,7 +60,6 @@ def test_what_turned_out_too_much_is_tried_less_and_less_often() -> None:
 
 
 def test_a_moment_of_trouble_forgets_the_time_kept_up() -> None:
-    """Neither behind nor idle is no reason to go up."""
     pace = PacingController()
     _run(pace, STUCK, 0.0, 10.0)
     for start in range(10, 100, 10):
@@ -81,7 +77,6 @@ def test_a_slow_answer_counts_as_behind() -> None:
 
 
 def test_a_wish_is_kept_and_only_its_speed_gives_way() -> None:
-    """Who wants it to scroll gets that, more slowly where it must be."""
     pace = PacingController(SCROLL, 8.0, remote=True)
     assert pace.pacing == Pacing(SCROLL, 8.0, 2.5)
     assert _modes(_run(pace, STUCK, 0.0, 20.0)) == [SCROLL]
@@ -89,7 +84,6 @@ def test_a_wish_is_kept_and_only_its_speed_gives_way() -> None:
 
 
 def test_a_slow_wish_is_not_made_faster() -> None:
-    """One frame a second stays one, whatever the terminal does."""
     pace = PacingController(AUTO, 1.0)
     _run(pace, STUCK, 0.0, 20.0)
     assert pace.pacing.fps == 1.0
@@ -97,7 +91,6 @@ def test_a_slow_wish_is_not_made_faster() -> None:
 
 @pytest.mark.parametrize(("remote", "seen"), [(False, [SWEEP, NUMBERS, SCROLL]), (True, [SCROLL, SWEEP, NUMBERS])])
 def test_the_key_always_shows_a_difference(remote: bool, seen: list[str]) -> None:
-    """Pressed again and again it goes through all three, and back to what is chosen by itself."""
     pace = PacingController(remote=remote)
     modes = [pace.pacing.mode]
     wishes = []

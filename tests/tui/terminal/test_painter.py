@@ -38,7 +38,6 @@ def _shown(screen: pyte.Screen) -> list[tuple[str, str, bool]]:
 
 @given(before=cells, after=cells)
 def test_a_changed_line_is_shown_as_if_sent_whole(before: list[tuple[str, int]], after: list[tuple[str, int]]) -> None:
-    """Signs and styles are right after the difference was sent, whatever was there."""
     terminals = []
     for old in (before, None):
         screen = pyte.Screen(WIDTH, 1)
@@ -52,7 +51,6 @@ def test_a_changed_line_is_shown_as_if_sent_whole(before: list[tuple[str, int]],
 
 
 def test_one_digit_costs_a_few_bytes() -> None:
-    """A number that changes its last digit is not sent whole, and equal lines not at all."""
     line = [(sign, 0) for sign in "a" * WIDTH]
     changed = [*line[:30], ("b", 0), *line[31:]]
     runs = painter.differing(_strip(line), _strip(changed))
@@ -67,7 +65,6 @@ def test_wide_signs_are_sent_whole() -> None:
 
 
 def test_what_is_not_known_is_passed_on() -> None:
-    """Updates of another kind go through as they are."""
     assert Painter().exact(None) is None
     assert Painter().exact("inline") == "inline"
 
@@ -84,7 +81,6 @@ def test_what_is_not_drawn_anew_or_lies_beside_the_span_is_left_as_it_is() -> No
 async def test_the_terminal_has_what_the_application_shows(
     size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Fed only with differences, through pages, dialogs, modes and sizes, a terminal shows the same screen."""
     screen = pyte.Screen(*size)
     stream = pyte.Stream(screen)
     app = ImutuiApp(FakeClient())  # type: ignore[arg-type]

@@ -10,7 +10,6 @@ from imutui.tui.terminal.glyphs import GLYPHS
 
 @pytest.mark.parametrize("name", ["ascii", "block", "braille"])
 def test_only_a_terminal_with_eighths_of_blocks_gets_them(name: str) -> None:
-    """At every position of the bar; colours tell it from the rest everywhere."""
     try:
         appearance.draw_scroll_bars_with(GLYPHS[name])
         console = Console(width=3, color_system="truecolor", file=None)

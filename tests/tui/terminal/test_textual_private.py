@@ -72,7 +72,6 @@ def test_no_other_module_touches_a_private_name_of_textual() -> None:
 
 
 async def test_pages_draw_without_the_private_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every page is there, and follows the data."""
     monkeypatch.setattr(textual_private, "HIDDEN", set(ALL))
     client = FakeClient()
     client.recording = True
@@ -89,7 +88,6 @@ async def test_pages_draw_without_the_private_names(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_textual_without_them_is_noticed_and_not_tripped_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The module loads, says what is missing, and leaves drawing to Textual."""
     with monkeypatch.context() as without:
         for name in ("ChopsUpdate", "LayoutUpdate", "CompositorUpdate"):
             without.delattr(compositor, name)
@@ -103,7 +101,6 @@ def test_a_textual_without_them_is_noticed_and_not_tripped_over(monkeypatch: pyt
 
 
 def test_a_style_sheet_that_is_kept_has_the_rules_of_one_parsed_anew() -> None:
-    """Also with another theme's colours, and with the first ones again; each source is parsed once for a theme."""
     app = ImutuiApp()
     kept = app.stylesheet
     assert isinstance(kept, textual_private.KeptStylesheet)
@@ -125,6 +122,5 @@ def test_a_style_sheet_that_is_kept_has_the_rules_of_one_parsed_anew() -> None:
 
 
 def test_this_textual_has_them_all() -> None:
-    """Nothing is drawn the plain way unnoticed."""
     assert textual_private.missing() == []
     assert textual_private.keep_parsed_styles(ImutuiApp())

@@ -22,7 +22,6 @@ def ramp(seconds: float, noise: float = 0.0) -> EstimateHistory:
 
 
 def test_the_gauge_shows_side_size_and_excess() -> None:
-    """A bar grows from the middle to the value's side; beyond the limit it is marked."""
     assert gauge(0.4, 1.0) == "▕·····│██···▏"
     assert gauge(-12.0, 12.0) == "▕█████│·····▏"
     assert gauge(13.0, 12.0) == "▕·····│████▲▏"
@@ -33,7 +32,6 @@ def test_the_gauge_shows_side_size_and_excess() -> None:
 
 @given(st.floats(-30, 30), st.floats(-30, 30), st.floats(0, 30))
 def test_the_gauge_grows_with_the_value_and_never_with_its_width(a: float, b: float, sd3: float) -> None:
-    """Of two values on the same side the larger has the longer bar; the gauge is always as wide."""
     small, large = sorted((abs(a), abs(b)))
     bars = [gauge(value, 12.0, sd3) for value in (small, large)]
     assert [len(bar) for bar in bars] == [13, 13]
@@ -53,14 +51,12 @@ def test_the_time_axis_holds_the_run_and_wastes_little(seconds: float) -> None:
 
 @given(st.floats(0.0, 1e5), st.floats(60.0, 1e6), st.integers(3, 12))
 def test_ticks_are_round_and_few(begin: float, span: float, most: int) -> None:
-    """They lie within the axis, at whole multiples of one step."""
     ticks = history_cells.ticks(begin, span, most)
     assert len(ticks) <= most
     assert all(begin - 1e-6 <= tick <= begin + span + 1e-6 for tick in ticks)
 
 
 def test_a_settled_scale_shows_what_came_later() -> None:
-    """The first estimates are cut off, not the scale stretched to them; the whole run is there on request."""
     history = ramp(600.0)
     curve = history_cells.envelope(history, 0, history_cells.span_s(600.0), 120)
     settled, whole = (history_cells.extent(curve, scale, 1.0) for scale in ("auto", "whole run"))
@@ -75,7 +71,6 @@ def test_a_settled_scale_shows_what_came_later() -> None:
 
 @pytest.mark.parametrize("glyphs", GLYPHS.values(), ids=lambda glyphs: glyphs.name)
 def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None:
-    """In every set of signs, cells of the estimate and of the band look different."""
     history = ramp(600.0)
     curve = history_cells.envelope(history, 0, 600.0, 60 * glyphs.columns)
     made = history_cells.cells(curve, (0.2, 0.8), [0.0, 0.5], 12, glyphs, shades=False)
@@ -94,7 +89,6 @@ def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None
 
 
 def test_the_band_is_behind_the_estimate_and_no_dot_of_it_is_drawn() -> None:
-    """Where the terminal has the colours the band is background, around the estimate's cells in every column."""
     curve = history_cells.envelope(ramp(600.0), 0, 600.0, 120)
     made = history_cells.cells(curve, (-0.5, 1.5), [], 20, GLYPHS["braille"], shades=True)
     assert set(np.unique(made.shows)) == {history_cells.EMPTY, history_cells.HALF, history_cells.ESTIMATE}
@@ -108,7 +102,6 @@ def test_the_band_is_behind_the_estimate_and_no_dot_of_it_is_drawn() -> None:
 
 
 def test_convergence_is_seen_in_the_line() -> None:
-    """The estimate's cells say from when on it was converged."""
     history = EstimateHistory(1)
     for k in range(600):
         history.add(float(k), np.full(1, 0.5), np.full(1, 0.1), np.array([k >= 300]))
@@ -120,7 +113,6 @@ def test_convergence_is_seen_in_the_line() -> None:
 
 @pytest.mark.parametrize("glyphs", GLYPHS.values(), ids=lambda glyphs: glyphs.name)
 def test_a_pause_is_marked_and_no_line_drawn_across_it(glyphs: Glyphs) -> None:
-    """Neither estimate nor band between the last before and the first after; a short pause leaves a mark too."""
     history = EstimateHistory(1)
     for k in range(600):
         if not (200 <= k < 300 or 500 <= k < 506):

@@ -9,7 +9,6 @@ from imutui.tui.widgets.page_frame import KeysLine
 
 
 async def test_keys_are_made_anew_when_there_are_other_ones_and_only_then() -> None:
-    """A dialog that comes and goes leaves the page's keys as they are; a recording that runs has another key."""
     client = FakeClient()
     app = ImutuiApp(client)  # type: ignore[arg-type]
     async with app.run_test(size=SMALLEST) as pilot:

@@ -44,7 +44,6 @@ def _fed(
 def test_piece_by_piece_is_as_at_once(
     pieces: list[int], cells: int, rows: int, sweep: bool, glyphs: Glyphs, rate: float
 ) -> None:
-    """However the data come in, the picture is the one that a fresh plot with the same scales draws."""
     frame = Frame(10.0, cells, rows)
     lanes, series, lines = _fed(pieces, frame, sweep=sweep, glyphs=glyphs, rate=rate)
     fresh = PlotLanes(slice(0, 3), 3, glyphs)
@@ -55,7 +54,6 @@ def test_piece_by_piece_is_as_at_once(
 @settings(max_examples=40, deadline=None)
 @given(pieces=st.lists(st.integers(1, 900), min_size=1, max_size=6), cells=st.integers(6, 90))
 def test_sweep_and_scroll_show_the_same_data(pieces: list[int], cells: int) -> None:
-    """The sweep is the scrolling plot, turned; only what the erase bar covers, the oldest cells, is missing."""
     frame = Frame(8.0, cells, 2)
     lanes, series, swept = _fed(pieces, frame, sweep=True)
     other = PlotLanes(slice(0, 3), 3, BRAILLE)
@@ -75,7 +73,6 @@ def test_sweep_and_scroll_show_the_same_data(pieces: list[int], cells: int) -> N
 @settings(max_examples=25, deadline=None)
 @given(spike=st.integers(0, 3989), seed=st.integers(0, 1000))
 def test_no_spike_is_hidden(sweep: bool, glyphs: Glyphs, spike: int, seed: int) -> None:
-    """One sample among four thousand reaches the top of its lane, until the erase bar or the window's edge takes it."""
     t, values = _made(seed, 30.0)
     values = 0.01 * values
     values[spike, 1] = 5.0
@@ -93,7 +90,6 @@ def test_no_spike_is_hidden(sweep: bool, glyphs: Glyphs, spike: int, seed: int) 
 
 
 def test_a_sweep_changes_few_cells() -> None:
-    """Between two frames only the newest cells and the erase bar differ."""
     frame = Frame(30.0, 100, 3)
     _, series, before = _fed([4000], frame, sweep=True)
     lanes = PlotLanes(slice(0, 3), 3, BRAILLE)
@@ -107,7 +103,6 @@ def test_a_sweep_changes_few_cells() -> None:
 
 
 def test_scales_change_rarely() -> None:
-    """In ten minutes of noise a lane's scale is chosen anew a few times, mostly in the first seconds."""
     t, values = _made(5, 600.0)
     series, lanes, seen = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), []
     for start in range(0, t.size, 133):
@@ -119,7 +114,6 @@ def test_scales_change_rarely() -> None:
 
 
 def test_a_locked_scale_says_what_it_leaves_out() -> None:
-    """Locked limits stay, and a lane that leaves them is named."""
     series, lanes, frame = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), Frame(10.0, 40, 2)
     t, values = _made(2, 5.0)
     series.extend(t, values)
@@ -132,7 +126,6 @@ def test_a_locked_scale_says_what_it_leaves_out() -> None:
 
 
 def test_a_gap_stays_open_and_old_data_never_come_back() -> None:
-    """After a minute's silence the cells between are empty, and another run starts with an empty plot."""
     series, lanes, frame = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), Frame(60.0, 60, 1)
     t, values = _made(3, 20.0)
     series.extend(t, values)
@@ -148,7 +141,6 @@ def test_a_gap_stays_open_and_old_data_never_come_back() -> None:
 
 
 def test_without_data_there_is_an_empty_plot() -> None:
-    """No sample yet, or a series of unknowns: blank lanes without a scale."""
     lanes, series = PlotLanes(slice(0, 3), 3, BRAILLE), PacketSeries(3)
     assert lanes.update(series, Frame(10.0, 8, 2), sweep=True, locked=False) == [[" " * 8] * 2] * 3
     series.extend(np.array([1.0, 2.0]), np.full((2, 3), np.nan))

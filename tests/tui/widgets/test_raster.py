@@ -22,7 +22,6 @@ def _envelope(t: np.ndarray, values: np.ndarray, end: float, span: float, column
 
 
 def test_a_single_spike_survives_any_reduction() -> None:
-    """One sample among ten thousand still reaches its column's maximum."""
     t = np.arange(10_000) / 133.0
     values = np.zeros(10_000)
     values[4321] = 7.0
@@ -42,7 +41,6 @@ def test_a_moving_window_shifts_its_columns_and_changes_none() -> None:
 
 
 def test_slow_samples_are_joined_and_gaps_are_not() -> None:
-    """A line connects 1 Hz samples; a minute without data stays empty."""
     t = np.concatenate([np.arange(20.0), np.arange(80.0, 100.0)])
     band = _envelope(t, t, 99.0, 100.0, 400)
     centre = np.arange(400) * 0.25
@@ -51,13 +49,11 @@ def test_slow_samples_are_joined_and_gaps_are_not() -> None:
 
 
 def test_neighbouring_columns_touch() -> None:
-    """A jump between two columns is drawn as a line without holes."""
     bits = raster.dots(_band([0.0, 1.0], [0.0, 1.0]), (0.0, 1.0), 8)
     assert bits.sum(axis=0).tolist() == [7, 1]
 
 
 def test_braille_dots_have_their_unicode_places() -> None:
-    """Every dot of a cell maps to the bit that Unicode gives it."""
     codes = []
     for y in range(4):
         for x in range(2):
@@ -69,21 +65,18 @@ def test_braille_dots_have_their_unicode_places() -> None:
 
 @pytest.mark.parametrize(("name", "expected"), [("block", ["▀ █", "▄▀ "]), ("ascii", ["' :", ".' "])])
 def test_fonts_without_braille_get_half_cells(name: str, expected: list[str]) -> None:
-    """Block and ASCII glyphs have two dots a cell, one above the other."""
     bits = np.array([[1, 0, 1], [0, 0, 1], [0, 1, 0], [1, 0, 0]], bool)
     assert raster.cells(bits, GLYPHS[name]) == expected
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.12, 0.88), (994.0, 1008.0), (5.0, 5.0), (-1e-6, 1e-6)])
 def test_nice_ranges_contain_their_data(low: float, high: float) -> None:
-    """Round limits never cut the data off, and are not much wider."""
     bottom, top = raster.nice_range(low, high)
     assert bottom <= low <= high <= top
     assert top - bottom <= max(2.0 * (high - low), 0.02)
 
 
 def test_scales_do_not_dance() -> None:
-    """Limits stay while data fit and fill them; they grow at once for a spike."""
     first = raster.keep_range(None, -0.5, 0.5)
     assert raster.keep_range(first, -0.4, 0.45) is first
     assert raster.keep_range(first, -0.4, 3.0)[1] >= 3.0
@@ -91,12 +84,10 @@ def test_scales_do_not_dance() -> None:
 
 
 def test_axis_labels_tell_their_ends_apart() -> None:
-    """The narrower the scale, the more decimals."""
     assert [raster.label_decimals(r) for r in ((0.0, 1000.0), (-0.2, 1.0), (0.0, 0.002))] == [0, 1, 4]
 
 
 def test_a_running_mean_is_the_mean_of_the_samples_of_its_columns() -> None:
-    """And there is none where too few samples are."""
     t, values = (np.arange(1000) + 0.5) / 100.0, np.random.default_rng(2).normal(size=(1000, 2))
     mean = raster.trailing_mean(t, values, 0.1, 20, 30, 5, 8)
     for column in (0, 17, 29):

@@ -37,7 +37,6 @@ class HeadLines(TextLines):
         self.head: tuple[str, int, StatisticsSnapshot | None] = (NAMES[0], 0, None)
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Two lines; the second is empty until the acquisition has answered."""
         del view
         name, chosen, seen = self.head
         tabs = [(f" {title} ", "bold reverse" if n == chosen else "") for n, title in enumerate(text.TITLES)]
@@ -58,7 +57,6 @@ class ReadingLines(TextLines):
         self.said: tuple[str, str, str] = ("", "", "")
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Three lines, each cut to the width."""
         del view
         value, compared, meaning = (f" {said}"[:width] for said in self.said)
         return [self.line((value, "bold")), self.line(compared), self.line((meaning, "dim"))]
@@ -86,12 +84,10 @@ class AxesPlot(PlotWidget):
         return max(self.size.width - axes.GUTTER, 1)
 
     def show(self, figure: axes.Figure | None, words: str = "") -> None:
-        """Show a figure; without one, words in its place."""
         self.figure, self.words = figure, words
         self.redraw()
 
     def drawn(self, width: int, height: int) -> list[Line]:
-        """The figure, or the words in the middle."""
         if self.figure is not None:
             return axes.draw(self.figure, width, height, self.glyphs)
         lines = [[(" " * width, axes.BLANK)] for _ in range(height)]
@@ -133,13 +129,11 @@ class AnalysisPage(Page):
         self._next_at = 0.0
 
     def body(self) -> Iterable[Widget]:
-        """Head, figure, reading."""
         yield HeadLines()
         yield AxesPlot()
         yield ReadingLines()
 
     def show(self, view: View) -> None:
-        """Ask for newer statistics if it is time, and draw those there are."""
         self.view = view
         running = view.now is not None and view.now["state"] in ("running", "stopping")
         now = time.monotonic()
@@ -195,12 +189,10 @@ class AnalysisPage(Page):
         return figures.nearest(self._shown, seen, x)
 
     def action_view(self, step: int) -> None:
-        """The next view, or the one before."""
         self._shown = (self._shown + step) % len(text.TITLES)
         self._redraw()
 
     def action_channel(self, step: int) -> None:
-        """Another channel."""
         self._channel = (self._channel + step) % len(NAMES)
         self._seen, self._asked_at, self._next_at = None, None, 0.0
         if self.view is not None:
@@ -225,7 +217,6 @@ class AnalysisPage(Page):
         self._redraw()
 
     def action_begin(self) -> None:
-        """Begin the statistics of all channels anew, after asking."""
         said = "Packets until now are left out of all three views of all channels, on every screen."
         answers = [Answer("b", "begin", "begin anew, as after the unit was moved")]
         self.app.push_screen(ChoiceDialog("Begin statistics anew?", said, answers), self._begin)
@@ -240,5 +231,4 @@ class AnalysisPage(Page):
             self.post_message(self.Ask(ask, ""))
 
     def action_leave(self) -> None:
-        """Back to the Live page."""
         self.app.pop_screen()

@@ -45,7 +45,6 @@ class ConnectForm(Vertical):
         self._models: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
-        """From the lead to the button."""
         yield Static(id="lead")
         with VerticalScroll(id="error", can_focus=False):
             yield Static(id="error-text")
@@ -70,7 +69,6 @@ class ConnectForm(Vertical):
             yield Static(id="summary")
 
     def on_mount(self) -> None:
-        """Say what the fields as they are would do."""
         self._say_rate()
 
     def fill(self, plan: Plan) -> None:
@@ -180,7 +178,6 @@ class ConnectForm(Vertical):
             self._probe([choice.value])
 
     def probe_all(self) -> None:
-        """Ask on every serial port, one after the other."""
         ports = [choice.value for choice in self._choices if choice.asks]
         if ports:
             self._probe(ports)
@@ -217,7 +214,6 @@ class ConnectForm(Vertical):
     # what the user does
 
     def on_option_list_option_highlighted(self) -> None:
-        """Rates and the summary follow the highlight."""
         self._say_rate()
 
     def on_option_list_option_selected(self) -> None:
@@ -225,23 +221,18 @@ class ConnectForm(Vertical):
         self._connect(self._highlighted())
 
     def on_radio_changed(self) -> None:
-        """The summary follows the sampling."""
         self._say_summary()
 
     def on_input_changed(self) -> None:
-        """Say at once what cannot be in the field that is being typed into."""
         self._say_rate()
 
     def on_input_submitted(self) -> None:
-        """Enter in a field connects."""
         self.connect()
 
     def on_button_pressed(self) -> None:
-        """The button connects to what is chosen."""
         self.connect()
 
     def connect(self) -> None:
-        """Connect to what is chosen."""
         self._connect(self._choice())
 
     def _connect(self, choice: text.Choice | None) -> None:
@@ -294,7 +285,6 @@ class Radio(Widget, can_focus=True):
         self.set_reactive(Radio.value, next(iter(values)))
 
     def render(self) -> Content:
-        """All values, the chosen one crossed and explained."""
         return Content(f"{'  '.join(self._cells())}   {self._values[self.value]}")
 
     def _cells(self) -> list[str]:
@@ -307,16 +297,13 @@ class Radio(Widget, can_focus=True):
         self.refresh()
 
     def watch_value(self) -> None:
-        """Tell the page that another value is chosen."""
         self.post_message(self.Changed())
 
     def action_step(self, step: int) -> None:
-        """Choose the next or previous value."""
         values = list(self._values)
         self.value = values[(values.index(self.value) + step) % len(values)]
 
     def on_click(self, event: events.Click) -> None:
-        """Choose the value that was clicked."""
         start = 0
         for value, cell in zip(self._values, self._cells(), strict=True):
             if start <= event.x < start + len(cell):

@@ -72,7 +72,6 @@ class ConnectPage(Page):
         self._part = ""
 
     def body(self) -> Iterable[Widget]:
-        """Connected, waiting, or the form."""
         with Vertical(id="connected"):
             yield Static(id="connected-text")
             with Horizontal(classes="row"):
@@ -83,7 +82,6 @@ class ConnectPage(Page):
         yield self._form
 
     def on_mount(self) -> None:
-        """Keep looking for ports."""
         super().on_mount()
         self.set_interval(_LOOK_EVERY_S, self._look_again)
         self.set_interval(0.5, self._say_waiting)
@@ -93,16 +91,13 @@ class ConnectPage(Page):
     # what is shown
 
     def show(self, view: View) -> None:
-        """Show form or connection, whichever the view calls for."""
         super().show(view)
         self._state()
 
     def fill(self, plan: Plan) -> None:
-        """Put into the form what was asked for on the command line, to be mended there."""
         self._form.fill(plan)
 
     def waiting(self, target: str) -> None:
-        """Say what is waited for."""
         self._target, self._since = target, time.monotonic()
         self._form.say_error("")
         self._state()
@@ -142,7 +137,6 @@ class ConnectPage(Page):
             self.query_one("#waiting", Static).update(Content(said))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what the form does only with the form, and what needs an acquisition only with one."""
         if action in ("connect", "next_field", "probe", "probe_all", "demo"):
             return self._part == "form"
         if action == "zero":
@@ -158,7 +152,6 @@ class ConnectPage(Page):
     # what the user does
 
     def action_look(self) -> None:
-        """Look for ports and running acquisitions."""
         if self._target is None:
             self._form.look()
 
@@ -167,26 +160,21 @@ class ConnectPage(Page):
             self.action_look()
 
     def action_probe(self) -> None:
-        """Ask on the port that is chosen which instrument is there."""
         self._form.probe()
 
     def action_probe_all(self) -> None:
-        """Ask on every serial port."""
         self._form.probe_all()
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Stop the acquisition, or zero the rate sensors, whichever button it was."""
         if event.button.id == "stop":
             self.action_stop()
         elif event.button.id == "zero":
             self.action_zero()
 
     def action_stop(self) -> None:
-        """Have the acquisition stopped, after asking."""
         self.post_message(requests.Stop())
 
     def action_zero(self) -> None:
-        """Have the rate sensors zeroed, after asking."""
         if self.view is not None and self.view.recording:
             said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
             self.post_message(self.Say(said, "wait"))
@@ -199,15 +187,12 @@ class ConnectPage(Page):
             self.post_message(self.Ask(lambda client: client.zero(text.ZERO_ARGUMENT), busy))
 
     def action_demo(self) -> None:
-        """Start the demo on the virtual instrument, or show the one that runs."""
         self.post_message(requests.StartDemo())
 
     def action_next_field(self) -> None:
-        """To the next field."""
         self.focus_next()
 
     def action_connect(self) -> None:
-        """Connect to what is chosen."""
         if self._part == "form":
             self._form.connect()
 

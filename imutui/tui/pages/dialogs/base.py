@@ -40,7 +40,6 @@ class Dialog(ModalScreen[ScreenResultType]):
         return None
 
     def compose(self) -> ComposeResult:
-        """The dialog's own widgets in a frame, and its keys."""
         with Vertical(classes="dialog"):
             yield from self.body()
         yield KeysLine()
@@ -50,7 +49,6 @@ class Dialog(ModalScreen[ScreenResultType]):
         raise NotImplementedError
 
     def action_cancel(self) -> None:
-        """Close without an answer."""
         self.dismiss(None)
 
 
@@ -85,11 +83,9 @@ class FieldDialog(Dialog[str | None]):
 
     @property
     def first_field(self) -> Input:
-        """The only one."""
         return self.field
 
     def body(self) -> Iterable[Widget]:
-        """Title, field, hint."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
         yield self.field
         yield WrappedText(self._hint, classes="text")
@@ -109,7 +105,6 @@ class FieldDialog(Dialog[str | None]):
         return self.field.value.strip() or None
 
     def action_submit(self) -> None:
-        """Return what was typed."""
         dismiss_after_typing(self, self.field, self.answer)
 
 
@@ -137,14 +132,12 @@ class ScrollDialog(Dialog[None]):
         self._first = next((part for part in self._parts if first and part.startswith(first)), "")
 
     def compose(self) -> ComposeResult:
-        """The text, and the keys."""
         with VerticalScroll(classes="dialog help"):
             for part in self._parts:
                 yield WrappedText(f"{part}\n" if part is not self._parts[-1] else part)
         yield KeysLine()
 
     def on_mount(self) -> None:
-        """Begin where it was asked for."""
         if self._first:
             self.call_after_refresh(self._show_first)
 
@@ -153,5 +146,4 @@ class ScrollDialog(Dialog[None]):
         self.query_one(VerticalScroll).scroll_to_widget(part, top=True, animate=False)
 
     def action_scroll(self, how: Literal["down", "up", "page_down", "page_up"]) -> None:
-        """Scroll as in vi."""
         getattr(self.query_one(VerticalScroll), f"scroll_{how}")(animate=False)

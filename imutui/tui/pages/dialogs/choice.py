@@ -65,14 +65,12 @@ class ChoiceDialog(Dialog[str | None]):
         self._letters = letters
 
     def body(self) -> Iterable[Widget]:
-        """Title, the question, and the answers with their keys."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
         yield WrappedText(self._body, classes="text")
         options = [Option(Content(f" {a.key if self._letters else ' '}  {a.label}"), id=a.name) for a in self._answers]
         yield OptionList(*options, Option(Content(f" Esc  {self._stay}"), id=_STAY), compact=True, markup=False)
 
     def on_mount(self) -> None:
-        """Begin on the answer that Enter takes."""
         self.query_one(OptionList).highlighted = len(self._answers) if self._careful else 0
 
     def on_key(self, event: events.Key) -> None:
@@ -85,11 +83,9 @@ class ChoiceDialog(Dialog[str | None]):
                 return
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """A click chooses."""
         self.dismiss(None if event.option_id == _STAY else event.option_id)
 
     def action_choose(self) -> None:
-        """Take the answer with the cursor."""
         self.query_one(OptionList).action_select()
 
 

@@ -44,11 +44,9 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
 
     @property
     def first_field(self) -> Input:
-        """The note's."""
         return self._fields[0]
 
     def body(self) -> Iterable[Widget]:
-        """Title, a field or two, and where it goes."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
         for field in self._fields:
             with Horizontal(classes="row"):
@@ -57,11 +55,9 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
         yield WrappedText(self._hint, classes="text")
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer the way to the next field where there is one."""
         return action != "app.focus_next" or len(self._fields) > 1
 
     def action_submit(self) -> None:
-        """Return what stands in the fields."""
         last = self.focused if isinstance(self.focused, Input) else self._fields[0]
         dismiss_after_typing(self, last, self._answer)
 

@@ -90,7 +90,6 @@ class BiasPlot(PlotWidget):
             self.redraw()
 
     def drawn(self, width: int, height: int) -> list[Line]:
-        """Title, plot, and a time axis where there is room."""
         history, settings = self._history, self._settings
         if history is None or settings is None:
             return []

@@ -41,13 +41,11 @@ class BiasTable(TextLines):
     """Whether only the selected bias is shown."""
 
     def select(self, index: int, *, alone: bool) -> None:
-        """Point at a bias."""
         self.selected, self.alone = index, alone
         if self.view is not None:
             self.show(self.view)
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Head and biases; dashes while nothing is known."""
         biases = view.estimates["biases"] if view.estimates is not None else []
         source = view.estimates.get("limits_of", _TABLE_1) if view.estimates is not None else ""
         limit = f"{source.partition(' data')[0]} limit".lstrip()

@@ -19,7 +19,6 @@ class NisLine(TextLines):
     DEFAULT_CSS = "NisLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Mean, meaning, the first one, and how many updates the gates left out."""
         estimates = view.estimates
         if estimates is None:
             return []
@@ -44,7 +43,6 @@ class UnexplainedLine(TextLines):
     DEFAULT_CSS = "UnexplainedLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """The worst channel, and the key that looks for the cause."""
         estimates = view.estimates
         if estimates is None:
             return []
@@ -65,7 +63,6 @@ class NavigationLines(TextLines):
     DEFAULT_CSS = "NavigationLines { height: 4; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """A head and three rows."""
         estimates = view.estimates
         head = self.rule(self._title(estimates), width, "± is 3 sd")
         state, sd = (estimates["state"], estimates["state_sd"]) if estimates is not None else (None, None)
@@ -129,7 +126,6 @@ class GrowingLines(TextLines):
 
     @property
     def rows(self) -> int:
-        """The most lines there is room for."""
         return self.many if self.screen.has_class("-tall") else self.few
 
     def show(self, view: View) -> None:
@@ -147,7 +143,6 @@ class EffectLines(GrowingLines):
     DEFAULT_CSS = "EffectLines { height: auto; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Values with certainty, side by side."""
         effects = view.estimates["effects"] if view.estimates is not None else []
         said = [self.glyphs.text(effect_text(effect)) for effect in effects]
         heads = [" effects", *[""] * self.rows]
@@ -162,7 +157,6 @@ class AlarmLines(GrowingLines):
     few, many = 2, 6
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Alarms one after the other, wrapped; how many lines are missing."""
         said = view.shown_verdict.reason if view.shown_verdict is not None else ""
         wrapped = [
             line
@@ -186,7 +180,6 @@ class FilterBadge(TextLines):
     DEFAULT_CSS = "FilterBadge { height: 2; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Word, reason, what to do; what does not fit is behind a key."""
         verdict = view.shown_verdict
         if verdict is None:
             return [self.line((" – OFF ", "bold reverse"), "  no acquisition: 1 connects to one")]
@@ -243,7 +236,6 @@ class RuleLines(TextLines):
     DEFAULT_CSS = "RuleLines { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One rule after the other, wrapped."""
         verdict = view.shown_verdict
         if verdict is None:
             return []

@@ -90,7 +90,6 @@ class FilterPage(Page):
                 yield BiasPlot(index)
 
     def show(self, view: View) -> None:
-        """Show verdict, biases and their history of a view."""
         super().show(view)
         warm = self.query_one("#temperature", BiasPlot)
         self.set_class(len(view.temperature) > 0, "-warm")
@@ -123,34 +122,28 @@ class FilterPage(Page):
             self.show(self.view)
 
     def action_choose(self, step: int) -> None:
-        """Point at another bias."""
         self._chosen = (self._chosen + step) % len(NAMES)
         self._redraw()
 
     def action_plot(self) -> None:
-        """The chosen bias's plot on the whole page, or back."""
         self.toggle_class("-plot")
         self._redraw()
 
     def action_scale(self) -> None:
-        """Another scale of the plots."""
         self._scale = (self._scale + 1) % len(history_cells.SCALES)
         self._redraw()
 
     async def action_back(self) -> None:
-        """From the large plot to the page, from the page to Live."""
         if self.has_class("-plot"):
             self.action_plot()
         else:
             await self.app.run_action("live")
 
     def action_why(self) -> None:
-        """Every rule with what it found."""
         if self.view is not None:
             self.app.push_screen(WhyDialog(self.view))
 
     def action_trace(self) -> None:
-        """Have the present recording traced."""
         recording = self.view.recording if self.view is not None else None
         now = self.view.now if self.view is not None else None
         if now is not None and now["state"] == "ended":
@@ -161,7 +154,6 @@ class FilterPage(Page):
             self.post_message(requests.Trace(Path(recording["path"])))
 
     def action_effects(self) -> None:
-        """Have found effects loaded."""
         self.post_message(requests.ChooseEffects())
 
 

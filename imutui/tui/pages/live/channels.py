@@ -34,7 +34,6 @@ class ChannelTable(TextLines):
         """Of the trends, s."""
 
     def choose(self, channel: int) -> None:
-        """Put the mark before a channel."""
         self.chosen = channel
         self._shown_at = 0.0
 
@@ -49,7 +48,6 @@ class ChannelTable(TextLines):
         super().show(view)
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Head and channels; dashes while nothing has come."""
         span = view.shown["statistics_s"] if view.shown is not None else _STATISTICS_S
         rows = {channel["name"]: channel for channel in view.shown["channels"]} if view.shown is not None else {}
         head = f"      counts     value           mean      sd       min       max  {span:.0f} s"

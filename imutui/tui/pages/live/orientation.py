@@ -36,7 +36,6 @@ class Tilt:
 
     @property
     def is_still(self) -> bool:
-        """Whether the mean specific force is gravity's."""
         return abs(self.magnitude_mg - _ONE_G_MG) < _STILL_MG
 
 
@@ -99,7 +98,6 @@ class Orientation(TextLines):
     DEFAULT_CSS = "Orientation { height: 1fr; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """A title, the axes, and beside them what they are in words and numbers."""
         head = self.rule("orientation of the unit, from gravity", width)
         means = _mean_specific_force(view.shown)
         seen = None if means is None else tilt(means)

@@ -83,7 +83,6 @@ class LivePage(Page):
         self._channel = 0
 
     def body(self) -> Iterable[Widget]:
-        """Table of channels, plots, and lines on link, recording and warm-up."""
         yield Horizontal(ChannelTable(), EventList(), id="top")
         yield Plot(*_of_channel(self._channel), id="one")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
@@ -94,7 +93,6 @@ class LivePage(Page):
         yield RecordingLine()
 
     def show(self, view: View) -> None:
-        """Show the newest packets and statistics of a view."""
         self.query_one(ChannelTable).span = self.span(view)
         super().show(view)
         for plot in self.query(Plot):
@@ -113,7 +111,6 @@ class LivePage(Page):
         )
 
     def on_resize(self, _: events.Resize) -> None:
-        """Show as many plots as have room, until the operator chooses."""
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -131,7 +128,6 @@ class LivePage(Page):
         return first_span(packet_rate_hz(now) or 133.0)
 
     def action_span(self, step: int) -> None:
-        """Longer or shorter plots, as far as data are kept."""
         view = self.view
         if view is None:
             return
@@ -142,23 +138,19 @@ class LivePage(Page):
         self.show(view)
 
     def action_lock(self) -> None:
-        """Lock the scales, or let them follow the data."""
         self._locked = not self._locked
         self._redraw()
 
     def action_plots(self) -> None:
-        """One channel, one quantity, or both."""
         now = next(name for name in _PLOTS if self.has_class(name))
         self._plots = _PLOTS[(_PLOTS.index(now) + 1) % len(_PLOTS)]
         self._lay_out()
         self.call_after_refresh(self._redraw)
 
     def action_analysis(self) -> None:
-        """Look at the noise of the chosen channel."""
         self.app.push_screen(AnalysisPage(self._channel))
 
     def action_channel(self, step: int) -> None:
-        """Choose another channel; it is the one that is shown large."""
         self._channel = (self._channel + step) % len(CHANNEL_NAMES)
         self.query_one(ChannelTable).choose(self._channel)
         self.query_one("#one", Plot).choose(*_of_channel(self._channel))
@@ -178,7 +170,6 @@ class WarmLine(TextLines):
     DEFAULT_CSS = "WarmLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Word, minutes, slope, advice; empty without an acquisition."""
         now = view.now
         said = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
         word, _, rest = said.partition(" ")
@@ -191,7 +182,6 @@ class LinkLine(TextLines):
     DEFAULT_CSS = "LinkLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Rate asked and measured, packets lost, wrong checksums, status word; empty without an acquisition."""
         now = view.now
         if now is None:
             return [Content("")]
@@ -219,7 +209,6 @@ class RecordingLine(TextLines):
     DEFAULT_CSS = "RecordingLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Name, size, samples and flush of the file, shorter where there is no room."""
         now, recording = view.now, view.recording
         if recording is None:
             running = now is not None and now["state"] == "running"

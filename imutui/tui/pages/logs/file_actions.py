@@ -55,7 +55,6 @@ class FileActions:
     # names
 
     def rename(self, brief: "Brief") -> None:
-        """Ask for another name."""
         if brief.state == text.WRITING:
             self._say(text.WRITTEN, "wait")
             return
@@ -74,7 +73,6 @@ class FileActions:
     # the end
 
     def delete(self, brief: "Brief") -> None:
-        """Ask whether a recording shall be deleted, with all that goes with it."""
         if brief.state == text.WRITING:
             self._say(text.WRITTEN, "wait")
         else:

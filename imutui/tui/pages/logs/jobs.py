@@ -124,7 +124,6 @@ class JobLine(Widget):
         self._worker: Worker | None = None
 
     def on_mount(self) -> None:
-        """Keep asking the worker how far it is."""
         self.set_interval(_POLL_S, self._poll)
 
     def begin(self, job: Job, room: int) -> None:
@@ -156,7 +155,6 @@ class JobLine(Widget):
             self.post_message(self.Ended(job, worker))
 
     def render(self) -> Content:
-        """What; bar, share, what is being done."""
         seconds = time.monotonic() - self._since
         bar = text.bar(self._share, _BAR)
         first = f"{self._what}   {formatting.clock(seconds)}   Esc cancels"

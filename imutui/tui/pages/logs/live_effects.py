@@ -115,14 +115,12 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
         self._loaded = loaded
 
     def body(self) -> Iterable[Widget]:
-        """Title, files, what is in the one with the cursor."""
         yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
         yield WrappedText(_LEAD if self._files else _NONE, classes="text")
         yield OptionRows(id="files")
         yield WrappedText("", id="about", classes="text")
 
     def on_mount(self) -> None:
-        """List the effects files that lie with the recordings."""
         names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
         self.query_one(OptionRows).fill(
             [Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]]
@@ -131,11 +129,9 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
         self._about()
 
     def on_option_list_option_highlighted(self) -> None:
-        """Say what is in it."""
         self._about()
 
     def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
-        """A file that was clicked is chosen, as by Enter."""
         self.action_take()
 
     def _file(self) -> "EffectsFile | str | None":
@@ -155,11 +151,9 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
         self.query_one("#about", WrappedText).update(said)
 
     def action_take(self) -> None:
-        """Take it, if it can be used."""
         file = self._file()
         if file is not None and (isinstance(file, str) or not file.error):
             self.dismiss(file)
 
     def action_open(self) -> None:
-        """Ask for the path of a file that is not listed."""
         self.dismiss("open")

@@ -80,7 +80,6 @@ class LogsPage(Page):
         """Recording that the cursor goes to after the next look."""
 
     def body(self) -> Iterable[Widget]:
-        """Where, what, the job, more of the line with the cursor, more keys."""
         yield Static(id="logs-lead")
         yield self._job_line
         yield Static(id="logs-columns")
@@ -90,7 +89,6 @@ class LogsPage(Page):
         yield Static(Content(_MORE), id="logs-more")
 
     def on_mount(self) -> None:
-        """Look, and keep looking."""
         super().on_mount()
 
         def look_again() -> None:
@@ -109,19 +107,15 @@ class LogsPage(Page):
         self._say_failure()
 
     def busy(self) -> Sequence[str]:
-        """The job that runs."""
         return [self._job_line.job.what] if self._job_line.job is not None else []
 
     def abandon(self) -> None:
-        """End the job that runs, because the program ends."""
         self._job_line.cancel()
 
     def as_text(self) -> str:
-        """Folder, columns and the recordings in it."""
         return f"{self.folder}\n{text.heading(self.app.size.width - 1)}\n{self._rows.as_text()}"
 
     def show(self, view: View) -> None:
-        """The folder may have become known."""
         before = self.folder if self.view is not None else None
         super().show(view)
         if self.folder != before:
@@ -178,11 +172,9 @@ class LogsPage(Page):
         self.query_one("#logs-detail", Static).update(Content(choose().text(text.detail(here))))
 
     def on_option_list_option_highlighted(self) -> None:
-        """Say more of it."""
         self._say_detail()
 
     def action_pick(self) -> None:
-        """Choose, or choose no more; on to the next."""
         here = self._here
         if here is not None:
             self._recordings.toggle(here.path)
@@ -192,7 +184,6 @@ class LogsPage(Page):
     # jobs
 
     def action_job(self, kind: str) -> None:
-        """Info, check, recover or replay of the recording under the cursor."""
         here = self._here
         if here is None:
             self.post_message(self.Say("no recording here; o opens another folder", "wait"))
@@ -287,21 +278,17 @@ class LogsPage(Page):
         return True
 
     def action_effects(self) -> None:
-        """Choose effects for the live filter."""
         self._effects.choose(self.folder)
 
     # a recording's own files
 
     def action_note(self) -> None:
-        """Note and operator of the recording under the cursor."""
         self._with_file(self._files.note)
 
     def action_rename(self) -> None:
-        """Another name for the recording under the cursor."""
         self._with_file(self._files.rename)
 
     def action_delete(self) -> None:
-        """Delete the recording under the cursor, after asking."""
         self._with_file(self._files.delete)
 
     def _with_file(self, ask: "Callable[[Brief], None]") -> None:
@@ -314,7 +301,6 @@ class LogsPage(Page):
     # other folders, and back
 
     def action_open(self) -> None:
-        """Type a folder or a file."""
         self._ask_for_path("A folder of recordings, or one recording. Enter opens it, Esc cancels.", f"{self.folder}/")
 
     def _ask_for_path(self, hint: str, value: str) -> None:

@@ -35,7 +35,6 @@ class Recordings:
         self.chosen &= {brief.path for brief in found}
 
     def at(self, row: int | None) -> "Brief | None":
-        """The recording of a row of the list."""
         briefs = self.briefs or []
         return briefs[row] if row is not None and row < len(briefs) else None
 
@@ -44,11 +43,9 @@ class Recordings:
         return next((row for row, brief in enumerate(self.briefs or []) if brief.path == path), None)
 
     def toggle(self, path: Path) -> None:
-        """Choose, or choose no more."""
         self.chosen ^= {path}
 
     def chosen_in_order(self) -> Sequence[Path]:
-        """The chosen ones, oldest first."""
         return text.order([brief for brief in self.briefs or [] if brief.path in self.chosen])
 
     def writing(self) -> set[Path]:

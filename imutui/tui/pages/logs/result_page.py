@@ -67,7 +67,6 @@ class ResultPage(Page):
         self._begin_of_plots = 0
 
     def body(self) -> Iterable[Widget]:
-        """Title of the result and its text, to scroll."""
         offered = (("plots", "p plots  "), ("compare", "c compare  "))
         keys = "".join(key for action, key in offered if self.check_action(action, ())) + "y copies  Esc back"
         room = self.app.size.width - len(keys) - 5
@@ -78,12 +77,10 @@ class ResultPage(Page):
             yield Static(id="result")
 
     def on_mount(self) -> None:
-        """Fill the page, now that its width is known."""
         super().on_mount()
         self._write()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Break the lines for the new width."""
         super().on_resize(event)
         self._write()
 
@@ -103,7 +100,6 @@ class ResultPage(Page):
         return self.outcome.plots(PlotLook(min(app.size.width - 4, _WIDEST_PLOTS), glyphs, shades))
 
     def as_text(self) -> str:
-        """The result as it is shown, all of it."""
         plots = "\n".join("".join(said for said, _ in line).rstrip() for line in self._plots())
         return self._text() + (f"\n\n{plots}" if plots else "")
 
@@ -112,7 +108,6 @@ class ResultPage(Page):
         return formatting.folded(self.outcome.text(width), width)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what this result has."""
         match action:
             case "compare":
                 return self.outcome.kind in ("replay", "trace")
@@ -127,18 +122,15 @@ class ResultPage(Page):
         return True
 
     def action_scroll(self, how: str) -> None:
-        """Scroll as in vi."""
         getattr(self.query_one("#result-room"), f"scroll_{how}")(animate=False)
 
     def action_plots(self) -> None:
-        """Where the plots begin, or back to the text."""
         room = self.query_one("#result-room")
         room.scroll_to(y=0 if room.scroll_y >= min(self._begin_of_plots, room.max_scroll_y) else self._begin_of_plots,
                        animate=False)  # fmt: skip
 
     @work(exclusive=True, group="compare")
     async def action_compare(self) -> None:
-        """Ask with which other result, and show both."""
         kept = await in_thread(lambda: comparison_text.find(self.outcome))
         others = [*reversed(self._others), *kept][:_MOST]
         if not others:
@@ -160,21 +152,17 @@ class ResultPage(Page):
             self.app.push_screen(ResultPage(comparison(self.outcome, others[int(chosen) - 1])))
 
     def action_leave(self) -> None:
-        """Back to the list."""
         self.app.pop_screen()
 
     def action_save(self) -> None:
-        """Save the result as JSON beside its log."""
         made = self.outcome
         self._keep(f"_{made.kind}.json", lambda: json.dumps(made.document, indent=2, allow_nan=False) + "\n", None)
 
     def action_write_effects(self) -> None:
-        """Save what was found as an effects file beside the log."""
         effects = self.outcome.effects
         self._keep("_effects.toml", lambda: effects, "e loads them into the live filter")
 
     def action_write_experiment(self) -> None:
-        """Save the motion that would separate two causes, as a table profile."""
         experiment = self.outcome.experiment
         self._keep("_experiment.toml", lambda: experiment, "Enter takes it")
 
@@ -191,7 +179,6 @@ class ResultPage(Page):
             self.post_message(requests.OfferProfile(path))
 
     def action_load_effects(self) -> None:
-        """Have the filter take the effects."""
         name = effect_words.included(self.outcome.included) or "no effect"
         self.post_message(requests.LoadEffects(name, self.outcome.effects))
 

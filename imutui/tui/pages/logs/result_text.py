@@ -49,7 +49,6 @@ class Outcome:
         return result_plots.plots(self.kind, self.document, look) if self.drawn is None else self.drawn(look)
 
     def with_plots(self, drawn: Callable[[PlotLook], list[Line]]) -> "Outcome":
-        """The same with plots."""
         return replace(self, drawn=drawn)
 
 

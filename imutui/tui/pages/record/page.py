@@ -55,7 +55,6 @@ class RecordPage(Page):
         self._filled: dict[str, str] = {}
 
     def body(self) -> Iterable[Widget]:
-        """State, form, marks; in wide terminals events."""
         with Horizontal(id="take"):
             with Vertical(id="take-left"):
                 yield RecordingState()
@@ -113,7 +112,6 @@ class RecordPage(Page):
         return text.wish({name: self.query_one(f"#wish-{name}", Input).value for name in self._touched})
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Keep what is typed, and check it."""
         self._touched.add((event.input.id or "").removeprefix("wish-"))
         try:
             self.wish()
@@ -123,19 +121,15 @@ class RecordPage(Page):
         self.query_one("#wish-wrong", Static).update(Content(wrong))
 
     def on_input_submitted(self) -> None:
-        """Enter goes to the next field."""
         self.focus_next(Input)
 
     def on_descendant_focus(self, _: events.DescendantFocus) -> None:
-        """Other keys answer while text is being typed."""
         self._say_form()
 
     def on_descendant_blur(self, _: events.DescendantBlur) -> None:
-        """The keys are back."""
         self._say_form()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer the form's keys only in the form."""
         typing = isinstance(self.focused, Input)
         if action == "edit":
             return not typing
@@ -144,19 +138,15 @@ class RecordPage(Page):
         return typing if action in ("leave_form", "next_field") else True
 
     def action_edit(self) -> None:
-        """To the form's first field."""
         self.set_focus(self.query_one("#wish-operator"))  # at once: what is typed next goes there
 
     def action_note(self) -> None:
-        """Note and operator of the file that is being written."""
         describe_recording(self)
 
     def action_next_field(self) -> None:
-        """To the next field."""
         self.focus_next(Input)
 
     def action_leave_form(self) -> None:
-        """Back to the keys."""
         self.set_focus(None)
 
 
@@ -174,7 +164,6 @@ class RecordingState(TextLines):
         """What was written last: names and values."""
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """State and hint; four lines of the file, written or to come; rate, losses, line."""
         now = view.now
         level, said = text.state(now)
         style = LEVEL_STYLES[level]
@@ -241,7 +230,6 @@ class MarkList(TextLines):
     DEFAULT_CSS = "MarkList { height: 1fr; padding: 0 1; min-height: 3; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """A head and as many marks as there is room for."""
         marks = view.now["marks"] if view.now is not None else []
         room = max(self.content_size.height - 1, 1)
         head = self.rule(f"marks: {len(marks)}" if marks else "marks", width, "UTC, time in the file, text")

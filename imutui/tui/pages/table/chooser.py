@@ -52,7 +52,6 @@ class ProfileChooser(Vertical):
         """File that the cursor goes to once it is in the list."""
 
     def compose(self) -> ComposeResult:
-        """Lead, list, field, preview."""
         yield Static(id="choose-lead")
         yield OptionRows(id="offers")
         with Horizontal(id="other-row"):
@@ -61,7 +60,6 @@ class ProfileChooser(Vertical):
         yield Static(id="preview")
 
     def on_mount(self) -> None:
-        """Nothing is known yet."""
         self._say_lead()
         self._list()
 
@@ -112,7 +110,6 @@ class ProfileChooser(Vertical):
         self._preview()
 
     def as_text(self) -> str:
-        """The profiles there are."""
         return self.query_one("#offers", OptionRows).as_text()
 
     # what is under the cursor
@@ -127,7 +124,6 @@ class ProfileChooser(Vertical):
         return self._level and self.query_one("#offers", OptionRows).cursor == 0
 
     def on_option_list_option_highlighted(self) -> None:
-        """Say what is in the profile under the cursor."""
         self._preview()
 
     @work(exclusive=True, group="preview")
@@ -185,7 +181,6 @@ class ProfileChooser(Vertical):
     # taking one
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Take the file that was typed."""
         if event.value.strip():
             self._open(Path(event.value.strip()).expanduser())  # or a name, which no file has
 
@@ -202,7 +197,6 @@ class ProfileChooser(Vertical):
         self._choose(offer)
 
     def take(self) -> None:
-        """Choose what is under the cursor."""
         offer = self._offer()
         if self._at_level():
             self.post_message(self.Chosen(None))

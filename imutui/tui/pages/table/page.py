@@ -77,18 +77,15 @@ class TablePage(Page):
         """File of the last recording that this page saw beside the profile that is followed."""
 
     def body(self) -> Iterable[Widget]:
-        """The chooser, and the guided list; one of them is shown."""
         yield self._chooser
         yield self._segments
 
     def on_mount(self) -> None:
-        """Look for table profiles in the working folder and with the recordings."""
         super().on_mount()
         self._part()
         self.look()
 
     def on_screen_resume(self) -> None:
-        """Look again: a profile may have come."""
         super().on_screen_resume()
         self.look()
 
@@ -109,7 +106,6 @@ class TablePage(Page):
         self.look(wanted)
 
     def on_profile_chooser_written(self, message: ProfileChooser.Written) -> None:
-        """Show the new file in the list."""
         self.look(message.path)
 
     # what the acquisition has
@@ -168,7 +164,6 @@ class TablePage(Page):
             self.refresh_bindings()
 
     def as_text(self) -> str:
-        """What is done and what is to be done; or the profiles there are."""
         if self._follows:
             return f"{super().as_text()}\n{self._segments.as_text()}"
         return self._chooser.as_text()
@@ -176,7 +171,6 @@ class TablePage(Page):
     # what the operator does
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what can be done now."""
         if action == "guide":
             return parameters[0] in self._possible()
         return action in self._possible() if action in _CONDITIONAL else True
@@ -195,7 +189,6 @@ class TablePage(Page):
         return can | (set() if under_way else {"choose"}) | ({"trace"} if done and self._recorded else set())
 
     def action_take(self) -> None:
-        """Have the filter go by the profile with the cursor."""
         if not isinstance(self.focused, Input):
             self._chooser.take()
 
@@ -232,7 +225,6 @@ class TablePage(Page):
             self.show(self.view)
 
     def action_guide(self, action: str) -> None:
-        """Say that the table is there, go on where it was cancelled, or be guided no more."""
         do, done = _REQUESTS[action]
 
         def ask(client: Client) -> str:
@@ -242,26 +234,21 @@ class TablePage(Page):
         self.post_message(self.Ask(ask, ""))
 
     def action_begin(self) -> None:
-        """Record, as the Record page's form says, and be guided."""
         self.post_message(requests.BeginGuide())
 
     def action_choose(self) -> None:
-        """Back to the list, to take another profile."""
         self._choosing = True
         self._part()
         self.look()
 
     def action_copy(self) -> None:
-        """Write the profile under the cursor to another file."""
         self._chooser.copy(self._logs)
 
     def action_trace(self) -> None:
-        """Have the recording of this profile traced, which is its own reference."""
         if self._recorded is not None:
             self.post_message(requests.Trace(self._recorded))
 
     def action_other(self) -> None:
-        """Ask for the path of a profile that is not listed."""
         self.set_focus(self.query_one("#other"))  # at once: what is typed next goes there
 
     def action_back(self) -> None:

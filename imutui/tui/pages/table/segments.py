@@ -33,7 +33,6 @@ class SegmentList(Vertical):
         self._at: int | None = None
 
     def compose(self) -> ComposeResult:
-        """Head, columns, segments, detail."""
         yield GuideHead()
         yield Static(id="columns")
         yield OptionRows(id="segments")
@@ -54,7 +53,6 @@ class SegmentList(Vertical):
             self._list()
 
     def show(self, now: Snapshot | None, *, recorded: bool = False) -> None:
-        """Take a snapshot: where the guide is; and whether there is a recording of this profile."""
         self.query_one(GuideHead).recorded = recorded
         self._guide = now["guide"] if now is not None else None
         self._list()
@@ -95,7 +93,6 @@ class SegmentList(Vertical):
         return line + (" makes testable" if self.app.size.width >= WIDE else "")
 
     def on_option_list_option_highlighted(self) -> None:
-        """Say more of the segment under the cursor."""
         self._say_detail()
 
     def _say_detail(self) -> None:
@@ -108,7 +105,6 @@ class SegmentList(Vertical):
         self.query_one("#detail", Static).update(Content(choose().text(head + said)))
 
     def as_text(self) -> str:
-        """The list as text for copying: head of the columns, then a line a segment."""
         return f"{self._columns()}\n{self.query_one('#segments', OptionRows).as_text()}"
 
 
