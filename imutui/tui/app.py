@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from textual.actions import ActionParseResult
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
-_LEAVING = ("quit", "detach", "suspend_process")
-"""What acts in a terminal of any size."""
+_LEAVING = ("quit", "detach", "suspend_process")  # what acts in a terminal of any size
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
 
 
@@ -104,8 +103,7 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self._leaving = Leaving(self.context, self._connector, self._recorder)
         self.experiment: requests.ExperimentFound | None = None
         """What the last trace of this screen recommends to be done next."""
-        self.farewell = self._leaving.farewell
-        """Lines for the terminal after the UI has gone."""
+        self.farewell = self._leaving.farewell  # lines for the terminal after the UI has gone
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
         draw_scroll_bars_with(glyphs.choose())

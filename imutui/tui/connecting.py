@@ -51,8 +51,7 @@ class Connector:
 
     def __init__(self, context: AppContext, defaults: Plan, tell_finished: TellFinished) -> None:
         self.defaults = defaults
-        self.exit_code = 0
-        """Of the program, if it ends now."""
+        self.exit_code = 0  # of the program, if it ends now
         self._context = context
         self._tell_finished = tell_finished
         self._attempt: Attempt | None = None
@@ -202,8 +201,7 @@ class Leaving:
     """
 
     def __init__(self, context: AppContext, connector: Connector, recorder: RecordingControl) -> None:
-        self.farewell: list[str] = []
-        """Lines for the terminal after the UI has gone."""
+        self.farewell: list[str] = []  # lines for the terminal after the UI has gone
         self._context = context
         self._connector = connector
         self._recorder = recorder

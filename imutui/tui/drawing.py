@@ -66,8 +66,7 @@ class FrameMonitor:
     def __init__(self, controller: PacingController) -> None:
         self.controller = controller
         self.load = Load()
-        self.debug = ""
-        """What the debug line says."""
+        self.debug = ""  # what the debug line says
         self._frames: deque[tuple[float, int, float]] = deque()
         self._sampled_at: float | None = None
         self._age_s: float | None = None

@@ -8,8 +8,7 @@ from imutui.verdict.rules import BIAS_DECIMALS as BIAS_DECIMALS
 StyledText = list[str | tuple[str, str]]
 """Text in parts: plain ones, and ones with a style by its side. Widgets make of it what they draw."""
 
-NOTHING = "–"
-"""Stands for a number that is not known."""
+NOTHING = "–"  # stands for a number that is not known
 
 DECIMALS = {"deg/s": 3, "mg": 3, "degC": 2}
 MEAN_DECIMALS = {"deg/s": 4, "mg": 3, "degC": 3}

@@ -18,8 +18,7 @@ from imutui.logbook import reader
 from imutui.session import client, plan
 from imutui.session.plan import Plan
 
-_LOOK_S = 0.15
-"""Each look at the terminal is a process."""
+_LOOK_S = 0.15  # each look at the terminal is a process
 
 
 class Terminal:

@@ -4,10 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.floating]
-CHANNELS = 7
-"""Values of a packet: three rates, three accelerometers, temperature."""
-TEMPERATURE = CHANNELS - 1
-"""Column of the temperature."""
+CHANNELS = 7  # values of a packet: three rates, three accelerometers, temperature
+TEMPERATURE = CHANNELS - 1  # column of the temperature
 
 
 class PacketSeries:

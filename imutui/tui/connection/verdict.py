@@ -14,8 +14,7 @@ from imutui.verdict import rules, sources
 from imutui.verdict.rules import ENDED, RANK, Verdict
 
 HOLD_S = 2.0
-STALE_S = 5.0
-"""Silence of the line that makes estimates old; shorter ones are only said."""
+STALE_S = 5.0  # silence of the line that makes estimates old; shorter ones are only said
 
 
 def stale(snapshot: Snapshot) -> str | None:

@@ -35,10 +35,8 @@ class Meter:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self.bytes = 0
-        """Bytes written so far."""
-        self.written_at = time.monotonic()
-        """When the last write ended."""
+        self.bytes = 0  # bytes written so far
+        self.written_at = time.monotonic()  # when the last write ended
         self._writes: deque[tuple[float, float]] = deque()
         self._began: float | None = None
         self._answers, self._open = False, False

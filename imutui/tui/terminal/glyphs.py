@@ -33,8 +33,7 @@ GLYPHS = {
 }
 
 
-ASKED = "IMUTUI_SCREEN_GLYPHS"
-"""Environment variable of the setting `screen.glyphs`."""
+ASKED = "IMUTUI_SCREEN_GLYPHS"  # environment variable of the setting `screen.glyphs`
 
 
 def choose(environ: Mapping[str, str] = os.environ) -> Glyphs:

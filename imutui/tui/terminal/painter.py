@@ -15,10 +15,8 @@ from textual.strip import Strip
 
 from imutui.tui.terminal.textual_private import ChopsUpdate, CompositorUpdate, LayoutUpdate, color_system
 
-Cells = tuple[str, list[Style | None]]
-"""Characters of a strip and the style of each; all are one cell wide."""
-_GAP = 7
-"""Unchanged cells between two changes that cost less than another jump of the cursor."""
+Cells = tuple[str, list[Style | None]]  # characters of a strip and the style of each; all are one cell wide
+_GAP = 7  # unchanged cells between two changes that cost less than another jump of the cursor
 
 
 class Painter:

@@ -31,16 +31,12 @@ except ImportError:
 
 __all__ = ["ChopsUpdate", "CompositorUpdate", "LayoutUpdate", "LinuxDriver"]
 
-DRAWING = ("ChopsUpdate", "LayoutUpdate", "_display")
-"""What sending only changed cells rests on."""
+DRAWING = ("ChopsUpdate", "LayoutUpdate", "_display")  # what sending only changed cells rests on
 MEASURING = ("_driver", "_file", "_writer_thread", "_queue", "exit_event", "input_tty", "run_input_thread")
 """What measuring and watching the terminal rests on."""
-PARSING = ("_parse_cache",)
-"""What parsing each style sheet once rests on."""
-_SHEETS = 1024
-"""Style sheets of one theme that are kept parsed: every widget has one, and every page."""
-HIDDEN: set[str] = set()
-"""Names that are taken as missing: tests put some here and look at what is then drawn."""
+PARSING = ("_parse_cache",)  # what parsing each style sheet once rests on
+_SHEETS = 1024  # style sheets of one theme that are kept parsed: every widget has one, and every page
+HIDDEN: set[str] = set()  # names that are taken as missing: tests put some here and look at what is then drawn
 
 
 class WithoutTraceback(App[int]):

@@ -16,12 +16,9 @@ from imutui.tui.widgets.raster import Bits, Codes, Envelope, Floats, Limits
 
 Cells = TypeVar("Cells", Codes, Bits)
 _BAR_SHARE = 40
-_MEAN_SHARE = 20
-"""A running mean is over this part of the span."""
-_FEWEST_IN_MEAN = 8
-"""Of fewer samples there is none: they are a thin line as they are."""
-_FEWEST_ROWS = 3
-"""A lane of fewer lines has no room for a mean in its band."""
+_MEAN_SHARE = 20  # a running mean is over this part of the span
+_FEWEST_IN_MEAN = 8  # of fewer samples there is none: they are a thin line as they are
+_FEWEST_ROWS = 3  # a lane of fewer lines has no room for a mean in its band
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +48,8 @@ class PlotLanes:
         self._columns = columns
         self._count = count
         self._glyphs = glyphs
-        self.ranges: list[Limits | None] = [None] * count
-        """Scale of each lane, None without data."""
-        self.outside: list[bool] = [False] * count
-        """Whether a locked scale leaves something out."""
+        self.ranges: list[Limits | None] = [None] * count  # scale of each lane, None without data
+        self.outside: list[bool] = [False] * count  # whether a locked scale leaves something out
         self._frame: Frame | None = None
         self._source: PacketSeries | None = None
         self._newest = 0

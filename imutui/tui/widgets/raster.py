@@ -14,8 +14,7 @@ Floats = npt.NDArray[np.floating]
 Bits = npt.NDArray[np.bool_]
 Codes = npt.NDArray[np.uint32]
 Limits = tuple[float, float]
-Line = list[tuple[str, str]]
-"""Texts with their styles, from left to right."""
+Line = list[tuple[str, str]]  # texts with their styles, from left to right
 Look = TypeVar("Look")
 SPACE = 0x20
 

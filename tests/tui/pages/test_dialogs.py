@@ -20,8 +20,7 @@ from imutui.tui.pages.dialogs.note import MarkDialog, nothing_to_mark
 from imutui.tui.pages.filter.page import WhyDialog
 from imutui.tui.pages.logs.live_effects import EffectsDialog
 
-_LETTERS = "dm1rPgot"
-"""Keys of pages and of the application, as somebody types them who believes to be in a field."""
+_LETTERS = "dm1rPgot"  # keys of pages and of the application, as somebody types them who believes to be in a field
 
 DIALOGS: dict[str, Callable[[ImutuiApp], ModalScreen[Any]]] = {
     "why": lambda app: WhyDialog(app.context.connection.view()),

@@ -32,8 +32,7 @@ MODULES = [
     for info in pkgutil.walk_packages(imutui.tui.__path__, "imutui.tui.")
     if not info.name.endswith("textual_private")
 ]
-SIGNS = ("Connected", "gx", "flushed", "x gyro", "profile", "6 Logs")
-"""A text of each page."""
+SIGNS = ("Connected", "gx", "flushed", "x gyro", "profile", "6 Logs")  # a text of each page
 ALL = {*textual_private.DRAWING, *textual_private.MEASURING, *textual_private.PARSING, "_color_system"}
 
 

@@ -37,8 +37,7 @@ class BiasTable(TextLines):
     DEFAULT_CSS = "BiasTable { width: 80; height: 7; }"
 
     selected = 0
-    alone = False
-    """Whether only the selected bias is shown."""
+    alone = False  # whether only the selected bias is shown
 
     def select(self, index: int, *, alone: bool) -> None:
         self.selected, self.alone = index, alone

@@ -30,8 +30,7 @@ class ChannelTable(TextLines):
     def __init__(self) -> None:
         super().__init__()
         self.chosen = 0
-        self.span = 30.0
-        """Of the trends, s."""
+        self.span = 30.0  # of the trends, s
 
     def choose(self, channel: int) -> None:
         self.chosen = channel

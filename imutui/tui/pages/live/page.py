@@ -26,8 +26,7 @@ SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
 _FEWEST_SAMPLES = 60
 _CHANNEL, _GYRO, _ACCEL, _BOTH, _ORIENTATION = "-channel", "-gyro", "-accel", "-both", "-orientation"
 _PLOTS = (_CHANNEL, _GYRO, _ACCEL, _BOTH, _ORIENTATION)
-_ROOM_FOR_BOTH = 30
-"""Lines of a page from which on all six lanes are tall enough to be read."""
+_ROOM_FOR_BOTH = 30  # lines of a page from which on all six lanes are tall enough to be read
 
 
 def first_span(rate_hz: float) -> float:

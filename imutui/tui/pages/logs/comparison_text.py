@@ -145,8 +145,7 @@ def _parameter(name: str, both: "list[FindingEntry | None]", unit: str) -> str:
 
 
 _MOST = 9
-_FIELD = {"replay": "final", "trace": "findings"}
-"""What only a result of a kind has."""
+_FIELD = {"replay": "final", "trace": "findings"}  # what only a result of a kind has
 
 
 def find(shown: Outcome) -> list[Outcome]:

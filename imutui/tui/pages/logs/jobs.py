@@ -20,8 +20,7 @@ from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.pages.table import text
 from imutui.tui.terminal.glyphs import choose
 
-KINDS = ("info", "check", "recover", "replay")
-"""Jobs over one recording."""
+KINDS = ("info", "check", "recover", "replay")  # jobs over one recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +118,7 @@ class JobLine(Widget):
     def __init__(self) -> None:
         super().__init__()
         self._what, self._share, self._doing, self._since = "", 0.0, "", 0.0
-        self.job: Job | None = None
-        """The job that runs."""
+        self.job: Job | None = None  # the job that runs
         self._worker: Worker | None = None
 
     def on_mount(self) -> None:

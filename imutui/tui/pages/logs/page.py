@@ -72,12 +72,9 @@ class LogsPage(Page):
         self._files = FileActions(self, self._look_at)
         self._results: list[Outcome] = []
         self._outcome: Outcome | None = None
-        self._asks: ChoiceDialog | None = None
-        """Whether to cancel the job that runs."""
-        self._failure = ""
-        """A result that waits until this page is in front."""
-        self._wanted: Path | None = None
-        """Recording that the cursor goes to after the next look."""
+        self._asks: ChoiceDialog | None = None  # whether to cancel the job that runs
+        self._failure = ""  # a result that waits until this page is in front
+        self._wanted: Path | None = None  # recording that the cursor goes to after the next look
 
     def body(self) -> Iterable[Widget]:
         yield Static(id="logs-lead")

@@ -15,10 +15,8 @@ class Recordings:
     """What was found at the last look, and which of it is chosen for a trace."""
 
     def __init__(self) -> None:
-        self.opened: Path | None = None
-        """The folder that somebody opened."""
-        self.briefs: list[Brief] | None = None
-        """None before the first look."""
+        self.opened: Path | None = None  # the folder that somebody opened
+        self.briefs: list[Brief] | None = None  # none before the first look
         self.chosen: set[Path] = set()
         self._extra: list[Path] = []
 

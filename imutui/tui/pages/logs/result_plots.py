@@ -19,8 +19,7 @@ NAMES = tuple(f"{axis} {kind}, {unit}" for kind, unit in (("gyro", "deg/s"), ("a
 _ORDER = (0, 3, 1, 4, 2, 5)
 _ROWS = 5
 _TWO = 76
-TWO_RESULTS = 110
-"""Characters that plots of two results side by side need."""
+TWO_RESULTS = 110  # characters that plots of two results side by side need
 _RUN_NAME = 18  # of a plot that has half of 80 columns
 
 

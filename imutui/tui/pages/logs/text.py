@@ -14,15 +14,13 @@ from imutui.tui import formatting
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
 
-WRITING = "being written"
-"""State of a recording that an acquisition has open."""
+WRITING = "being written"  # state of a recording that an acquisition has open
 WRITTEN = "it is being written: r finishes it"
 NOTE_HINT = "What you change goes into a file beside the log, with the time: the log and its SHA-256 stay as they are."
 RENAME_HINT = "Its SHA-256, notes and results get the new name too."
 _FIXED = 66
 _UNIT = 16
-_TOLD = 6
-"""Files that a question lists by name."""
+_TOLD = 6  # files that a question lists by name
 _LEAST_NAME = 13
 _STATES = {WRITING: "writing"}
 _WIDE = 112

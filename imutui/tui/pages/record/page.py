@@ -160,8 +160,7 @@ class RecordingState(TextLines):
 
     def __init__(self) -> None:
         super().__init__()
-        self.finished: list[tuple[str, str]] = []
-        """What was written last: names and values."""
+        self.finished: list[tuple[str, str]] = []  # what was written last: names and values
 
     def lines(self, view: View, width: int) -> list[Content]:
         now = view.now

@@ -8,8 +8,7 @@ from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
 from imutui.tui.messages import RecordingResult
 
-FLUSH_LIMIT_S = 3.0
-"""Age of the last flush above which the disk does not keep up: one is due every second."""
+FLUSH_LIMIT_S = 3.0  # age of the last flush above which the disk does not keep up: one is due every second
 HOUR_S = 3600.0
 WARN_S, HURRY_S = 1800.0, 300.0
 """Time until the disk has no room for more that is worth a colour, and that is worth to be quick."""

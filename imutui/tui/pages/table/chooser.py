@@ -46,10 +46,8 @@ class ProfileChooser(Vertical):
         self._now: Snapshot | None = None
         self._offers: list[Offer] = []
         self._looked = False
-        self._level = False
-        """Whether the first line is the way back to level."""
-        self._wanted: Path | None = None
-        """File that the cursor goes to once it is in the list."""
+        self._level = False  # whether the first line is the way back to level
+        self._wanted: Path | None = None  # file that the cursor goes to once it is in the list
 
     def compose(self) -> ComposeResult:
         yield Static(id="choose-lead")

@@ -69,8 +69,7 @@ class TablePage(Page):
         super().__init__()
         self._chooser = ProfileChooser()
         self._segments = SegmentList()
-        self._known: object = None
-        """Which reference of which acquisition the profile was asked for."""
+        self._known: object = None  # which reference of which acquisition the profile was asked for
         self._choosing = False
         self._offered: set[str] = set()
         self._recorded: Path | None = None

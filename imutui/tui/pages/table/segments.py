@@ -26,8 +26,7 @@ class SegmentList(Vertical):
 
     def __init__(self) -> None:
         super().__init__(id="follow")
-        self.profile: ProfileDescription | None = None
-        """As the acquisition tells it; None without one."""
+        self.profile: ProfileDescription | None = None  # as the acquisition tells it; None without one
         self._testable: Sequence[Sequence[str]] | None = None
         self._guide: GuideSnapshot | None = None
         self._at: int | None = None
@@ -116,10 +115,8 @@ class GuideHead(TextLines):
 
     DEFAULT_CSS = "GuideHead { height: 6; padding: 0 1; }"
 
-    profile: ProfileDescription | None = None
-    """As the acquisition tells it."""
-    recorded = False
-    """Whether there is a recording of it."""
+    profile: ProfileDescription | None = None  # as the acquisition tells it
+    recorded = False  # whether there is a recording of it
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Title, instruction, what then, bar; or, before it begins, what to know of a virtual unit."""
