@@ -1,7 +1,7 @@
 """Connecting: starting an acquisition or taking up one that runs, what then comes from it, its end, and leaving it."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 from textual.message import Message
@@ -33,12 +33,11 @@ _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
 
 
+@dataclass
 class FromPoller(Message):
     """A snapshot has come, or none comes any more."""
 
-    def __init__(self, event: Poller.Arrived | Poller.Lost) -> None:
-        super().__init__()
-        self.event = event
+    event: Poller.Arrived | Poller.Lost
 
 
 class Connector:

@@ -1,6 +1,7 @@
 """What all pages share: header, notice, footer, and the message for a terminal that is too small."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 
 from textual import events
@@ -30,13 +31,13 @@ def page_class(title: str) -> "type[Page]":
 class Page(Screen[None]):
     """Base of pages; subclasses give `TITLE` and `body`."""
 
+    @dataclass
     class Wanted(Message):
         """A page wants the newest view."""
 
-        def __init__(self, page: "Page") -> None:
-            super().__init__()
-            self.page = page
+        page: "Page"
 
+    @dataclass
     class Ask(Message):
         """Have something asked of the acquisition, in a thread.
 
@@ -45,21 +46,16 @@ class Page(Screen[None]):
         `done`: called in the event loop once it has worked.
         """
 
-        def __init__(
-            self, function: Callable[[Client], str], busy: str, done: Callable[[], None] | None = None
-        ) -> None:
-            super().__init__()
-            self.function = function
-            self.busy = busy
-            self.done = done
+        function: Callable[[Client], str]
+        busy: str
+        done: Callable[[], None] | None = None
 
+    @dataclass
     class Say(Message):
         """Have something said at the bottom of the page; level "none", "good", "wait" or "bad"."""
 
-        def __init__(self, text: str, level: str = "none") -> None:
-            super().__init__()
-            self.text = text
-            self.level = level
+        text: str
+        level: str = "none"
 
     def __init__(self) -> None:
         super().__init__()

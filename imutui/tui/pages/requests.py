@@ -1,5 +1,6 @@
 """What pages ask of the application, or through it of another page."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
@@ -20,24 +21,22 @@ class ConnectRequest(Message):
     """Of the application: to connect to something else, or to nothing."""
 
 
+@dataclass
 class Start(ConnectRequest):
     """Start an acquisition whose plan has these fields otherwise than usual."""
 
-    def __init__(self, changes: PlanChanges) -> None:
-        super().__init__()
-        self.changes = changes
+    changes: PlanChanges
 
 
 class StartDemo(ConnectRequest):
     """Start the demo, or look at the one that runs."""
 
 
+@dataclass
 class Resume(ConnectRequest):
     """Look at a running acquisition."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__()
-        self.name = name
+    name: str
 
 
 class Cancel(ConnectRequest):
@@ -56,39 +55,35 @@ class LogsRequest(Message):
     """Of the logs page."""
 
 
+@dataclass
 class Trace(LogsRequest):
     """Trace the recording that runs, up to now; `path` is its file."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
+    path: Path
 
 
 class ChooseEffects(LogsRequest):
     """Offer found effects for the live filter."""
 
 
+@dataclass
 class LoadEffects(LogsRequest):
     """Have the live filter take effects: their names, and the effects file as text."""
 
-    def __init__(self, name: str, text: str) -> None:
-        super().__init__()
-        self.name = name
-        self.text = text
+    name: str
+    text: str
 
 
+@dataclass
 class ExperimentFound(Message):
     """Of the table page: a trace recommends a motion, a profile as TOML; `source` says which trace."""
 
-    def __init__(self, text: str, source: str) -> None:
-        super().__init__()
-        self.text = text
-        self.source = source
+    text: str
+    source: str
 
 
+@dataclass
 class OfferProfile(Message):
     """Of the table page: come to the front with the cursor on a profile that was just written."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
+    path: Path

@@ -168,7 +168,7 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
         await pilot.press("c")
         await shows(pilot, "Compare with", "other_replay.json")
         await pilot.press("enter")
-        await shows(pilot, "A: replay of whole.mcap", "B: other_replay.json", "B - A", "+0.2500")
+        await shows(pilot, "A: replay of whole.mcap", "B: other_replay.json", "Biases beside", "0.25 deg/s")
         await pilot.press("escape")
         await shows(pilot, "Biases over time")
         await pilot.press("escape")
@@ -356,7 +356,7 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
         "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "rejected": 0,
         "alarms": ["gz moves", "gy too"], "confounded": [],
     }  # fmt: skip
-    said = result_text.replayed(document)
+    said = result_text.replayed((), document, 100)
     for line in (
         "RED: a.mcap",
         "2 alarms: gz moves; also gy limit",

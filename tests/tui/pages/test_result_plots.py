@@ -1,5 +1,7 @@
 """Plots of results, and two of them side by side: pure functions over documents."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,25 +9,18 @@ import pytest
 from helpers import traces
 
 from imutui.estimate_history import EstimateHistory
-from imutui.tui.pages.logs import comparison_text, result_plots
+from imutui.tui.pages.logs import comparison, result_plots
+from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import GLYPHS
 from imutui.tui.widgets.text_plot import PlotLook
 
 
-def replayed(sha: str = "a", **biases: float) -> dict[str, Any]:
+def replayed() -> dict[str, Any]:
     """A result with a course over 100 s, and a pause in it."""
     history = EstimateHistory(6)
     for k in [*range(40), *range(60, 100)]:
         history.add(float(k), np.full(6, 0.5), np.full(6, 3.0 / np.sqrt(1.0 + k)), np.full(6, k > 70))
-    return {
-        "log_sha256": sha, "converged": True, "samples": 10, "duration_s": 100.0, "filter": "spkf",
-        "reference": "level",
-        "final": {"gyro_bias_dps": [biases.get("gx", 0.5), 0.1, None], "accel_bias_mg": [6.0, 0.0, 0.0]},
-        "sd": {"gyro_bias_dps": [0.03, 0.01, None], "accel_bias_mg": [0.1, 0.1, 0.1]},
-        "converged_s": {"gyro_bias": [9.8, None, None], "accel_bias": [70.5, None, None]},
-        "nis": {"mean": 9.1, "dof": 9}, "gaps": [], "lost_packets": 1, "rejected": 0, "alarms": [],
-        "course": history.rows(None, 1000),
-    }  # fmt: skip
+    return {"course": history.rows(None, 1000)}
 
 
 def drawn(kind: str, document: Any, width: int = 76, glyphs: str = "braille") -> list[str]:
@@ -43,7 +38,7 @@ def test_a_replay_has_six_plots_with_the_pause_in_them(width: int, glyphs: str) 
     assert "gap" in said
     assert said.isascii() or glyphs == "braille"
     assert (len(lines) > 30) == (width < 76)
-    assert drawn("replay", {k: v for k, v in replayed().items() if k != "course"}) == []
+    assert drawn("replay", {}) == []
 
 
 def test_a_trace_has_curves_and_residuals() -> None:
@@ -58,20 +53,15 @@ def test_a_trace_has_curves_and_residuals() -> None:
     assert said.index("gy, deg/s") < said.index("gx, deg/s")
 
 
-def test_two_replays_are_compared_in_their_deviations() -> None:
-    said = comparison_text.compared("replay", replayed(), replayed("b", gx=0.65), ("one", "two"))
-    assert "x gyro      0.5000   ±0.0900    0.6500   ±0.0900   +0.1500    +3.5  deg/s" in said
-    assert "z gyro           –                   –                   –       –  deg/s" in said
-    assert "independent" not in said
-    assert all(len(line) <= 76 for line in said.splitlines()[3:20])
-    assert "independent" in comparison_text.compared("replay", replayed(), replayed(), ("one", "two"))
-
-
-def test_two_traces_are_compared_effect_by_effect() -> None:
-    other = traces.document()
-    other["findings"] = [{**other["findings"][0], "params": [{**other["findings"][0]["params"][0], "value": 0.025}]}]
-    said = comparison_text.compared("trace", traces.document(), other, ("one", "two"))
-    assert "gy: bias follows temperature\n" in said
-    assert "0.02 ±0.003" in said
-    assert "+0.005   +3.5  deg/s/K" in said
-    assert "centre (only A)" in said
+def test_two_traces_are_compared_effect_by_effect_and_their_plots_stand_side_by_side() -> None:
+    document = traces.document()
+    params = [{**document["findings"][0]["params"][0], "value": 0.025}]
+    other = {**document, "findings": [{**document["findings"][0], "params": params}]}
+    one, two = (Outcome("trace", title, Path("a.mcap"), d, str) for title, d in (("one", document), ("two", other)))
+    made = comparison.comparison(one, two)
+    for text in ("A: one\nB: two\n", "gy: bias follows temperature\n", "0.02 ±0.003", "+0.005   +3.5  deg/s/K",
+                 "centre (only A)"):  # fmt: skip
+        assert text in made.text(76), text
+    look = PlotLook(116, GLYPHS["braille"], shades=True)
+    assert "".join(text for text, _ in made.plots(look)[0]).split() == ["A:", "one", "B:", "two"]
+    assert len(made.plots(replace(look, width=76))) > len(made.plots(look))

@@ -1,6 +1,6 @@
 """Asks for what goes into a recording as text: a mark, the note, the operator's name."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import ClassVar
 
@@ -91,27 +91,31 @@ def nothing_to_mark() -> ChoiceDialog:
 _HINT = "Both go into the file that is being written; what stood there before stays in it as an event."
 
 
-def describe_recording(page: Page) -> None:
-    """Ask for note and operator of the recording that runs, and have the acquisition write what was changed.
+def ask_for_note(
+    page: Page, name: str, hint: str, before: tuple[str, str], then: Callable[[str | None, str | None], None]
+) -> None:
+    """Ask for note and operator of a file; `then` takes what was changed, and None for what was not."""
 
-    `page`: in front of which it is asked; nothing happens where no recording runs.
-    """
+    def entered(after: tuple[str, str] | None) -> None:
+        if after is not None and after != before:
+            then(*(new if new != old else None for new, old in zip(after, before, strict=True)))
+
+    page.app.push_screen(NoteDialog(f"Note of {name}", hint, *before), entered)
+
+
+def describe_recording(page: Page) -> None:
+    """Have the acquisition write note and operator of the recording that runs, if one does, as they are changed."""
     now = page.view.now if page.view is not None else None
     recording = now["recording"] if now is not None else None
     if now is None or recording is None:
         return
     name = Path(recording["path"]).name
-    before = now["note"], now["operator"]
 
-    def entered(after: tuple[str, str] | None) -> None:
-        if after is None or after == before:
-            return
-        note, operator = (new if new != old else None for new, old in zip(after, before, strict=True))
-
+    def changed(note: str | None, operator: str | None) -> None:
         def ask(client: Client) -> str:
             client.describe(note, operator)
             return f"written into {name}"
 
         page.post_message(Page.Ask(ask, ""))
 
-    page.app.push_screen(NoteDialog(f"Note of {name}", _HINT, *before), entered)
+    ask_for_note(page, name, _HINT, (now["note"], now["operator"]), changed)

@@ -71,7 +71,8 @@ def _more(estimates: FilterSnapshot) -> str:
     out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {nis_meaning(nis, whole=True)}"]
     if ratios:
         out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
-    out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
+    if "rejected" in estimates:  # an acquisition that an older version started does not count them
+        out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
     return _listed("NUMBERS", out)
 
 

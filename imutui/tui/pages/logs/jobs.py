@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from textual.content import Content
 from textual.message import Message
 from textual.widget import Widget
 
-from imutui.jobs import tasks
+from imutui.jobs import log_files, tasks
 from imutui.jobs.worker import RUNNING, Worker
 from imutui.report import logs
 from imutui.session.plan import FILE_MODE
@@ -20,15 +21,13 @@ from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.pages.table import text
 from imutui.tui.terminal.glyphs import choose
 
-KINDS = ("info", "check", "recover", "replay")  # jobs over one recording
-
 
 @dataclass(frozen=True, slots=True)
 class Job:
     """A job that has not begun."""
 
     what: str  # in words: "replay of a.mcap"
-    worker: Callable[[], Worker]  # makes the worker that runs it
+    worker: Worker  # runs it
     made: Callable[[Any], Outcome]  # what its result comes to
 
 
@@ -39,40 +38,19 @@ def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = 
     `writing`: files that are not finished yet.
     `mode`: permissions of a file that is made.
     """
-    match kind:
-        case "info" | "check":
-            words = logs.info_text if kind == "info" else logs.check_text
-            return _job(kind, path, lambda: Worker(tasks.look_at_log, kind, path), f"{kind} of", words)
-        case "recover":
-            return _job(kind, path, lambda: _recovery(path, mode), "recovered from", logs.recover_text)
-        case "replay":
-            return _job(
-                kind,
-                path,
-                lambda: Worker(tasks.replay_log, path, None),
-                "replay of",
-                lambda document, width: result_text.wrapped(result_text.replayed(document, writing), width),
-            )
-    raise ValueError(f"`kind` is {kind!r}; there are: {', '.join(KINDS)}")
+    recovered = log_files.free_name(path, "_recovered.mcap")
+    kinds: dict[str, tuple[Any, ...]] = {
+        "info": ("info of", logs.info_text, tasks.look_at_log, kind, path),
+        "check": ("check of", logs.check_text, tasks.look_at_log, kind, path),
+        "recover": ("recovered from", logs.recover_text, tasks.recover_log, path, recovered, False, mode),
+        "replay": ("replay of", partial(result_text.replayed, writing), tasks.replay_log, path, None),
+    }
+    title, words, *task = kinds[kind]
 
-
-def _job(kind: str, path: Path, worker: Callable[[], Worker], title: str, words: Callable[[Any, int], str]) -> Job:
     def made(document: Any) -> Outcome:
-        return Outcome(kind, f"{title} {path.name}", path, document, lambda width: words(document, width))
+        return Outcome(kind, f"{title} {path.name}", path, document, partial(words, document))
 
-    return Job(f"{kind} of {path.name}", worker, made)
-
-
-def _recovery(path: Path, mode: int) -> Worker:
-    from imutui.jobs import log_files
-
-    return Worker(tasks.recover_log, path, log_files.free_name(path, "_recovered.mcap"), False, mode)
-
-
-def _base(paths: Sequence[Path]) -> Path:
-    from imutui.jobs import log_files
-
-    return log_files.base(paths)
+    return Job(f"{kind} of {path.name}", Worker(*task), made)
 
 
 def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
@@ -84,7 +62,7 @@ def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
         return Outcome(
             "trace",
             formatting.shorten(result.source, 56),
-            _base(paths),
+            log_files.base(paths),
             result.document,
             result_text.traced(result, writing),
             result.effects,
@@ -92,7 +70,7 @@ def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
             result.included,
         )
 
-    return Job(f"trace of {names}{held}", lambda: Worker(tasks.trace_logs, list(paths), None), made)
+    return Job(f"trace of {names}{held}", Worker(tasks.trace_logs, list(paths), None), made)
 
 
 _BAR = 24
@@ -107,13 +85,12 @@ class JobLine(Widget):
     JobLine.-on { display: block; }
     """
 
+    @dataclass
     class Ended(Message):
         """A job is over, done or not: the worker says which."""
 
-        def __init__(self, job: Job, worker: Worker) -> None:
-            super().__init__()
-            self.job = job
-            self.worker = worker
+        job: Job
+        worker: Worker
 
     def __init__(self) -> None:
         super().__init__()
@@ -128,7 +105,7 @@ class JobLine(Widget):
         """Run a job, whose name is shown in so many characters."""
         self._what, self._share, self._doing = formatting.shorten(job.what, room), 0.0, "starting"
         self._since = time.monotonic()
-        self.job, self._worker = job, job.worker()
+        self.job, self._worker = job, job.worker
         self._worker.start()
         self.add_class("-on")
         self.refresh()

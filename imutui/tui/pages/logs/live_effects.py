@@ -2,13 +2,15 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
+from imutui.jobs import log_files
+from imutui.jobs.log_files import EffectsFile
 from imutui.report import effect_words
 from imutui.session.client import Client
 from imutui.tui import formatting
@@ -18,9 +20,6 @@ from imutui.tui.pages.dialogs.base import Dialog, FieldDialog
 from imutui.tui.pages.logs import text
 from imutui.tui.widgets.option_rows import OptionRows
 from imutui.tui.widgets.wrapped_text import WrappedText
-
-if TYPE_CHECKING:
-    from imutui.jobs.log_files import EffectsFile
 
 
 class LiveEffects:
@@ -40,12 +39,12 @@ class LiveEffects:
 
     async def _choose(self) -> None:
         folders = list(dict.fromkeys([self._folder, Path()]))
-        files = await in_thread(lambda: _effects_files(folders))
+        files = await in_thread(lambda: log_files.effects_files(folders))
         now = self._page.view.now if self._page.view is not None else None
         loaded = now is not None and bool(now["effects"])
         self._page.app.push_screen(EffectsDialog(files, loaded), self._chosen)
 
-    def _chosen(self, file: "EffectsFile | str | None") -> None:
+    def _chosen(self, file: EffectsFile | str | None) -> None:
         if file == "none":
             self.load("no effects", "")
         elif file == "open":
@@ -59,7 +58,7 @@ class LiveEffects:
             self._page.run_worker(self._open(entered), exclusive=True, group="effects")
 
     async def _open(self, entered: str) -> None:
-        file = await in_thread(lambda: _effects_file(Path(entered).expanduser()))
+        file = await in_thread(lambda: log_files.effects_file(Path(entered).expanduser()))
         if file.error:
             self._page.post_message(Page.Say(f"{entered}: {file.error}", "bad"))
         else:
@@ -79,24 +78,12 @@ class LiveEffects:
         self._page.post_message(Page.Ask(ask, f"loading {name}"))
 
 
-def _effects_files(folders: list[Path]) -> "list[EffectsFile]":
-    from imutui.jobs import log_files
-
-    return log_files.effects_files(folders)
-
-
-def _effects_file(path: Path) -> "EffectsFile":
-    from imutui.jobs import log_files
-
-    return log_files.effects_file(path)
-
-
 _NAME = 64
 _LEAD = "The filter begins anew with them. Files that a trace wrote, newest first; o opens another."
 _NONE = "No effects file here yet: t traces a log, then w on its result writes one. o opens another."
 
 
-class EffectsDialog(Dialog["EffectsFile | str | None"]):
+class EffectsDialog(Dialog[EffectsFile | str | None]):
     """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
 
     `files`: what there is.
@@ -109,7 +96,7 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
         Binding("o", "open", "other file"),
     ]
 
-    def __init__(self, files: "list[EffectsFile]", loaded: bool) -> None:
+    def __init__(self, files: list[EffectsFile], loaded: bool) -> None:
         super().__init__()
         self._files = files
         self._loaded = loaded
@@ -134,7 +121,7 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
     def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
         self.action_take()
 
-    def _file(self) -> "EffectsFile | str | None":
+    def _file(self) -> EffectsFile | str | None:
         at = self.query_one(OptionRows).cursor
         if at is None:
             return None

@@ -11,6 +11,7 @@ from textual.screen import ModalScreen
 from textual.widget import Widget
 from textual.widgets import Static
 
+from imutui.jobs.info import Brief
 from imutui.jobs.worker import CANCELLED, DONE
 from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
@@ -28,7 +29,6 @@ from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
-    from imutui.jobs.info import Brief
     from imutui.tui.pages.logs.result_text import Outcome
 
 _LOOK_EVERY_S = 3.0
@@ -153,7 +153,7 @@ class LogsPage(Page):
         self._say_detail()
 
     @property
-    def _here(self) -> "Brief | None":
+    def _here(self) -> Brief | None:
         """The recording under the cursor."""
         return self._recordings.at(self._rows.cursor)
 
@@ -288,7 +288,7 @@ class LogsPage(Page):
     def action_delete(self) -> None:
         self._with_file(self._files.delete)
 
-    def _with_file(self, ask: "Callable[[Brief], None]") -> None:
+    def _with_file(self, ask: Callable[[Brief], None]) -> None:
         here, job = self._here, self._job_line.job
         if job is not None and ask != self._files.note:
             self.post_message(self.Say(f"{job.what} runs: wait for it, or Esc cancels it", "wait"))

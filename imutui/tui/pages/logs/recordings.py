@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from imutui.jobs import info
+from imutui.jobs.info import Brief
 from imutui.tui.pages.logs import text
 from imutui.tui.pages.logs.text import WRITING
-
-if TYPE_CHECKING:
-    from imutui.jobs.info import Brief
 
 
 class Recordings:
@@ -16,23 +14,20 @@ class Recordings:
 
     def __init__(self) -> None:
         self.opened: Path | None = None  # the folder that somebody opened
-        self.briefs: list[Brief] | None = None  # none before the first look
+        self.briefs: list[Brief] | None = None  # None before the first look
         self.chosen: set[Path] = set()
         self._extra: list[Path] = []
 
-    def find(self, folder: Path) -> "list[Brief]":
+    def find(self, folder: Path) -> list[Brief]:
         """Files opened one by one and a folder's, newest first. Blocks, so it is called in a thread."""
-        # loads the reading of logs, as the first page need not
-        from imutui.jobs.info import brief, newest_first, recordings
+        return info.newest_first([*(info.brief(path) for path in list(self._extra)), *info.recordings(folder)])
 
-        return newest_first([*(brief(path) for path in list(self._extra)), *recordings(folder)])
-
-    def take(self, found: "list[Brief]") -> None:
+    def take(self, found: list[Brief]) -> None:
         """Take what was found; what is not there any more is not chosen either."""
         self.briefs = found
         self.chosen &= {brief.path for brief in found}
 
-    def at(self, row: int | None) -> "Brief | None":
+    def at(self, row: int | None) -> Brief | None:
         briefs = self.briefs or []
         return briefs[row] if row is not None and row < len(briefs) else None
 

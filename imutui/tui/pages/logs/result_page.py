@@ -13,14 +13,14 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
+from imutui.jobs import log_files
 from imutui.report import effect_words
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.pages.logs import comparison_text, result_text
-from imutui.tui.pages.logs.comparison_text import comparison
+from imutui.tui.pages.logs import comparison, result_text
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets import text_plot
@@ -131,25 +131,20 @@ class ResultPage(Page):
 
     @work(exclusive=True, group="compare")
     async def action_compare(self) -> None:
-        kept = await in_thread(lambda: comparison_text.find(self.outcome))
+        kept = await in_thread(lambda: comparison.find(self.outcome))
         others = [*reversed(self._others), *kept][:_MOST]
         if not others:
             name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
             self.post_message(self.Say(name, "wait"))
             return
-        answers = [
-            Answer(
-                str(n),
-                str(n),
-                f"{formatting.shorten(made.title, 46)}{comparison_text.length(made.kind, made.document)}",
-            )
-            for n, made in enumerate(others, 1)
-        ]
+        names = [formatting.shorten(made.title, 46) + comparison.length(made.kind, made.document) for made in others]
+        answers = [Answer(str(n), str(n), name) for n, name in enumerate(names, 1)]
         chosen = await self.app.push_screen_wait(
             ChoiceDialog("Compare with", "B is the result that you choose, A the one that is shown.", answers)
         )
         if chosen is not None:
-            self.app.push_screen(ResultPage(comparison(self.outcome, others[int(chosen) - 1])))
+            other = others[int(chosen) - 1]
+            self.app.push_screen(ResultPage(await in_thread(lambda: comparison.comparison(self.outcome, other))))
 
     def action_leave(self) -> None:
         self.app.pop_screen()
@@ -184,8 +179,6 @@ class ResultPage(Page):
 
 
 def _kept(log: Path, ending: str, content: str) -> Path:
-    from imutui.jobs import log_files
-
     if not log.exists() and not log.name.count("_with_"):
         raise FileNotFoundError(errno.ENOENT, "is not there any more: it was renamed or deleted meanwhile", str(log))
     return log_files.keep(log, ending, content)

@@ -1,7 +1,7 @@
 """Results of jobs as text for a page. Pure functions."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,9 +48,6 @@ class Outcome:
         """Lines of its plots; none of a result that has nothing to plot."""
         return result_plots.plots(self.kind, self.document, look) if self.drawn is None else self.drawn(look)
 
-    def with_plots(self, drawn: Callable[[PlotLook], list[Line]]) -> "Outcome":
-        return replace(self, drawn=drawn)
-
 
 def styled(body: str) -> StyledText:
     """Text with its headings bold: lines after an empty one that are no sentences, and what is in capitals."""
@@ -82,7 +79,7 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
     return sentence if path is None else f"{path.name} was being written: all up to its last flush is used."
 
 
-def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
+def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
     spec = sources.specification_of(d)
     limits = sources.bias_limits(spec)
@@ -104,7 +101,7 @@ def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
     ):
         for i, axis in enumerate("xyz"):
             lines.append(_bias(f"{axis} {kind}", values[i], sd[i], unit, limits[unit], converged[i]))
-    return "\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)])
+    return wrapped("\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)]), width)
 
 
 def _bias(name: str, value: float | None, sd: float | None, unit: str, limit: float, since: float | None) -> str:

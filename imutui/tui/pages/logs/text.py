@@ -3,16 +3,13 @@
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from imutui.jobs.info import Brief
 from imutui.plain_text import in_line
 from imutui.report import log_table
 from imutui.session.plan import INSTRUMENT_NAMES
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
-
-if TYPE_CHECKING:
-    from imutui.jobs.info import Brief
 
 WRITING = "being written"  # state of a recording that an acquisition has open
 WRITTEN = "it is being written: r finishes it"
@@ -37,7 +34,7 @@ def heading(width: int) -> str:
     return f"   {'name':<{name}} {columns}{more}".rstrip()
 
 
-def row(brief: "Brief", chosen: bool, width: int) -> str:
+def row(brief: Brief, chosen: bool, width: int) -> str:
     """A recording in a line: name, start, length, rate, origin, state, unit; size and note if there is room."""
     name = formatting.shorten(short(brief.path), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
@@ -57,7 +54,7 @@ def _name_width(width: int) -> int:
     return max(width - _FIXED - (_SIZE_AND_NOTE if width >= _WIDE else 0), _LEAST_NAME)
 
 
-def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path], width: int) -> tuple[str, str]:
+def lead(folder: Path, briefs: Sequence[Brief] | None, chosen: Collection[Path], width: int) -> tuple[str, str]:
     """Where these are, and how many are chosen for a trace."""
     if briefs is None:
         count = "looking…"
@@ -70,7 +67,7 @@ def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path
     return f"{formatting.shorten_path(str(folder), room)}   {count}", right
 
 
-def order(chosen: "Sequence[Brief]") -> list[Path]:
+def order(chosen: Sequence[Brief]) -> list[Path]:
     """Runs for a trace, oldest first: the newest is the one that is held out."""
     return [brief.path for brief in sorted(chosen, key=lambda b: (b.began, str(b.path)))]
 
@@ -120,7 +117,7 @@ def deletion(name: str, beside: Sequence[str], size: int) -> str:
     return f"{name}, {formatting.size(size)}{' in all' if beside else ''}.{also} There is no way back."
 
 
-def _verdict(brief: "Brief") -> str:
+def _verdict(brief: Brief) -> str:
     """The verdict on the run that was recorded; "converged" stands beside no RED."""
     if brief.verdict in ("RED", "OFF") or brief.converged is None:
         return brief.verdict.replace("OFF", "no filter")
@@ -128,7 +125,7 @@ def _verdict(brief: "Brief") -> str:
     return f"{brief.verdict}, {said}" if brief.verdict else said
 
 
-def detail(brief: "Brief | None") -> str:
+def detail(brief: Brief | None) -> str:
     """What a line has no room for."""
     if brief is None:
         return ""

@@ -1,5 +1,6 @@
 """The table profiles there are: a list, a field for the path of another, and what is in the one under the cursor."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,19 +28,17 @@ if TYPE_CHECKING:
 class ProfileChooser(Vertical):
     """Lead, list, field and preview; posts `Chosen` and `Written`."""
 
+    @dataclass
     class Chosen(Message):
         """The filter shall go by a profile; None for no profile, a unit that stands still and level."""
 
-        def __init__(self, offer: "Offer | None") -> None:
-            super().__init__()
-            self.offer = offer
+        offer: "Offer | None"
 
+    @dataclass
     class Written(Message):
         """A profile was written to a file."""
 
-        def __init__(self, path: Path) -> None:
-            super().__init__()
-            self.path = path
+        path: Path
 
     def __init__(self) -> None:
         super().__init__(id="choose")
