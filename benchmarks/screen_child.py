@@ -27,7 +27,7 @@ from imutui.tui.pages.live import page as live_page
 from imutui.tui.pages.live.page import LivePage
 from imutui.tui.terminal import textual_private
 from imutui.tui.terminal.appearance import Appearance
-from imutui.tui.terminal.driver import measured
+from imutui.tui.terminal.driver import Terminal
 from imutui.tui.terminal.painter import Painter
 from imutui.tui.widgets.plot import Plot
 
@@ -114,7 +114,7 @@ class Panels(App[None]):
 
     def get_driver_class(self) -> Any:
         """As the application has it."""
-        return super().get_driver_class() if self._peer else measured(super().get_driver_class())
+        return super().get_driver_class() if self._peer else Terminal
 
 
 def peer_panel(title: str, names: tuple[str, ...], columns: slice, marker: str) -> Widget:

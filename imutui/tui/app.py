@@ -36,7 +36,7 @@ from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.recording import RecordingControl
 from imutui.tui.terminal import glyphs, textual_private
 from imutui.tui.terminal.appearance import Appearance, ControlCharacterFilter, draw_scroll_bars_with
-from imutui.tui.terminal.driver import Terminal, measured
+from imutui.tui.terminal.driver import Terminal
 from imutui.tui.widgets.page_frame import is_too_small
 
 if TYPE_CHECKING:
@@ -148,7 +148,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return [*super().get_line_filters(), self._control_characters]
 
     def get_driver_class(self) -> type[Driver]:
-        return measured(super().get_driver_class())
+        base = super().get_driver_class()
+        return Terminal if base is textual_private.LinuxDriver else base
 
     # what comes from the acquisition and from pages
 

@@ -12,7 +12,7 @@ from imutui.tui.connection.poller import Poller
 from imutui.tui.context import AppContext
 from imutui.tui.terminal import textual_private
 from imutui.tui.terminal.appearance import Appearance
-from imutui.tui.terminal.driver import Measured
+from imutui.tui.terminal.driver import Terminal
 from imutui.tui.terminal.pacing import Load, Pacing, PacingController, is_remote
 from imutui.tui.terminal.painter import Painter
 
@@ -88,7 +88,7 @@ class FrameMonitor:
         `asked_at`: when it was asked for, monotonic, s.
         """
         now = time.monotonic()
-        if isinstance(driver, Measured):
+        if isinstance(driver, Terminal):
             self._finish(driver)
             driver.probe()
             self.load = driver.meter.load(driver.queue)
@@ -107,7 +107,7 @@ class FrameMonitor:
         age, self._fresh_age_s = self._fresh_age_s, None
         return age
 
-    def _finish(self, driver: Measured) -> None:
+    def _finish(self, driver: Terminal) -> None:
         """The last frame has been written, or not yet."""
         written = driver.meter.written_at
         if self._sampled_at is not None and written > self._drawn_at:
@@ -115,7 +115,7 @@ class FrameMonitor:
             self._sampled_at = None
 
     def _count(self, now: float, driver: Driver | None) -> None:
-        sent = driver.meter.bytes if isinstance(driver, Measured) else 0
+        sent = driver.meter.bytes if isinstance(driver, Terminal) else 0
         self._frames.append((now, sent, time.process_time()))
         while now - self._frames[0][0] > _WINDOW_S:
             self._frames.popleft()

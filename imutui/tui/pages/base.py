@@ -12,6 +12,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from imutui.session.client import Client
+from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.page_frame import DebugLine, KeysLine, Notice, StatusHeader, TooSmall, is_too_small
 from imutui.tui.widgets.text_lines import TextLines
@@ -61,6 +62,25 @@ class Page(Screen[None]):
         super().__init__()
         self.view: View | None = None
         self._fitted: tuple[int, int] | None = None
+
+    @property
+    def now(self) -> Snapshot | None:
+        """The newest snapshot, as far as known."""
+        return self.view.now if self.view is not None else None
+
+    @property
+    def recording(self) -> RecordingSnapshot | None:
+        """The file that is being written now, if one is."""
+        return self.view.recording if self.view is not None else None
+
+    def say(self, text: str, level: str = "none") -> None:
+        """Have something said at the bottom of the page."""
+        self.post_message(self.Say(text, level))
+
+    def redraw(self) -> None:
+        """Show the newest view once more, if there is one."""
+        if self.view is not None:
+            self.show(self.view)
 
     def compose(self) -> ComposeResult:
         yield TooSmall()

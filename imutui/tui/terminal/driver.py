@@ -7,11 +7,9 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
 
 from textual import messages
-from textual.driver import Driver
 from textual.message import Message
 
 from imutui.tui.terminal import textual_private
@@ -122,21 +120,7 @@ class Output:
         return self._file.isatty()
 
 
-class Measured(Driver):
-    """A driver that measures."""
-
-    meter: Meter
-
-    @property
-    def queue(self) -> int:
-        """How many writes wait for the terminal."""
-        return 0
-
-    def probe(self) -> None:
-        """Ask the terminal for a sign of life, now and then."""
-
-
-class Terminal(LinuxDriver, Measured):
+class Terminal(LinuxDriver):
     """Textual's driver, measured; leaves when the terminal does.
 
     Textual reads an end of file again and again, with all of one processor: so the hang-up is waited for apart.
@@ -146,7 +130,7 @@ class Terminal(LinuxDriver, Measured):
         super().__init__(app, **arguments)
         self.meter = Meter()
         self._application = app
-        self._measured = textual_private.replace_output(self, lambda file: Output(file, self.meter))
+        textual_private.replace_output(self, lambda file: Output(file, self.meter))
         self._gone = threading.Event()
         self._closed = threading.Event()
 
@@ -163,13 +147,6 @@ class Terminal(LinuxDriver, Measured):
     def is_gone(self) -> bool:
         """Whether the terminal has gone away, so that nobody waits for what is still done."""
         return self._gone.is_set() and self._has_hung_up(0)
-
-    def write(self, data: str) -> None:
-        """Write; counted here only if the file behind is not."""
-        if self._measured:
-            super().write(data)
-        else:
-            _counted(self.meter, super().write, data)
 
     def process_message(self, message: Message) -> None:
         """Pass on what comes from the terminal; answers to `probe` are for the meter."""
@@ -217,27 +194,3 @@ class Terminal(LinuxDriver, Measured):
     def _leave(self) -> None:
         if not self._closed.wait(_GONE_S if self.is_gone else _LEAVE_S):
             os._exit(_HANGUP)
-
-
-def _counted(meter: Meter, write: Callable[[str], None], data: str) -> None:
-    meter.begin()
-    write(data)
-    meter.end(len(data.encode("utf-8", "replace")))
-
-
-def measured(base: type[Driver]) -> type[Driver]:
-    """A driver class that measures, of one that does not."""
-    if base is LinuxDriver:
-        return Terminal
-
-    class Counted(base, Measured):  # type: ignore[misc, valid-type]
-        """Counts and times what it writes."""
-
-        def __init__(self, *positional: Any, **named: Any) -> None:
-            self.meter = Meter()
-            super().__init__(*positional, **named)
-
-        def write(self, data: str) -> None:
-            _counted(self.meter, super().write, data)  # type: ignore[safe-super]
-
-    return Counted

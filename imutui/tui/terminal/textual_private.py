@@ -137,12 +137,10 @@ def driver_of(app: "App[Any]") -> "Driver | None":
     return getattr(app, "_driver", None) if "_driver" not in HIDDEN else None
 
 
-def replace_output(driver: "Driver", output: Callable[[IO[str]], Any]) -> bool:
-    """Put something in place of the file that a driver writes to; False if it has none."""
-    if not _found(driver, "_file"):
-        return False
-    driver._file = output(driver._file)  # type: ignore[attr-defined]
-    return True
+def replace_output(driver: "Driver", output: Callable[[IO[str]], Any]) -> None:
+    """Put something in place of the file that a driver writes to, if it has one."""
+    if _found(driver, "_file"):
+        driver._file = output(driver._file)  # type: ignore[attr-defined]
 
 
 def queued(driver: "Driver") -> int:

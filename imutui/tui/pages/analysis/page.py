@@ -195,8 +195,7 @@ class AnalysisPage(Page):
     def action_channel(self, step: int) -> None:
         self._channel = (self._channel + step) % len(NAMES)
         self._seen, self._asked_at, self._next_at = None, None, 0.0
-        if self.view is not None:
-            self.show(self.view)
+        self.redraw()
 
     def action_cursor(self, step: int) -> None:
         """Move the cursor by characters, at least to the next value."""

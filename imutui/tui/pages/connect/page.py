@@ -112,7 +112,7 @@ class ConnectPage(Page):
 
     def _state(self) -> None:
         """Exactly one of connected, waiting, form."""
-        now = self.view.now if self.view is not None else None
+        now = self.now
         if self._target is not None:
             part = "waiting"
         elif now is not None and now["state"] in _ALIVE:
@@ -146,7 +146,7 @@ class ConnectPage(Page):
     @property
     def _zeroes_rates(self) -> bool:
         """Whether the unit that is connected has a command for it."""
-        now = self.view.now if self.view is not None else None
+        now = self.now
         return now is None or offer_of(now["instrument"]).zeroes_rates
 
     # what the user does
@@ -175,9 +175,9 @@ class ConnectPage(Page):
         self.post_message(requests.Stop())
 
     def action_zero(self) -> None:
-        if self.view is not None and self.view.recording:
+        if self.recording is not None:
             said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
-            self.post_message(self.Say(said, "wait"))
+            self.say(said, "wait")
         else:
             self.app.push_screen(zero_dialog(), self._zero)
 

@@ -105,7 +105,7 @@ def ask_for_note(
 
 def describe_recording(page: Page) -> None:
     """Have the acquisition write note and operator of the recording that runs, if one does, as they are changed."""
-    now = page.view.now if page.view is not None else None
+    now = page.now
     recording = now["recording"] if now is not None else None
     if now is None or recording is None:
         return

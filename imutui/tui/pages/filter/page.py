@@ -118,8 +118,7 @@ class FilterPage(Page):
 
     def _redraw(self) -> None:
         self.query_one(BiasTable).select(self._chosen, alone=self.has_class("-plot"))
-        if self.view is not None:
-            self.show(self.view)
+        self.redraw()
 
     def action_choose(self, step: int) -> None:
         self._chosen = (self._chosen + step) % len(NAMES)
@@ -144,12 +143,12 @@ class FilterPage(Page):
             self.app.push_screen(WhyDialog(self.view))
 
     def action_trace(self) -> None:
-        recording = self.view.recording if self.view is not None else None
-        now = self.view.now if self.view is not None else None
+        recording = self.recording
+        now = self.now
         if now is not None and now["state"] == "ended":
-            self.post_message(self.Say("the acquisition has ended: 6 Logs, t traces what it recorded", "wait"))
+            self.say("the acquisition has ended: 6 Logs, t traces what it recorded", "wait")
         elif recording is None:
-            self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
+            self.say("not recording: r starts a recording, then t traces it", "wait")
         else:
             self.post_message(requests.Trace(Path(recording["path"])))
 

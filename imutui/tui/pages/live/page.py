@@ -138,13 +138,13 @@ class LivePage(Page):
 
     def action_lock(self) -> None:
         self._locked = not self._locked
-        self._redraw()
+        self.redraw()
 
     def action_plots(self) -> None:
         now = next(name for name in _PLOTS if self.has_class(name))
         self._plots = _PLOTS[(_PLOTS.index(now) + 1) % len(_PLOTS)]
         self._lay_out()
-        self.call_after_refresh(self._redraw)
+        self.call_after_refresh(self.redraw)
 
     def action_analysis(self) -> None:
         self.app.push_screen(AnalysisPage(self._channel))
@@ -153,11 +153,7 @@ class LivePage(Page):
         self._channel = (self._channel + step) % len(CHANNEL_NAMES)
         self.query_one(ChannelTable).choose(self._channel)
         self.query_one("#one", Plot).choose(*_of_channel(self._channel))
-        self._redraw()
-
-    def _redraw(self) -> None:
-        if self.view is not None:
-            self.show(self.view)
+        self.redraw()
 
 
 _ROOM_FOR_MARKS = 90

@@ -46,7 +46,7 @@ class FileActions:
         self._run(steps)
 
     def _writes(self, path: Path) -> bool:
-        recording = self._page.view.recording if self._page.view is not None else None
+        recording = self._page.recording
         return recording is not None and Path(recording["path"]).resolve() == path.resolve()
 
     def rename(self, brief: Brief) -> None:
@@ -114,4 +114,4 @@ class FileActions:
         self._done(cursor)
 
     def _say(self, said: str, level: str) -> None:
-        self._page.post_message(Page.Say(said, level))
+        self._page.say(said, level)

@@ -40,7 +40,7 @@ class LiveEffects:
     async def _choose(self) -> None:
         folders = list(dict.fromkeys([self._folder, Path()]))
         files = await in_thread(lambda: log_files.effects_files(folders))
-        now = self._page.view.now if self._page.view is not None else None
+        now = self._page.now
         loaded = now is not None and bool(now["effects"])
         self._page.app.push_screen(EffectsDialog(files, loaded), self._chosen)
 
@@ -60,15 +60,15 @@ class LiveEffects:
     async def _open(self, entered: str) -> None:
         file = await in_thread(lambda: log_files.effects_file(Path(entered).expanduser()))
         if file.error:
-            self._page.post_message(Page.Say(f"{entered}: {file.error}", "bad"))
+            self._page.say(f"{entered}: {file.error}", "bad")
         else:
             self.load(file.path.name, file.text)
 
     def load(self, name: str, content: str) -> None:
         """Have the live filter take effects; it begins anew."""
-        refused = text.refused(self._page.view.recording if self._page.view is not None else None, "effects")
+        refused = text.refused(self._page.recording, "effects")
         if refused is not None:
-            self._page.post_message(Page.Say(refused, "wait"))
+            self._page.say(refused, "wait")
             return
 
         def ask(client: Client) -> str:

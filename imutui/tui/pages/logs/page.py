@@ -183,9 +183,9 @@ class LogsPage(Page):
     def action_job(self, kind: str) -> None:
         here = self._here
         if here is None:
-            self.post_message(self.Say("no recording here; o opens another folder", "wait"))
+            self.say("no recording here; o opens another folder", "wait")
         elif kind == "recover" and here.state == text.WRITING:
-            self.post_message(self.Say(text.WRITTEN, "wait"))
+            self.say(text.WRITTEN, "wait")
         else:
             mode = int(getattr(self.app, "file_mode", 0o640))
             self._begin(jobs.over_one(kind, here.path, self._recordings.writing(), mode))
@@ -231,9 +231,9 @@ class LogsPage(Page):
 
     def _begin(self, job: jobs.Job) -> None:
         if self._job_line.job is not None:
-            self.post_message(self.Say(f"one at a time: {self._job_line.job.what} runs, Esc cancels it", "wait"))
+            self.say(f"one at a time: {self._job_line.job.what} runs, Esc cancels it", "wait")
         else:
-            self.post_message(self.Say(""))  # what was refused before has nothing to do with what comes now
+            self.say("")  # what was refused before has nothing to do with what comes now
             self._job_line.begin(job, self.app.size.width - 32)
 
     def on_job_line_ended(self, message: JobLine.Ended) -> None:
@@ -246,20 +246,20 @@ class LogsPage(Page):
             if self._outcome.experiment:
                 self.post_message(requests.ExperimentFound(self._outcome.experiment, self._outcome.title))
             if not self._show_outcome():
-                self.post_message(self.Say(f"{job.what} is done: 6 shows it", "good"))
+                self.say(f"{job.what} is done: 6 shows it", "good")
         elif state == CANCELLED:
-            self.post_message(self.Say(f"cancelled: {job.what}", "wait"))
+            self.say(f"cancelled: {job.what}", "wait")
         elif failure is not None:
             self._failure = f"{job.what}: {failure.sentence()}"
             if not self._say_failure():
-                self.post_message(self.Say(f"{job.what} came to nothing: 6 says why", "wait"))
+                self.say(f"{job.what} came to nothing: 6 says why", "wait")
         self._look()
 
     def _say_failure(self) -> bool:
         """Say why a job came to nothing, if this page is in front; whether it was said."""
         if not self._failure or self.app.current_mode != "logs":
             return False
-        self.post_message(self.Say(self._failure, "bad"))
+        self.say(self._failure, "bad")
         self._failure = ""
         return True
 
@@ -269,7 +269,7 @@ class LogsPage(Page):
         if self._outcome is None or not in_front:
             return False
         outcome, self._outcome = self._outcome, None
-        self.post_message(self.Say(""))
+        self.say("")
         self.app.push_screen(ResultPage(outcome, self._results))
         self._results = [*self._results[-8:], outcome]
         return True
@@ -291,7 +291,7 @@ class LogsPage(Page):
     def _with_file(self, ask: Callable[[Brief], None]) -> None:
         here, job = self._here, self._job_line.job
         if job is not None and ask != self._files.note:
-            self.post_message(self.Say(f"{job.what} runs: wait for it, or Esc cancels it", "wait"))
+            self.say(f"{job.what} runs: wait for it, or Esc cancels it", "wait")
         elif here is not None:
             ask(here)
 

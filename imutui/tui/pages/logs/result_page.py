@@ -135,7 +135,7 @@ class ResultPage(Page):
         others = [*reversed(self._others), *kept][:_MOST]
         if not others:
             name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
-            self.post_message(self.Say(name, "wait"))
+            self.say(name, "wait")
             return
         names = [formatting.shorten(made.title, 46) + comparison.length(made.kind, made.document) for made in others]
         answers = [Answer(str(n), str(n), name) for n, name in enumerate(names, 1)]
@@ -167,9 +167,9 @@ class ResultPage(Page):
             path = await in_thread(lambda: _kept(self.outcome.log, ending, make()))
         except OSError as error:
             where = error.filename or self.outcome.log.parent
-            self.post_message(self.Say(f"{where}: {error.strerror or error}. Nothing is written.", "bad"))
+            self.say(f"{where}: {error.strerror or error}. Nothing is written.", "bad")
             return
-        self.post_message(self.Say(f"wrote {path.name} beside the log" + (f"; {then}" if then else ""), "good"))
+        self.say(f"wrote {path.name} beside the log" + (f"; {then}" if then else ""), "good")
         if ending == "_experiment.toml":
             self.post_message(requests.OfferProfile(path))
 

@@ -90,7 +90,7 @@ class RecordPage(Page):
                     self.query_one(f"#wish-{name}", Input).value = value
 
     def _say_form(self) -> None:
-        recording = self.view.recording if self.view is not None else None
+        recording = self.recording
         title = "the recording after this gets" if recording else "the next recording gets"
         key = "Esc done" if isinstance(self.focused, Input) else "e edits"
         width = self.query_one("#wish").content_size.width or 78
@@ -134,7 +134,7 @@ class RecordPage(Page):
         if action == "edit":
             return not typing
         if action == "note":
-            return not typing and self.view is not None and self.view.recording is not None
+            return not typing and self.recording is not None
         return typing if action in ("leave_form", "next_field") else True
 
     def action_edit(self) -> None:

@@ -143,8 +143,7 @@ class TablePage(Page):
         """A profile has come."""
         self._choosing = False
         self._segments.follow(profile)
-        if self.view is not None:
-            self.show(self.view)
+        self.redraw()
 
     @property
     def _follows(self) -> bool:
@@ -176,7 +175,7 @@ class TablePage(Page):
 
     def _possible(self) -> set[str]:
         """Actions that make sense now."""
-        now, profile = self.view.now if self.view is not None else None, self._segments.profile
+        now, profile = self.now, self._segments.profile
         if profile is None or self._choosing:
             return {"take", "other", "copy"}
         if now is None or now["state"] != "running":
@@ -193,8 +192,8 @@ class TablePage(Page):
 
     def on_profile_chooser_chosen(self, message: ProfileChooser.Chosen) -> None:
         """Have the filter go by it; refused while a recording runs, which has one reference."""
-        if self.view is not None and self.view.recording is not None:
-            self.post_message(self.Say("a recording runs: r finishes it, then a profile can be taken", "wait"))
+        if self.recording is not None:
+            self.say("a recording runs: r finishes it, then a profile can be taken", "wait")
         elif message.offer is None:
             self._lay_aside()
         else:
@@ -220,8 +219,7 @@ class TablePage(Page):
         """The same profile again is followed as well."""
         self._choosing = False
         self._known = None
-        if self.view is not None:
-            self.show(self.view)
+        self.redraw()
 
     def action_guide(self, action: str) -> None:
         do, done = _REQUESTS[action]
