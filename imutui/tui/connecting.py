@@ -1,21 +1,23 @@
 """Connecting: starting an acquisition or taking up one that runs, what then comes from it, its end, and leaving it."""
 
+import contextlib
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import Any
 
 from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from filters.errors import InputError
+from imutui.jobs.documents import ResultDocument
 from imutui.session import client as session
-from imutui.session.client import Client, EndReport
+from imutui.session.client import Client, EndReport, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.background import in_thread
-from imutui.tui.connection.attempt import Attempt
 from imutui.tui.connection.poller import Poller
 from imutui.tui.context import FAULTS, AppContext
 from imutui.tui.pages import requests
@@ -23,11 +25,7 @@ from imutui.tui.pages.dialogs.choice import ended_dialog, jobs_dialog, quit_dial
 from imutui.tui.pages.record import text
 from imutui.tui.recording import RecordingControl
 
-if TYPE_CHECKING:
-    from imutui.tui.messages import RecordingResult
-
-
-TellFinished = Callable[[RecordingSnapshot, messages.RecordingResult], None]
+TellFinished = Callable[[RecordingSnapshot, ResultDocument], None]
 
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
@@ -38,6 +36,68 @@ class FromPoller(Message):
     """A snapshot has come, or none comes any more."""
 
     event: Poller.Arrived | Poller.Lost
+
+
+class Attempt:
+    """One start in a thread of its own.
+
+    An acquisition that begins after it was given up is stopped again: nobody would know of it.
+
+    `start`: blocks until the acquisition streams, or raises SessionError.
+    `stops`: whether giving up stops it; False for one that ran before, which is only let go.
+    """
+
+    def __init__(self, start: Callable[[], Client], *, stops: bool = True) -> None:
+        self._start = start
+        self._stops = stops
+        self._lock = threading.Lock()
+        self._given_up = False
+        self._client: Client | None = None
+        self._done = threading.Event()
+
+    def run(self) -> None:
+        """Start; to be called in a thread."""
+        try:
+            client = self._start()
+            with self._lock:
+                self._client = None if self._given_up else client
+            if self._client is None:
+                self._end(client)
+        except SessionError:
+            if not self._given_up:
+                raise
+        finally:
+            self._done.set()
+
+    def take(self) -> Client | None:
+        """The client, which from then on is the caller's."""
+        with self._lock:
+            client, self._client = self._client, None
+        return client
+
+    def give_up(self) -> None:
+        """Have what is being started stopped: later, if it has not begun."""
+        with self._lock:
+            self._given_up = True
+            client, self._client = self._client, None
+        if client is not None:
+            self._done.clear()
+            threading.Thread(target=self._stop, args=(client,), name="imutui-give-up", daemon=True).start()
+
+    def _stop(self, client: Client) -> None:
+        with contextlib.suppress(SessionError):  # it may have ended by itself, which is what was wanted
+            self._end(client)
+        self._done.set()
+
+    def _end(self, client: Client) -> None:
+        if self._stops:
+            client.stop("the screen, whose start was cancelled")
+        else:
+            client.close()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until nothing is under way any more; False if it takes longer."""
+        return self._done.wait(timeout)
 
 
 class Connector:
@@ -72,7 +132,7 @@ class Connector:
                 self.give_up()
                 self._context.connect_page.ready()
 
-    def _start_with(self, changes: requests.PlanChanges) -> None:
+    def _start_with(self, changes: dict[str, Any]) -> None:
         """Start an acquisition with some fields of its plan."""
         # a rate that somebody typed is not lowered to what the unit gives, but refused
         typed = () if changes["rate_hz"] == self.defaults.rate_hz else ("rate_hz",)
@@ -169,7 +229,7 @@ class Connector:
         context, app = self._context, self._context.app
         reason = messages.ended(context.connection.newest, error, report)
         if context.recording is not None and report is not None and report["result"] is not None:
-            self._tell_finished(context.recording, cast("messages.RecordingResult", report["result"]))
+            self._tell_finished(context.recording, report["result"])
         typing = isinstance(app.focused, Input)
         self.release()
         context.connection.over()
@@ -262,7 +322,7 @@ class Leaving:
         connection.pause()
         context.say("stopping: finishing the file" if recording else "stopping the acquisition", "wait")
         try:
-            result = cast("RecordingResult | None", await in_thread(lambda: client.stop("the screen")))
+            result = await in_thread(lambda: client.stop("the screen"))
         except FAULTS as error:
             return messages.fault(error)
         finally:

@@ -31,7 +31,7 @@ class AppContext:
     def __init__(self, app: App[int]) -> None:
         self.app = app
         self.connection = ConnectionModel()
-        self._opened: dict[str, Page] = {}
+        self._opened: dict[str, Page] = {}  # Connect and Logs are asked for only once they are
         self._said_on: Page | None = None
         for _, title in PAGES:
             app.add_mode(title.lower(), partial(self._open, title))
@@ -47,22 +47,18 @@ class AppContext:
 
     @property
     def connect_page(self) -> "ConnectPage":
-        """The page that connects; KeyError before it is opened."""
         return cast("ConnectPage", self._opened["connect"])
 
     @property
     def logs_page(self) -> "LogsPage":
-        """The page of recordings; KeyError before it is opened."""
         return cast("LogsPage", self._opened["logs"])
 
     @property
     def record_page(self) -> "RecordPage | None":
-        """The page of the recording; None before it is opened."""
         return cast("RecordPage | None", self._opened.get("record"))
 
     @property
     def table_page(self) -> "TablePage | None":
-        """The page of table profiles; None before it is opened."""
         return cast("TablePage | None", self._opened.get("table"))
 
     def jobs(self) -> Sequence[str]:

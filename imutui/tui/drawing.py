@@ -84,8 +84,7 @@ class FrameMonitor:
         what it would show, once it is through, would be old.
 
         `driver`: of the terminal; one that does not measure is taken as one that keeps up.
-        `snapshot`: the data.
-        `asked_at`: when it was asked for, monotonic, s.
+        `asked_at`: when the snapshot was asked for, monotonic, s.
         """
         now = time.monotonic()
         if isinstance(driver, Terminal):

@@ -1,8 +1,9 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from typing import TypedDict, cast
+from typing import Any
 
+from imutui.jobs.documents import ResultDocument
 from imutui.session.client import EndReport, SessionError
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
@@ -10,23 +11,6 @@ from imutui.verdict.rules import STEADY_K_PER_MIN
 
 WARM_UP_S = 15 * 60.0
 KILLED = "Its process was killed or broke down: it is gone, and has left no word of its end."
-
-
-class FinalBiases(TypedDict, total=False):
-    """Three biases of each kind, in the units of their names; None where one is not observable."""
-
-    gyro_bias_dps: list[float | None]
-    accel_bias_mg: list[float | None]
-
-
-class RecordingResult(TypedDict, total=False):
-    """What the screen reads of the result document of a recording that is finished."""
-
-    log: str
-    samples: int
-    duration_s: float
-    converged: bool
-    final: FinalBiases
 
 
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
@@ -85,7 +69,7 @@ def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None
     said = [_why_ended(snapshot, error, report)]
     said += [finding["text"] for finding in report["findings"]] if report else []
     if recording and report and report["result"] is not None:
-        said.append(finished(recording, cast("RecordingResult", report["result"])))
+        said.append(finished(recording, report["result"]))
     elif recording and error == KILLED:
         path = recording["path"]
         said.append(f"It was recording to {path}: that file is not finished. On 6 Logs, v recovers what it holds.")
@@ -105,18 +89,18 @@ def _why_ended(snapshot: Snapshot | None, error: str | None, report: EndReport |
     return error or "It ended by itself, without an error."
 
 
-def finished(recording: RecordingSnapshot | None, result: RecordingResult | None) -> str:
+def finished(recording: RecordingSnapshot | None, result: ResultDocument | None) -> str:
     """Which file is finished, how much is in it, and what the filter made of it."""
-    result = result or {}
-    samples = result.get("samples", recording["samples"] if recording else None)
+    found: Any = result or {}
+    samples = found.get("samples", recording["samples"] if recording else None)
     much = f", {formatting.plural(samples, 'sample')}" if isinstance(samples, int) else ""
-    path = result.get("log") or (recording["path"] if recording else None)
+    path = found.get("log") or (recording["path"] if recording else None)
     lines = [f"finished {path or 'the file'}{much}"]
-    biases = ", ".join(f"{name} {values}" for name, values in final_biases(result))
+    biases = ", ".join(f"{name} {values}" for name, values in final_biases(found))
     return "\n".join([*lines, *([biases] if biases else [])])
 
 
-def final_biases(result: RecordingResult) -> list[tuple[str, str]]:
+def final_biases(result: Any) -> list[tuple[str, str]]:
     """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
     final = result.get("final") or {}
     found = (

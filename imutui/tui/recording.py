@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 from filters.errors import InputError
+from imutui.jobs.documents import ResultDocument
 from imutui.session.client import Client
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import RecordingSnapshot
@@ -15,9 +16,6 @@ from imutui.tui.context import AppContext
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog, nothing_to_mark
 from imutui.tui.pages.record import text
-
-if TYPE_CHECKING:
-    from imutui.tui.messages import RecordingResult
 
 _NOTE_HINT = (
     "Enter records, with or without a note; it can be changed while the recording runs: n on page 3. Esc: not yet."
@@ -100,7 +98,7 @@ class RecordingControl:
     async def _finish(self, client: Client) -> None:
         context, recording = self._context, self._context.recording
         context.say("finishing the file", "wait")
-        result = cast("RecordingResult", await in_thread(client.stop_recording))
+        result = await in_thread(client.stop_recording)
         self.tell_page(text.finished(recording, result))
         shown = context.front is not None and context.front is context.record_page
         context.say("the file is finished" if shown else messages.finished(recording, result), "good")
@@ -131,7 +129,7 @@ class RecordingControl:
             self._context.record_page.begun()
         self.tell_page([])
 
-    def tell_finished(self, recording: RecordingSnapshot, result: "RecordingResult") -> None:
+    def tell_finished(self, recording: RecordingSnapshot, result: ResultDocument) -> None:
         """A recording was finished by somebody else."""
         self.tell_page(text.finished(recording, result))
 

@@ -22,7 +22,7 @@ def test_the_screen_loads_neither_filters_nor_logs() -> None:
 
 
 _TEXT = (
-    "formatting", "messages", "connection.model", "connection.poller", "connection.verdict", "connection.attempt",
+    "formatting", "messages", "connection.model", "connection.poller", "connection.verdict",
     "pages.connect.text", "pages.record.text", "pages.table.text", "pages.logs.text", "pages.logs.result_text",
     "pages.logs.recordings", "pages.filter.text",
 )  # fmt: skip

@@ -61,8 +61,3 @@ class PacketSeries:
             return None
         centred = t - t.mean()
         return float(60.0 * (centred @ values[:, column]) / (centred @ centred))
-
-    def extremes(self, seconds: float) -> tuple[Floats, Floats] | None:
-        """Minimum and maximum (columns,) over the last seconds, or None without data."""
-        t, values = self.last(seconds)
-        return (values.min(axis=0), values.max(axis=0)) if t.size else None

@@ -2,19 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 from textual.message import Message
-
-
-class PlanChanges(TypedDict):
-    """Fields of a plan that the connect page asks for."""
-
-    port: str
-    rate_hz: float
-    sampling: str
-    filter: str
-    reference: str
 
 
 class ConnectRequest(Message):
@@ -25,7 +15,7 @@ class ConnectRequest(Message):
 class Start(ConnectRequest):
     """Start an acquisition whose plan has these fields otherwise than usual."""
 
-    changes: PlanChanges
+    changes: dict[str, Any]
 
 
 class StartDemo(ConnectRequest):

@@ -65,13 +65,7 @@ def span_s(seconds: float) -> float:
 
 
 def envelope(history: EstimateHistory, column: int, span: float, columns: int) -> BiasEnvelope:
-    """Extremes of each dot column.
-
-    `history`: with at least one row.
-    `column`: which estimate.
-    `span`: length of the time axis, s.
-    `columns`: dot columns.
-    """
+    """Extremes of an estimate in each dot column of a time axis of `span` s; the history has at least one row."""
     t = history.instants() - history.begin
     width = span / columns
     gaps = tuple((_column(begin, history, width), _column(end, history, width)) for begin, end in history.breaks())
@@ -123,13 +117,8 @@ def level_line(level: float, limits: Limits, rows: int, columns: int) -> Bits:
 def cells(
     envelope: BiasEnvelope, limits: Limits, levels: list[float], rows: int, glyphs: Glyphs, *, shades: bool
 ) -> Cells:
-    """What a plot shows: the estimate as a line of dots, its band behind it.
+    """What a plot of so many lines shows: the estimate as a line of dots, its band behind it, broken lines at levels.
 
-    `envelope`: in dot columns.
-    `limits`: of the axis.
-    `levels`: level lines: zero and the data sheet's limits.
-    `rows`: lines.
-    `glyphs`: signs of the terminal.
     `shades`: whether the terminal can show the band as background; else its edges are drawn.
     """
     dots, columns = rows * glyphs.rows, envelope.estimate.low.size

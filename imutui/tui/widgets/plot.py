@@ -70,12 +70,8 @@ class Plot(PlotWidget):
     ) -> None:
         """Draw the last `span` seconds of a series; only lines that changed are drawn anew.
 
-        `series`: the data.
-        `span`: s.
-        `mode`: "scroll", "sweep", or "numbers" for no plot.
-        `note`: why it is this mode, for the title.
-        `locked`: whether the scales stay.
-        `frozen`: whether the view stands still.
+        `mode`, `note`: "scroll", "sweep", or "numbers" for no plot; why it is that, for the title.
+        `locked`, `frozen`: whether the scales stay; whether the view stands still.
         """
         if not locked and self._locked:
             self._lanes.follow_scales()
@@ -146,12 +142,7 @@ class Plot(PlotWidget):
 
     def _head(self, width: int) -> str:
         """Title at the left; span, mode and scale at the right, shorter where there is no room."""
-        left = self.glyphs.text(f"── {self._title} ")
-        for right in self._said():
-            right = self.glyphs.text(f" {right} ──")
-            if len(left) + len(right) <= width:
-                break
-        return (left + self.glyphs.text("─") * (width - len(left) - len(right)) + right)[:width].ljust(width)
+        return raster.titled(f"── {self._title} ", self._said(), width, self.glyphs)
 
     def _said(self) -> list[str]:
         """What the title says of the plot, from long to short."""

@@ -60,10 +60,7 @@ class PlotLanes:
     def update(self, series: PacketSeries, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:
         """Take what is new; returns the lines of each lane.
 
-        `series`: the data.
-        `frame`: size and span.
-        `sweep`: whether time stands still and an erase bar moves, or the other way round.
-        `locked`: whether scales stay as they are.
+        `sweep`, `locked`: whether time stands still and an erase bar moves; whether scales stay as they are.
         """
         width = frame.span / (frame.cells * self._glyphs.columns)
         t, values = series.last(

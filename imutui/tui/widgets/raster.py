@@ -208,3 +208,13 @@ def runs(line: str, looks: Iterable[Look]) -> list[tuple[str, Look]]:
         parts.append((line[begin:end], look))
         begin = end
     return parts
+
+
+def titled(left: str, rights: Iterable[str], width: int, glyphs: Glyphs) -> str:
+    """A line from a title at the left to the first words that fit at the right, the longest of which come first."""
+    left, said = glyphs.text(left), ""
+    for right in rights:
+        said = glyphs.text(f" {right} ──" if right else "")
+        if len(left) + len(said) <= width:
+            break
+    return (left + glyphs.text("─") * (width - len(left) - len(said)) + said)[:width].ljust(width)

@@ -31,22 +31,12 @@ class PlotLook:
 
 
 def of_history(history: EstimateHistory, column: int, title: str, rows: int, look: PlotLook) -> list[Line]:
-    """An estimate with its band over time; under it the time axis.
-
-    `history`: of a run.
-    `column`: which estimate.
-    `title`: name and unit.
-    `rows`: lines of the plot itself.
-    `look`: how it is drawn.
-    """
+    """An estimate of a run with its band over time, in so many lines; under it the time axis."""
     cells = look.width - GUTTER
     # a result is over: its axis ends where it does
     span = max(float(history.newest - history.begin), _SHORTEST_S) if len(history) else _SHORTEST_S
-    envelope = (
-        history_cells.envelope(history, column, span, cells * look.glyphs.columns)
-        if len(history)
-        else _nothing(cells * look.glyphs.columns)
-    )
+    columns = cells * look.glyphs.columns
+    envelope = history_cells.envelope(history, column, span, columns) if len(history) else _nothing(columns)
     extent = history_cells.extent(envelope, "auto", None)
     ends = history_cells.duration(history.begin), history_cells.duration(history.begin + span)
     return _plot(title, envelope, extent, ends, rows, look)
@@ -58,12 +48,8 @@ def of_curve(
 ) -> list[Line]:  # fmt: skip
     """A curve over x, which increases; interrupted where it is None.
 
-    `x`, `y`: points.
-    `title`: name and unit.
-    `limits`: what the axis has to contain; None for the curve alone.
+    `limits`: what the y axis has to contain; None for the curve alone.
     `ends`: what stands at both ends of the x axis.
-    `rows`: lines of the plot itself.
-    `look`: how it is drawn.
     """
     columns = (look.width - GUTTER) * look.glyphs.columns
     at, values = np.array(x, float), np.array([np.nan if value is None else value for value in y], float)
@@ -125,7 +111,7 @@ def _plot(
     title: str, envelope: BiasEnvelope, extent: Limits | None, ends: tuple[str, str], rows: int, look: PlotLook
 ) -> list[Line]:
     glyphs, width = look.glyphs, look.width
-    head = glyphs.text(f"── {title} ".ljust(width, "─"))[:width]
+    head = raster.titled(f"── {title} ", (), width, glyphs)
     if extent is None:
         return [[(head, _QUIET)], [("no estimate".rjust(GUTTER + 13).ljust(width), _QUIET)]]
     limits = raster.nice_range(*extent)

@@ -10,7 +10,7 @@ from helpers.fake_client import FakeClient
 from imutui.session.client import SessionError
 from imutui.session.live_filter import RunHistory
 from imutui.session.plan import HistoryWish
-from imutui.tui.connection.attempt import Attempt
+from imutui.tui.connecting import Attempt
 from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.connection.poller import Poller

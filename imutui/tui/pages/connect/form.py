@@ -248,14 +248,8 @@ class ConnectForm(Vertical):
             self.say_error(f"The rate is {error}.")
             self.query_one("#rate").focus()
             return
-        changes: requests.PlanChanges = {
-            "port": choice.value,
-            "rate_hz": rate,
-            "sampling": self._value("sampling"),
-            "filter": self._value("filter"),
-            "reference": self._value("reference"),
-        }
-        self.post_message(requests.Start(changes))
+        chosen = {name: self._value(name) for name in _CHOSEN}
+        self.post_message(requests.Start({"port": choice.value, "rate_hz": rate, **chosen}))
 
 
 class Radio(Widget, can_focus=True):

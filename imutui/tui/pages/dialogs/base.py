@@ -13,7 +13,7 @@ from textual.widget import Widget
 from textual.widgets import Input, Static
 
 from imutui.tui.widgets.page_frame import KeysLine
-from imutui.tui.widgets.wrapped_text import WrappedText
+from imutui.tui.widgets.text_lines import WrappedText
 
 
 class Dialog(ModalScreen[ScreenResultType]):

@@ -16,7 +16,7 @@ from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.dialogs.base import Dialog
-from imutui.tui.widgets.wrapped_text import WrappedText
+from imutui.tui.widgets.text_lines import WrappedText
 
 _STAY = "stay"
 

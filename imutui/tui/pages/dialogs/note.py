@@ -14,7 +14,7 @@ from imutui.session.client import Client
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.base import Dialog, FieldDialog, dismiss_after_typing
 from imutui.tui.pages.dialogs.choice import ChoiceDialog
-from imutui.tui.widgets.wrapped_text import WrappedText
+from imutui.tui.widgets.text_lines import WrappedText
 
 
 class NoteDialog(Dialog[tuple[str, str] | None]):

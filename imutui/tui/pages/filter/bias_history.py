@@ -136,35 +136,17 @@ class BiasPlot(PlotWidget):
         return super().style_of(kind) + Style(bgcolor=band) if shaded else super().style_of(kind)
 
     def _head(self, settings: BiasPlotSettings, history: EstimateHistory, span: float | None, width: int) -> Line:
-        axis = (
-            ""
-            if span is None
-            else f"{history_cells.duration(history.begin)} to {history_cells.duration(history.begin + span)}"
-        )
+        ends = (history_cells.duration(history.begin + part) for part in (0.0, span or 0.0))
+        axis = "" if span is None else " to ".join(ends)
         since = "since attached" if history.attached_late else ""
         limits = "no limits known" if settings.limit is None else "scale: limits"
         scale = {"auto": "", "whole run": "scale: whole run", "limits": limits}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
-        rights = (
-            (settings.hint, self._band_name(settings), scale, since, axis),
-            (settings.hint, scale, since, axis),
-            (scale, since, axis),
-        )
-        for right in (*rights, (since, axis), (axis,)):
-            said = self.glyphs.text(" " + ", ".join(part for part in right if part) + " ──" if any(right) else "")
-            if len(left) + len(said) <= width:
-                break
-        else:
-            said = ""
-        left = self.glyphs.text(left)
-        middle = self.glyphs.text("─") * max(width - len(left) - len(said), 0)
+        band = "" if settings.limit is None else "± 3 sd shaded" if self._shades else "± 3 sd edged"
+        parts = ((settings.hint, band, scale, since, axis), (settings.hint, scale, since, axis), (scale, since, axis))
+        rights = [", ".join(part for part in right if part) for right in (*parts, (since, axis), (axis,), ())]
         style = "chosen" if settings.chosen else "title"
-        return [((left + middle + said)[:width].ljust(width), style)]
-
-    def _band_name(self, settings: BiasPlotSettings) -> str:
-        if settings.limit is None:
-            return ""
-        return "± 3 sd shaded" if self._shades else "± 3 sd edged"
+        return [(raster.titled(left, rights, width, self.glyphs), style)]
 
     def _empty(self, settings: BiasPlotSettings, rows: int, width: int) -> list[Line]:
         why = "no estimate yet" if settings.observable else "unobservable in this setup: there is no estimate"

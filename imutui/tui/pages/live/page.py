@@ -99,15 +99,8 @@ class LivePage(Page):
                 self._show_plot(plot, view)
 
     def _show_plot(self, plot: Plot, view: View) -> None:
-        pacing = view.pacing
-        plot.show(
-            view.series,
-            self.span(view),
-            mode=pacing.mode,
-            note=pacing.note,
-            locked=self._locked,
-            frozen=view.frozen,
-        )
+        mode, note = view.pacing.mode, view.pacing.note
+        plot.show(view.series, self.span(view), mode=mode, note=note, locked=self._locked, frozen=view.frozen)
 
     def on_resize(self, _: events.Resize) -> None:
         self._lay_out()

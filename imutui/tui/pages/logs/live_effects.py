@@ -19,7 +19,7 @@ from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.base import Dialog, FieldDialog
 from imutui.tui.pages.logs import text
 from imutui.tui.widgets.option_rows import OptionRows
-from imutui.tui.widgets.wrapped_text import WrappedText
+from imutui.tui.widgets.text_lines import WrappedText
 
 
 class LiveEffects:
