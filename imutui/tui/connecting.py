@@ -4,14 +4,13 @@ import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from filters.errors import InputError
-from imutui.jobs.documents import ResultDocument
 from imutui.session import client as session
 from imutui.session.client import Client, EndReport, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
@@ -25,7 +24,10 @@ from imutui.tui.pages.dialogs.choice import ended_dialog, jobs_dialog, quit_dial
 from imutui.tui.pages.record import text
 from imutui.tui.recording import RecordingControl
 
-TellFinished = Callable[[RecordingSnapshot, ResultDocument], None]
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
+
+TellFinished = Callable[[RecordingSnapshot, "ResultDocument"], None]
 
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0

@@ -1,13 +1,15 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from imutui.jobs.documents import ResultDocument
 from imutui.session.client import EndReport, SessionError
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
 from imutui.verdict.rules import STEADY_K_PER_MIN
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
 
 WARM_UP_S = 15 * 60.0
 KILLED = "Its process was killed or broke down: it is gone, and has left no word of its end."
@@ -89,7 +91,7 @@ def _why_ended(snapshot: Snapshot | None, error: str | None, report: EndReport |
     return error or "It ended by itself, without an error."
 
 
-def finished(recording: RecordingSnapshot | None, result: ResultDocument | None) -> str:
+def finished(recording: RecordingSnapshot | None, result: "ResultDocument | None") -> str:
     """Which file is finished, how much is in it, and what the filter made of it."""
     found: Any = result or {}
     samples = found.get("samples", recording["samples"] if recording else None)

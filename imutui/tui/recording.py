@@ -3,10 +3,9 @@
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from filters.errors import InputError
-from imutui.jobs.documents import ResultDocument
 from imutui.session.client import Client
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import RecordingSnapshot
@@ -16,6 +15,9 @@ from imutui.tui.context import AppContext
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog, nothing_to_mark
 from imutui.tui.pages.record import text
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
 
 _NOTE_HINT = (
     "Enter records, with or without a note; it can be changed while the recording runs: n on page 3. Esc: not yet."
@@ -129,7 +131,7 @@ class RecordingControl:
             self._context.record_page.begun()
         self.tell_page([])
 
-    def tell_finished(self, recording: RecordingSnapshot, result: ResultDocument) -> None:
+    def tell_finished(self, recording: RecordingSnapshot, result: "ResultDocument") -> None:
         """A recording was finished by somebody else."""
         self.tell_page(text.finished(recording, result))
 

@@ -1,13 +1,15 @@
 """What the Record page says and asks. Pure functions of a snapshot."""
 
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from filters.errors import InputError
-from imutui.jobs.documents import ResultDocument
 from imutui.session.plan import RecordingWish, offer_of
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
 
 FLUSH_LIMIT_S = 3.0  # age of the last flush above which the disk does not keep up: one is due every second
 HOUR_S = 3600.0
@@ -168,7 +170,7 @@ def will_write(now: Snapshot) -> str:
     return str(PurePath(now["logs"] or "the logs folder") / f"{name}_{number}_UTC_note.mcap")
 
 
-def finished(recording: RecordingSnapshot | None, result: ResultDocument | None) -> list[tuple[str, str]]:
+def finished(recording: RecordingSnapshot | None, result: "ResultDocument | None") -> list[tuple[str, str]]:
     """What was written: names and values of up to four lines."""
     found: Any = result or {}
     samples = found.get("samples", recording["samples"] if recording else None)
