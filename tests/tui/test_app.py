@@ -4,12 +4,11 @@ import time
 from typing import Any, cast
 
 import pytest
-from helpers.fake_client import PATH, FakeClient
-from helpers.pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import PATH, FakeClient, acquisition
+from helpers.pilot import SMALLEST, opened
 
 from imutui.session.client import SessionError
 from imutui.session.plan import RecordingWish
-from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.base import PAGES
 from imutui.tui.terminal.pacing import Load
 from imutui.tui.widgets.plot import Plot
@@ -17,15 +16,10 @@ from imutui.tui.widgets.plot import Plot
 FILE = PATH.rsplit("/", 1)[1]
 
 
-def _app(client: FakeClient | None) -> ImutuiApp:
-    return ImutuiApp(client)  # type: ignore[arg-type]
-
-
 async def test_live_has_every_vital_text_at_80x24() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", ">gx  ", " T  ")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        screen = await see.shows("IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", ">gx  ", " T  ")
         for text in (
             "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gx, deg/s, with mean", " az  ",
             "last 30 s, scroll, autoscale",
@@ -37,29 +31,27 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
 
 
 async def test_a_measured_unit_is_not_called_simulated() -> None:
-    async with _app(FakeClient(kind="measured")).run_test(size=SMALLEST) as pilot:
-        assert "SIMULATED" not in await shows(pilot, "IMU400CD-200")
+    async with opened(FakeClient(kind="measured")) as see:
+        assert "SIMULATED" not in await see.shows("IMU400CD-200")
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=size) as pilot:
-        await shows(pilot, "SIMULATED")
+    client = acquisition(recording=True)
+    async with opened(client, size=size) as see:
         for key, _ in PAGES:
-            await pilot.press(key)
-            lines = (await shows(pilot, "q quit")).splitlines()
+            await see(f"{key} →")
+            lines = (await see.shows("q quit")).splitlines()
             assert len(lines) == size[1]
             assert "q quit" in lines[-1]
-            assert max(widget.region.bottom for widget in pilot.app.screen.query("#page > *")) <= size[1]
+            assert max(widget.region.bottom for widget in see.app.screen.query("#page > *")) <= size[1]
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40), (200, 60)])
 async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
-    async with _app(FakeClient()).run_test(size=size) as pilot:
+    async with opened(FakeClient(), size=size) as see:
         first = "gx, deg/s, with mean" if size == SMALLEST else "gyro, deg/s"
-        lines = (await shows(pilot, first, "now")).splitlines()
+        lines = (await see.shows(first, "now")).splitlines()
         assert lines[2].startswith("      counts     value")
         assert lines[9].startswith(" T  ")
         assert lines[10].startswith(f"── {first}")
@@ -72,115 +64,97 @@ async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
 
 
 async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
-    async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "gx, deg/s, with mean")
+    async with opened(FakeClient()) as see:
+        await see("→ gx, deg/s, with mean")
         for there, away in (("gyro, deg/s", "accel, mg"), ("accel, mg", "gyro, deg/s")):
-            await pilot.press("g")
-            await until(pilot, lambda away=away: away not in text_of(pilot.app))  # type: ignore[arg-type, misc]
-            lines = (await shows(pilot, there)).splitlines()
+            await see("g →")
+            await see.until(lambda away=away: away not in see.text())  # type: ignore[arg-type, misc]
+            lines = (await see.shows(there)).splitlines()
             assert sum("┤" in line for line in lines) == 6
-        await pilot.press("g")
-        await shows(pilot, "gyro, deg/s", "accel, mg")
-        await pilot.press("g")
-        await shows(pilot, "orientation of the unit", "down is +z, within 0.35°", "roll     -0.02°", "pitch    +0.35°")
+        await see("g → gyro, deg/s | accel, mg")
+        await see("g → orientation of the unit | down is +z, within 0.35° | roll     -0.02° | pitch    +0.35°")
 
 
 async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "scroll, autoscale")
-        await pilot.press("s")
-        await shows(pilot, "last 30 s, sweep, autoscale", "22.5 s", "⣿")
-        await pilot.press("s")
-        screen = await shows(pilot, "no plot: numbers only", "0.3461")
+    async with opened(client) as see:
+        await see("→ scroll, autoscale")
+        await see("s → last 30 s, sweep, autoscale | 22.5 s | ⣿")
+        screen = await see("s → no plot: numbers only | 0.3461")
         assert "⣿" not in screen
-        await pilot.press("space")
-        await shows(pilot, "FROZEN, no plot")
-        await pilot.press("s")
-        await shows(pilot, "FROZEN, last 30 s, scroll", "⣿")
+        await see("space → FROZEN, no plot")
+        await see("s → FROZEN, last 30 s, scroll | ⣿")
 
 
 async def test_a_slow_link_is_said_in_words() -> None:
-    app = _app(FakeClient())
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "scroll, autoscale")
+    async with opened(FakeClient()) as see:
+        await see("→ scroll, autoscale")
         for second in range(0, 12, 3):
-            app.drawing.frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
+            see.app.drawing.frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
             if second == 0:
-                await shows(pilot, "last 30 s, sweep: link is slow, autoscale")
-        await shows(pilot, "no plot: link is slow", "1000.981")
+                await see("→ last 30 s, sweep: link is slow, autoscale")
+        await see("→ no plot: link is slow | 1000.981")
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) -> None:
-    async with _app(FakeClient()).run_test(size=size) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("ctrl+b")
-        screen = await shows(pilot, " fps", " kB/s", "CPU", "ms old", "queue  0", "auto scroll")
+    async with opened(FakeClient(), size=size) as see:
+        await see("ctrl+b →")
+        screen = await see.shows(" fps", " kB/s", "CPU", "ms old", "queue  0", "auto scroll")
         assert len(screen.splitlines()) == size[1]
-        await pilot.press("4")
-        await shows(pilot, " kB/s", "NIS")
-        await pilot.press("ctrl+b")
-        await until(pilot, lambda: "kB/s" not in text_of(pilot.app))  # type: ignore[arg-type]
+        await see("4 →")
+        await see.shows(" kB/s", "NIS")
+        await see("ctrl+b → !kB/s")
 
 
 async def test_only_the_page_in_front_draws() -> None:
-    app = _app(FakeClient())
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "scroll, autoscale")
-        plot = app.screen.query(Plot).first()
-        await pilot.press("4")
-        await shows(pilot, "NIS")
-        before, polls = list(plot._strips), app._first_client.polls  # type: ignore[union-attr]
-        await until(pilot, lambda: app._first_client.polls > polls + 3)  # type: ignore[union-attr]
+    async with opened(FakeClient()) as see:
+        await see("→ scroll, autoscale")
+        plot = see.app.screen.query(Plot).first()
+        await see("4 → NIS")
+        before, polls = list(plot._strips), see.app._first_client.polls  # type: ignore[union-attr]
+        await see.until(lambda: see.app._first_client.polls > polls + 3)  # type: ignore[union-attr]
         assert plot._strips == before
-        await pilot.press("2")
-        await until(pilot, lambda: plot._strips != before)
+        await see("2 →")
+        await see.until(lambda: plot._strips != before)
 
 
 async def test_a_small_terminal_says_what_it_needs() -> None:
-    async with _app(FakeClient()).run_test(size=(79, 24)) as pilot:
-        assert "gyro" not in await shows(pilot, "needs 80x24", "79x24")
-        await pilot.resize_terminal(*SMALLEST)
-        await shows(pilot, "gx, deg/s")
-        await pilot.resize_terminal(100, 20)
-        await shows(pilot, "needs 80x24", "100x20")
+    async with opened(FakeClient(), size=(79, 24)) as see:
+        assert "gyro" not in await see.shows("needs 80x24", "79x24")
+        await see.pilot.resize_terminal(*SMALLEST)
+        await see("→ gx, deg/s")
+        await see.pilot.resize_terminal(100, 20)
+        await see("→ needs 80x24 | 100x20")
 
 
 async def test_no_key_acts_unseen_in_a_small_terminal() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.resize_terminal(60, 20)
-        await shows(pilot, "needs 80x24", "RECORDING goes on")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see.pilot.resize_terminal(60, 20)
+        await see("→ needs 80x24 | RECORDING goes on")
         for key in ("r", "m", "6", "t", "D", "space", "enter"):
-            await pilot.press(key)
+            await see(f"{key} →")
         assert client.recording
-        assert pilot.app.current_mode == "live"
-        await pilot.press("q")
-        await shows(pilot, "continues")
+        assert see.app.current_mode == "live"
+        await see("q → continues")
 
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⣿")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        screen = await see("→ SIMULATED | ● REC | AMBER 5 of 6 | ⣿")
         assert "lost 0" in screen
-        await pilot.press("4")
-        await shows(pilot, "AMBER", "not yet")
-        await pilot.press("q")
-        await shows(pilot, "recording continues")
+        await see("4 → AMBER | not yet")
+        await see("q → recording continues")
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        assert (await shows(pilot, "* REC", "gx, deg/s")).isascii()
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        assert (await see.shows("* REC", "gx, deg/s")).isascii()
         for keys, text in (
             ("4", "+-0.0291"),
             ("3", "RECORDING"),
@@ -188,28 +162,23 @@ async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> Non
             ("6", "6 Logs"),
             ("1", "Connected"),
         ):
-            await pilot.press(keys)
-            assert (await shows(pilot, text)).isascii(), text_of(pilot.app)  # type: ignore[arg-type]
-        await pilot.press("q")
-        assert (await shows(pilot, "continues")).isascii()
+            await see(f"{keys} →")
+            assert (await see.shows(text)).isascii(), see.text()
+        await see("q →")
+        assert (await see.shows("continues")).isascii()
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "not recording: r writes")
-        await pilot.press("r")
-        await shows(pilot, "A note for this recording", "Enter records, with or without")
-        await pilot.press("escape")
-        await shows(pilot, "not recording: r writes")
+    async with opened(client) as see:
+        await see("→ not recording: r writes")
+        await see("r → A note for this recording | Enter records, with or without")
+        await see("escape → not recording: r writes")
         assert client.asked == []
-        await pilot.press("r", *"cold")
-        await shows(pilot, "note      cold")
-        await pilot.press("enter")
-        await shows(pilot, f"recording to {PATH}", "● REC")
+        await see("r 'cold' → note      cold")
+        await see(f"enter → recording to {PATH} | ● REC")
         assert client.wish == RecordingWish(note="cold")
-        await pilot.press("r")
-        await shows(pilot, f"finished {PATH}, 15246 samples", "not recording")
+        await see(f"r → finished {PATH}, 15246 samples | not recording")
         assert client.asked == ["record", "stop_recording"]
 
 
@@ -221,211 +190,166 @@ async def test_a_refusal_is_said() -> None:
 
     client.changes["note"] = "cold"
     client.record = refuse  # type: ignore[method-assign]
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("r")
-        await shows(pilot, "the disk is full: 12 MB left")
+    async with opened(client) as see:
+        await see("r → the disk is full: 12 MB left")
 
 
 async def test_m_marks_a_recording() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("m")
-        await shows(pilot, "Mark in the recording")
-        await pilot.press(*"rq 1", "enter")
-        await shows(pilot, "marked: rq 1")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see("m → Mark in the recording")
+        await see("'rq 1' enter → marked: rq 1")
         assert client.asked == ["mark rq 1"]
 
 
 async def test_m_without_a_recording_says_why_not() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "not recording: r writes")
-        await pilot.press("m")
-        await shows(pilot, "Not recording", "nothing to mark", "r starts a recording")
-        await pilot.press(*"door", "enter")
-        await shows(pilot, "not recording: r writes")
+    async with opened(client) as see:
+        await see("→ not recording: r writes")
+        await see("m → Not recording | nothing to mark | r starts a recording")
+        await see("'door' enter → not recording: r writes")
         assert client.asked == []
 
 
 async def test_space_freezes_the_view_and_not_the_data() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("space")
-        frozen = (await shows(pilot, "FROZEN")).splitlines()[2:20]
+    async with opened(client) as see:
+        await see("space →")
+        frozen = (await see.shows("FROZEN")).splitlines()[2:20]
         polls = client.polls
-        await until(pilot, lambda: client.polls > polls + 3)
-        assert text_of(pilot.app).splitlines()[2:20] == frozen  # type: ignore[arg-type]
-        await pilot.press("escape")
-        await until(pilot, lambda: "FROZEN" not in text_of(pilot.app))  # type: ignore[arg-type]
+        await see.until(lambda: client.polls > polls + 3)
+        assert see.text().splitlines()[2:20] == frozen
+        await see("escape → !FROZEN")
 
 
 async def test_span_and_lock() -> None:
-    async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "last 30 s, scroll, autoscale")
-        await pilot.press("plus")
-        await shows(pilot, "last 60 s")
-        await pilot.press("minus", "minus", "minus")
-        await shows(pilot, "last 5 s")
-        await pilot.press("a")
-        await shows(pilot, "scale locked")
-        await pilot.press("a")
-        await shows(pilot, "last 5 s, scroll, autoscale")
+    async with opened(FakeClient()) as see:
+        await see("→ last 30 s, scroll, autoscale")
+        await see("plus → last 60 s")
+        await see("minus minus minus → last 5 s")
+        await see("a → scale locked")
+        await see("a → last 5 s, scroll, autoscale")
 
 
 async def test_quitting_while_recording_says_what_goes_on() -> None:
-    client = FakeClient()
-    client.recording = True
-    app = _app(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("q")
-        await shows(pilot, FILE, "recording continues in the background", "finish the file", "cancel")
-        await pilot.press("escape")
-        await shows(pilot, "gx, deg/s")
-        await pilot.press("q")
-        await shows(pilot, "recording continues")
-        await pilot.press("l")
-        await until(pilot, lambda: app._exit)
-    assert app.return_value == 0
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see(f"q → {FILE} | recording continues in the background | finish the file | cancel")
+        await see("escape → gx, deg/s")
+        await see("q → recording continues")
+        await see("l →")
+        await see.until(lambda: see.app._exit)
+    assert see.app.return_value == 0
     assert client.asked == []
     assert client.recording
-    assert "imutui attach" in app.farewell[1]
-    assert PATH in app.farewell[0]
+    assert "imutui attach" in see.app.farewell[1]
+    assert PATH in see.app.farewell[0]
 
 
 async def test_stop_and_quit_finishes_the_file() -> None:
-    client = FakeClient()
-    client.recording = True
-    app = _app(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("q", "s")
-        await until(pilot, lambda: app._exit)
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see("q s →")
+        await see.until(lambda: see.app._exit)
     assert client.asked == ["stop"]
-    assert f"finished {PATH}" in app.farewell[0]
+    assert f"finished {PATH}" in see.app.farewell[0]
 
 
 async def test_control_keys_never_kill_a_recording() -> None:
-    client = FakeClient()
-    client.recording = True
-    app = _app(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
         for key in ("ctrl+c", "ctrl+q"):
-            await pilot.press(key)
-            await shows(pilot, "recording continues")
-            await pilot.press(key)
-            await shows(pilot, "gx, deg/s")
-        assert not app._exit
+            await see(f"{key} → recording continues")
+            await see(f"{key} → gx, deg/s")
+        assert not see.app._exit
     assert client.asked == []
 
 
 async def test_d_detaches() -> None:
     client = FakeClient(name="bench")
-    app = _app(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("d")
-        await until(pilot, lambda: app._exit)
+    async with opened(client) as see:
+        await see("d →")
+        await see.until(lambda: see.app._exit)
     assert client.asked == []
-    assert "imutui attach --name bench" in app.farewell[1]
+    assert "imutui attach --name bench" in see.app.farewell[1]
 
 
 @pytest.mark.parametrize("dialog", [[], ["q"]])
 async def test_an_acquisition_that_ends_is_said_at_once(dialog: list[str]) -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press(*dialog)
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see.pilot.press(*dialog)
         client.gone = "the cable was pulled"
-        await shows(pilot, "The acquisition has ended", "the cable was pulled", PATH[:20])
-        await pilot.press("c")
-        screen = await shows(pilot, "other port")
+        await see.shows("The acquisition has ended", "the cable was pulled", PATH[:20])
+        screen = await see("c → other port")
         assert "REC" not in screen
 
 
 async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_stays() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC", "filter")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see("→ ● REC | filter")
         client.report = {
             "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
             "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
         }  # fmt: skip
         client.gone = "the acquisition has ended"
-        await shows(pilot, "It was ended at 10:43:07 UTC by the command imutui stop, ana", f"finished {PATH}")
-        await pilot.press("escape")
-        screen = await shows(pilot, "ENDED", "1 connects again")
+        await see(f"→ It was ended at 10:43:07 UTC by the command imutui stop, ana | finished {PATH}")
+        screen = await see("escape → ENDED | 1 connects again")
         assert not any(word in screen for word in ("GREEN", "AMBER", "REC "))
-        await pilot.press("4")
-        await shows(pilot, "at its end: AMBER")
-        connection = pilot.app.context.connection
+        await see("4 → at its end: AMBER")
+        connection = see.app.context.connection
         assert connection._said_until - time.monotonic() <= 15.0, "what was said on another page does not stay"
 
 
 async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
-    client = FakeClient()
-    client.recording = True
+    client = acquisition(recording=True)
     angles: dict[str, Any] = {"angles_deg": [0.0, 0.0, 0.0], "axis": None, "rate_dps": None}
     rest = {"kind": "dwell", **angles, "amplitude_deg": None, "hz": None, "text": "go to outer 0°", "seconds": 30.0}
     client.table_profile = cast("Any", {"name": "x.toml", "align": "marks", "segments": [rest, rest]})
     client.changes["guide"] = {"state": "hold", "segment": 0, "count": 2, "left_s": 23.0, "begun": [1.0, None]}
     client.changes["reference"] = {"name": "profile", "file": "x.toml", "profile": True}
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC", "filter")
-        await pilot.press("5")
-        await shows(pilot, "23 s left")
+    async with opened(client) as see:
+        await see("→ ● REC | filter")
+        await see("5 → 23 s left")
         client.report = {
             "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
             "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
         }  # fmt: skip
         client.gone = "the acquisition has ended"
-        await shows(pilot, "It was ended at 10:43:07 UTC")
-        await pilot.press("escape")
-        assert "s left" not in await shows(pilot, "The acquisition has ended.", "6 Logs has what was recorded")
-        await pilot.press("4", "t")
-        await shows(pilot, "the acquisition has ended: 6 Logs, t traces what it recorded")
-        await pilot.press("3")
-        screen = await shows(pilot, " ENDED ", "wrote     ", "15246 samples", "line      the acquisition has ended")
+        await see("→ It was ended at 10:43:07 UTC")
+        await see("escape →")
+        assert "s left" not in await see.shows("The acquisition has ended.", "6 Logs has what was recorded")
+        await see("4 t → the acquisition has ended: 6 Logs, t traces what it recorded")
+        await see("3 →")
+        screen = await see.shows(" ENDED ", "wrote     ", "15246 samples", "line      the acquisition has ended")
         assert "NOT RECORDING" not in screen
         assert "r records" not in screen
-        await pilot.press("r")
-        await shows(pilot, "nothing to record: the acquisition has ended. 1 connects again")
+        await see("r → nothing to record: the acquisition has ended. 1 connects again")
 
 
 async def test_an_acquisition_that_was_killed_is_said_to_be_and_its_file_to_be_recovered() -> None:
     """It leaves no word of its end, which is no calm one."""
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC", "filter")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see("→ ● REC | filter")
         client.gone = "the acquisition has ended"
-        await shows(pilot, "Its process was killed or broke down", "v recovers what it holds")
-        await pilot.press("1")
-        await shows(pilot, "other port")
+        await see("→ Its process was killed or broke down | v recovers what it holds")
+        await see("1 → other port")
 
 
 async def test_a_failed_state_is_an_end_too() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
+    async with opened(client) as see:
         client.changes.update(state="failed", error="no space left on the disk")
-        await shows(pilot, "The acquisition has ended", "no space left on the disk")
-        await pilot.press("escape")
-        await shows(pilot, "ENDED", "gx, deg/s")
+        await see("→ The acquisition has ended | no space left on the disk")
+        await see("escape → ENDED | gx, deg/s")
 
 
 async def test_silence_is_an_alarm() -> None:
-    client = FakeClient()
-    client.changes["silent_s"] = 3.2
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "NO DATA for 3.2 s: check power and cable")
+    client = acquisition(silent_s=3.2)
+    async with opened(client) as see:
+        await see("→ NO DATA for 3.2 s: check power and cable")
 
 
 async def test_unknown_numbers_are_dashes() -> None:
@@ -433,30 +357,24 @@ async def test_unknown_numbers_are_dashes() -> None:
     client.changes.update(
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", ">gx        –", "filter – OFF")
-        await pilot.press("4")
-        await shows(pilot, "OFF", "no filter in this acquisition")
+    async with opened(client) as see:
+        await see("→ measured – Hz | >gx        – | filter – OFF")
+        await see("4 → OFF | no filter in this acquisition")
 
 
 async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
-    async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
+    async with opened(FakeClient()) as see:
         for key, page, part in (("question_mark", "2", "ON THE LIVE PAGE"), ("f1", "6", "ON THE LOGS PAGE")):
-            await pilot.press(page, key)
-            await shows(pilot, part)
-            while "never costs a sample" not in text_of(pilot.app):
-                await pilot.press("pageup")
-            await pilot.press("escape")
-        await pilot.press("1", "f1")
-        await shows(pilot, "FIRST STEPS", "WHAT RUNS WHERE")
+            await see(f"{page} {key} → {part}")
+            while "never costs a sample" not in see.text():
+                await see("pageup →")
+            await see("escape →")
+        await see("1 f1 → FIRST STEPS | WHAT RUNS WHERE")
 
 
 async def test_the_palette_has_every_action_with_its_key() -> None:
-    app = _app(FakeClient())
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        commands = {command.title: command.help for command in app.get_system_commands(app.screen)}
+    async with opened(FakeClient()) as see:
+        commands = {command.title: command.help for command in see.app.get_system_commands(see.app.screen)}
         keys = set(commands.values())
         assert {
             f"key {key}" for key in (*"123456", "r", "m", "d", "y", "?", "q", "Ctrl-z", "space", "a", "g", "+/-")

@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import pytest
 from helpers import traces
-from helpers.fake_client import FakeClient, bias, estimates
-from helpers.pilot import shows, text_of, until
+from helpers.fake_client import FakeClient, acquisition, bias, estimates
+from helpers.pilot import opened
 
 from imutui.report import plain, trace_tables, wrapping
 from imutui.report.blocks import Table
-from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.pages.base import PAGES
 from imutui.tui.pages.connect.text import ZERO_TEXT
@@ -81,18 +80,16 @@ def test_biases_of_a_finished_file_stand_apart_from_their_names() -> None:
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 async def test_no_number_runs_into_what_stands_before_it(size: tuple[int, int]) -> None:
-    client = FakeClient()
-    client.recording = True
+    client = acquisition(recording=True)
     rows = [bias(f"{axis} gyro", -3.1612, 12.9, change_10s=-10.0011) for axis in "xyz"]
     rows += [bias(f"{axis} accel", -1234.56, 123.4, change_10s=-100.02) for axis in "xyz"]
     state = {"position_deg_m": [-23.2, -145.8, -641.2], "velocity_mps": [-25.663, -125.6, -2.5],
              "rpy_deg": [-179.999, -89.999, -179.999]}  # fmt: skip
     client.changes["filter"] = estimates(biases=rows, state=state)
-    app = ImutuiApp(client)  # type: ignore[arg-type]
-    async with app.run_test(size=size) as pilot:
-        await shows(pilot, "REC")
+    async with opened(client, size=size) as see:
+        await see("→ REC")
         for key, name in PAGES:
-            await pilot.press(key)
-            await until(pilot, lambda name=name: app.page is not None and name == app.page.TITLE)  # type: ignore[misc]
-            await pilot.pause(0.05)
-            assert [line for line in text_of(app).splitlines() if _GLUED.search(line)] == []
+            await see(f"{key} →")
+            await see.until(lambda name=name: see.app.page is not None and name == see.app.page.TITLE)  # type: ignore[misc]
+            await see.pilot.pause(0.05)
+            assert [line for line in see.text().splitlines() if _GLUED.search(line)] == []

@@ -243,3 +243,11 @@ class FakeClient:
     def close(self) -> None:
         """Detach."""
         self.closed = True
+
+
+def acquisition(*, recording: bool = False, **changes: Any) -> FakeClient:
+    """An acquisition that records or not, whose snapshots have some fields otherwise."""
+    client = FakeClient()
+    client.recording = recording
+    client.changes |= changes
+    return client

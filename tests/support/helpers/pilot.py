@@ -1,12 +1,14 @@
 """What pilot tests share: the screen as text, and waiting without sleeping."""
 
 import contextlib
+import re
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from textual.pilot import Pilot, WaitForScreenTimeout
 
+from helpers.fake_client import FakeClient
 from helpers.processes import LIMIT_S
 from imutui.tui.app import ImutuiApp
 
@@ -41,3 +43,49 @@ async def shows(pilot: Pilot[Any], *texts: str) -> str:
 
     await until(pilot, has_all)
     return text_of(app)
+
+
+_KEY = re.compile(r"'(?P<typed>[^']*)'|(?P<name>[^\s*]+|\*)(?:\*(?P<times>\d+))?")
+
+
+class See:
+    """An application in a terminal: keys are pressed and words waited for, a step a call.
+
+    A step is "keys → word | word | !word": keys by name with blanks between them, those of a text in 'quotes', one that
+    is pressed several times as tab*3; words that the screen has at last, and behind an exclamation mark has no more.
+    """
+
+    def __init__(self, pilot: Pilot[Any]) -> None:
+        assert isinstance(pilot.app, ImutuiApp)
+        self.pilot, self.app = pilot, pilot.app
+
+    async def __call__(self, step: str) -> str:
+        keys, _, words = step.partition("→")
+        for key in _KEY.finditer(keys):
+            typed, name, times = key["typed"], key["name"], int(key["times"] or 1)
+            await self.pilot.press(*(typed if typed is not None else [name] * times))
+        told = [word.strip() for word in words.split("|") if word.strip()]
+        await shows(self.pilot, *(word for word in told if not word.startswith("!")))
+        await self.until(lambda: not any(word[1:] in self.text() for word in told if word.startswith("!")))
+        return self.text()
+
+    async def shows(self, *texts: str) -> str:
+        return await shows(self.pilot, *texts)
+
+    async def until(self, truth: Callable[[], object]) -> None:
+        await until(self.pilot, truth)
+
+    def text(self) -> str:
+        return text_of(self.app)
+
+
+@contextlib.asynccontextmanager
+async def opened(
+    client: FakeClient | None = None, *, size: tuple[int, int] = SMALLEST, **options: Any
+) -> AsyncIterator[See]:
+    """The application on an acquisition that is not there, or on none, once it shows so."""
+    async with ImutuiApp(client, **options).run_test(size=size) as pilot:  # type: ignore[arg-type]
+        see = See(pilot)
+        known = client is not None and client.changes.get("kind") != "measured"
+        await see("→ ● REC" if client is not None and client.recording else "→ SIMULATED" if known else "→ imutui")
+        yield see

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from helpers.fake_client import FakeClient
-from helpers.pilot import SMALLEST, shows
+from helpers.pilot import opened
 
 from imutui.session.client import SessionRefusalError
 from imutui.session.snapshot import StatisticsSnapshot
-from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.analysis import figures, text
 from imutui.tui.terminal.glyphs import GLYPHS
 from imutui.tui.widgets import axes
@@ -24,25 +23,17 @@ def seen() -> StatisticsSnapshot:
 
 async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
     client = FakeClient()
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
-        await shows(pilot, ">gx")
-        await pilot.press("down", "down", "down", "w")
-        await shows(pilot, ">ax", "Allan deviation", "averaged over 0.9624 s", "4096 packets", "q quit")
-        await pilot.press("right")
-        await shows(pilot, "averaged over 1.925 s")
-        await pilot.press("home")
-        await shows(pilot, "averaged over 0.007519 s")
-        await pilot.press("w", "down", "up", "up")
-        await shows(pilot, ">gz", "Hz: density", "a line:", "at 16.1")
-        await pilot.press("w", "down", "down", "down", "down")
-        await shows(pilot, ">T", "Gaussian", "sd 0.0", "bins of 1 count")
-        await pilot.press("b")
-        await shows(pilot, "Begin statistics anew?")
-        await pilot.press("b")
-        await shows(pilot, "statistics of all channels begin anew")
+    async with opened(client) as see:
+        await see("→ >gx")
+        await see("down down down w → >ax | Allan deviation | averaged over 0.9624 s | 4096 packets | q quit")
+        await see("right → averaged over 1.925 s")
+        await see("home → averaged over 0.007519 s")
+        await see("w down up up → >gz | Hz: density | a line: | at 16.1")
+        await see("w down down down down → >T | Gaussian | sd 0.0 | bins of 1 count")
+        await see("b → Begin statistics anew?")
+        await see("b → statistics of all channels begin anew")
         assert client.asked[-1] == "begin statistics"
-        await pilot.press("escape")
-        await shows(pilot, ">ax", "asked 20")
+        await see("escape → >ax | asked 20")
 
 
 async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,10 +41,9 @@ async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeyp
         raise SessionRefusalError(f'no such request: "statistics" {channel}')
 
     monkeypatch.setattr(FakeClient, "statistics", refuse)
-    async with ImutuiApp(FakeClient()).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
-        await shows(pilot, ">gx")
-        await pilot.press("w")
-        await shows(pilot, text.OLDER)
+    async with opened(FakeClient()) as see:
+        await see("→ >gx")
+        await see(f"w → {text.OLDER}")
 
 
 @pytest.mark.parametrize("glyphs", ["braille", "block", "ascii"])

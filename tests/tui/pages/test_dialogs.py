@@ -4,10 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from helpers.fake_client import FakeClient
-from helpers.pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import FakeClient, acquisition
+from helpers.pilot import See, opened
 from textual import events
-from textual.pilot import Pilot
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
@@ -38,12 +37,12 @@ DIALOGS: dict[str, Callable[[ImutuiApp], ModalScreen[Any]]] = {
 }
 
 
-async def _open(pilot: Pilot[Any], name: str) -> ModalScreen[Any]:
-    app = pilot.app
+async def _open(see: See, name: str) -> ModalScreen[Any]:
+    app = see.app
     assert isinstance(app, ImutuiApp)
     dialog = DIALOGS[name](app)
     app.push_screen(dialog)
-    await until(pilot, lambda: app.screen is dialog and dialog.focused is not None)
+    await see.until(lambda: app.screen is dialog and dialog.focused is not None)
     return dialog
 
 
@@ -62,80 +61,72 @@ async def test_in_dialogs_the_shown_keys_work_and_no_other_acts(monkeypatch: pyt
 
     monkeypatch.setattr(ImutuiApp, "run_action", noted)
     client = FakeClient()
-    app = ImutuiApp(client)  # type: ignore[arg-type]
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED", "q quit")
+    async with opened(client) as see:
+        await see("→ SIMULATED | q quit")
         for name in DIALOGS:
-            dialog = await _open(pilot, name)
-            keys = _shown(app)
+            dialog = await _open(see, name)
+            keys = _shown(see.app)
             assert keys, name
             bindings = [a.binding for a in dialog.active_bindings.values() if a.binding.show]
             last_line = " ".join(f"{b.key_display or b.key} {b.description}" for b in bindings)
-            await until(pilot, lambda last_line=last_line: last_line in " ".join(text_of(app).splitlines()[-1].split()))
-            assert "q quit" not in text_of(app), name
-            await pilot.press(*(letter for letter in _LETTERS if letter not in keys))
-            assert app.screen is dialog, name
+            await see.until(lambda last_line=last_line: last_line in " ".join(see.text().splitlines()[-1].split()))
+            assert "q quit" not in see.text(), name
+            await see.pilot.press(*(letter for letter in _LETTERS if letter not in keys))
+            assert see.app.screen is dialog, name
             for key, action in keys.items():
-                if app.screen is not dialog:
-                    dialog = await _open(pilot, name)
+                if see.app.screen is not dialog:
+                    dialog = await _open(see, name)
                 ran.clear()
-                await pilot.press(key)
+                await see(f"{key} →")
                 assert action in ran, (name, key)
-            if app.screen is dialog:
-                await pilot.press("escape")
-            await until(pilot, lambda: not isinstance(app.screen, ModalScreen))
-        assert not app._exit
-        assert app.current_mode == "live"
+            if see.app.screen is dialog:
+                await see("escape →")
+            await see.until(lambda: not isinstance(see.app.screen, ModalScreen))
+        assert not see.app._exit
+        assert see.app.current_mode == "live"
         assert client.asked == []
-        await shows(pilot, "q quit")
+        await see("→ q quit")
 
 
 @pytest.mark.parametrize(("page", "key", "title"), [("3", "e", ""), ("5", "o", ""), ("6", "o", "Open"), ("2", "m", "")])
 async def test_what_is_typed_faster_than_a_field_comes_is_typed_into_it(page: str, key: str, title: str) -> None:
     """A line that lags hands on a whole word at once: none of its letters detaches, and none is lost."""
-    client = FakeClient()
-    client.recording = True
-    app = ImutuiApp(client)  # type: ignore[arg-type]
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press(page)
-        await until(pilot, lambda: app.screen.is_mounted)
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see(f"{page} →")
+        await see.until(lambda: see.app.screen.is_mounted)
         for letter in f"{key}qd1":
-            app.post_message(events.Key(letter, letter))
-        await until(pilot, lambda: isinstance(app.focused, Input) and app.focused.value.endswith("qd1"))
-        await shows(pilot, title)
-        assert not app._exit
+            see.app.post_message(events.Key(letter, letter))
+        await see.until(lambda: isinstance(see.app.focused, Input) and see.app.focused.value.endswith("qd1"))
+        await see(f"→ {title}")
+        assert not see.app._exit
         assert client.asked == []
 
 
 async def test_a_dialog_that_comes_while_somebody_types_takes_no_letter_for_an_answer() -> None:
     """The acquisition ends in the middle of a mark: the rest of the word answers nothing, nor does Enter."""
-    client = FakeClient()
-    client.recording = True
-    app = ImutuiApp(client)  # type: ignore[arg-type]
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("m", "d", "o")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        await see("m d o →")
         client.gone = "the cable was pulled"
-        await shows(pilot, "The acquisition has ended")
-        await pilot.press("c", "v")
-        assert isinstance(app.screen, ChoiceDialog)
-        await pilot.press("enter")
-        await shows(pilot, "ENDED", "gx, deg/s")
+        await see("→ The acquisition has ended")
+        await see("c v →")
+        assert isinstance(see.app.screen, ChoiceDialog)
+        await see("enter → ENDED | gx, deg/s")
 
 
 async def test_a_dialog_is_answered_once() -> None:
     from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 
     answers: list[str | None] = []
-    async with ImutuiApp(FakeClient()).run_test(size=(80, 24)) as pilot:  # type: ignore[arg-type]
+    async with opened(FakeClient(), size=(80, 24)) as see:
         dialog = ChoiceDialog(
             "Which", "One of them.", [Answer("c", "connect", "connect"), Answer("x", "other", "other")]
         )
-        pilot.app.push_screen(dialog, answers.append)
-        await pilot.pause()
+        see.app.push_screen(dialog, answers.append)
+        await see.pilot.pause()
         for key in ("c", "x", "c"):
             dialog.post_message(events.Key(key, key))
-        await pilot.pause()
-        await pilot.pause()
+        await see.pilot.pause()
+        await see.pilot.pause()
     assert answers == ["connect"]

@@ -4,30 +4,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.fake_client import PATH, FakeClient, bias, estimates
-from helpers.pilot import SMALLEST, shows, text_of, until
-from textual.pilot import Pilot
+from helpers.fake_client import PATH, FakeClient, acquisition, bias, estimates
+from helpers.pilot import See, opened
 
 from imutui.session.live_filter import RunHistory
 from imutui.session.snapshot import Snapshot
-from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel
 
 FOOTER = "enter plot t trace e effects space freeze w why r finish m mark"
 
 
-async def filter_page(pilot: Pilot[Any], *texts: str) -> str:
-    """Go to the page and wait for texts."""
-    await shows(pilot, "SIMULATED")
-    await pilot.press("4")
-    return await shows(pilot, "4 Filter", "bias", *texts)
+async def filter_page(see: See, *texts: str) -> str:
+    await see("4 →")
+    return await see.shows("4 Filter", "bias", *texts)
 
 
 def client_with(**changes: Any) -> FakeClient:
     """An acquisition whose filter is as a test wants it."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(**changes)
-    return client
+    return acquisition(filter=estimates(**changes))
 
 
 def lines_of(screen: str) -> list[str]:
@@ -38,8 +32,8 @@ def lines_of(screen: str) -> list[str]:
 async def test_every_vital_text_is_there_at_80x24() -> None:
     client = client_with()
     client.recording = True
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        screen = await filter_page(pilot, "▲ AMBER", "z gyro: 3 sd 0.2100 deg/s, needs 0.15", FOOTER)
+    async with opened(client) as see:
+        screen = await filter_page(see, "▲ AMBER", "z gyro: 3 sd 0.2100 deg/s, needs 0.15", FOOTER)
         for text in (
             ">x gyro     0.3461 ±0.0291  deg/s ▕·····│██···▏ ±1   +0.0004", "-6.11   ±0.67    mg", "9.8 s", "not yet",
             "NIS         0.24 of 9  no test: exact reference", "first 0.00",
@@ -52,40 +46,32 @@ async def test_every_vital_text_is_there_at_80x24() -> None:
 
 
 async def test_the_header_has_the_badge_on_every_page() -> None:
-    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
+    async with opened(client_with()) as see:
         for key in "236":
-            await shows(pilot, "SIMULATED")
-            await pilot.press(key)
-            await shows(pilot, "filter ▲ AMBER 5 of 6")
+            await see("→ SIMULATED")
+            await see(f"{key} → filter ▲ AMBER 5 of 6")
 
 
 async def test_alarms_are_in_full_behind_a_key() -> None:
     client = client_with(alarms=[f"alarm number {i}" for i in range(9)])
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
-        await pilot.press("w")
-        await shows(pilot, "BAD   alarms", "wait  converged")
-        await pilot.press(*["j"] * 20)
-        await shows(pilot, "alarm number 8")
-        await pilot.press("escape")
-        await shows(pilot, FOOTER.replace("finish", "record"))
+    async with opened(client) as see:
+        await filter_page(see, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
+        await see("w → BAD   alarms | wait  converged")
+        await see("j*20 → alarm number 8")
+        await see("escape →")
+        await see.shows(FOOTER.replace("finish", "record"))
 
 
 async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
-    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "─> x gyro, deg/s")
-        await pilot.press("down", "j", "down")
-        await shows(pilot, ">x accel", "─> x accel, mg")
-        await pilot.press("enter")
-        screen = await shows(pilot, "Esc back, a scale")
+    async with opened(client_with()) as see:
+        await filter_page(see, "─> x gyro, deg/s")
+        await see("down j down → >x accel | ─> x accel, mg")
+        screen = await see("enter → Esc back, a scale")
         assert "velocity" not in screen
         assert "y gyro" not in screen
-        await pilot.press("a", "a")
-        await shows(pilot, "scale: limits", "+12 ┤", "-12 ┤")
-        await pilot.press("up", "k", "k", "k")
-        await shows(pilot, "─> z accel, mg")
-        await pilot.press("escape")
-        await shows(pilot, "velocity N", ">z accel")
+        await see("a a → scale: limits | +12 ┤ | -12 ┤")
+        await see("up k k k → ─> z accel, mg")
+        await see("escape → velocity N | >z accel")
 
 
 async def test_without_a_filter_no_unit_has_the_limits_of_another() -> None:
@@ -95,65 +81,60 @@ async def test_without_a_filter_no_unit_has_the_limits_of_another() -> None:
     client.past = RunHistory()
     for k in range(0, 600, 2):
         client.past.estimates.add(float(k), np.full(6, 0.3), np.full(6, 0.1))
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4", "enter", "a", "a")
-        screen = await shows(pilot, "─> x gyro", "no limits known", "0.45 ┤")
+    async with opened(client) as see:
+        screen = await see("4 enter a a → ─> x gyro | no limits known | 0.45 ┤")
         assert "+1 ┤" not in screen
         assert "Table 1" not in screen
 
 
 async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -> None:
     client = client_with()
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "─> x gyro, deg/s")
-        await pilot.press("enter")
-        assert "temperature, °C" not in await shows(pilot, "Esc back, a scale")
+    async with opened(client) as see:
+        await filter_page(see, "─> x gyro, deg/s")
+        await see("enter →")
+        assert "temperature, °C" not in await see.shows("Esc back, a scale")
     client.past = RunHistory()
     for k in range(0, 1500, 2):
         if not 600 < k < 800:
             client.past.estimates.add(float(k), np.full(6, 0.3), np.full(6, 0.1))
         client.past.add_temperature(float(k), 24.0 + 0.001 * k)
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "─> x gyro, deg/s")
-        await pilot.press("enter")
-        screen = await shows(pilot, "temperature, °C", " gap ", "25 min", "± 3 sd shaded")
+    async with opened(client) as see:
+        await filter_page(see, "─> x gyro, deg/s")
+        await see("enter →")
+        screen = await see.shows("temperature, °C", " gap ", "25 min", "± 3 sd shaded")
         assert "since attached" not in screen
 
 
 @pytest.mark.parametrize("size", [(80, 40), (120, 40), (112, 34)])
 async def test_a_tall_terminal_shows_all_six_plots(size: tuple[int, int]) -> None:
     client = client_with()
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        small = lines_of(await filter_page(pilot, "▲ AMBER", "velocity N"))
-    async with ImutuiApp(client).run_test(size=size) as pilot:
-        await filter_page(pilot, "▲ AMBER", "velocity N")
+    async with opened(client) as see:
+        small = lines_of(await filter_page(see, "▲ AMBER", "velocity N"))
+    async with opened(client, size=size) as see:
+        await filter_page(see, "▲ AMBER", "velocity N")
         names = [f"{axis} {kind}, {unit}" for axis in "xyz" for kind, unit in (("gyro", "deg/s"), ("accel", "mg"))]
-        large = lines_of(await shows(pilot, *names))
+        large = lines_of(await see.shows(*names))
         assert [line[:78].rstrip() for line in large[4:11]] == [line[:78].rstrip() for line in small[4:11]]
         assert ("why ▲ AMBER" in "\n".join(large)) == (size[0] >= 112)
 
 
 async def test_t_and_e_say_where_that_is() -> None:
-    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "r records, then t traces")
-        await pilot.press("t")
-        await shows(pilot, "not recording: r starts a recording, then t traces it")
+    async with opened(client_with()) as see:
+        await filter_page(see, "r records, then t traces")
+        await see("t → not recording: r starts a recording, then t traces it")
 
 
 async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
     client = client_with()
     client.recording = True
-    app = ImutuiApp(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "t traces this recording")
-        await pilot.press("t")
-        await until(pilot, lambda: app.current_mode == "logs")
-        await shows(pilot, f"trace of {PATH.rsplit('/', 1)[1][:20]}")
-        await pilot.press("4")
-        await filter_page(pilot, "t traces this recording")
-        await pilot.press("e")
-        await shows(pilot, "6 Logs", "Load effects into the live filter")
+    async with opened(client) as see:
+        await filter_page(see, "t traces this recording")
+        await see("t →")
+        await see.until(lambda: see.app.current_mode == "logs")
+        await see(f"→ trace of {PATH.rsplit('/', 1)[1][:20]}")
+        await see("4 →")
+        await filter_page(see, "t traces this recording")
+        await see("e → 6 Logs | Load effects into the live filter")
 
 
 async def test_loaded_effects_are_listed() -> None:
@@ -162,40 +143,32 @@ async def test_loaded_effects_are_listed() -> None:
         {"label": "ax scale k", "value": -0.00213, "sd": 0.0003, "unit": ""},
         {"label": "gy thermal_poly k2", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
     ]
-    async with ImutuiApp(client_with(effects=effects)).run_test(size=SMALLEST) as pilot:
-        screen = await filter_page(pilot, "effects", "gz: bias follows temperature 0.0123 ±0.0012 deg/s/K")
+    async with opened(client_with(effects=effects)) as see:
+        screen = await filter_page(see, "effects", "gz: bias follows temperature 0.0123 ±0.0012 deg/s/K")
         assert "more" in screen
-        await pilot.press("w")
-        await pilot.press(*["j"] * 12)
-        await shows(
-            pilot,
-            "LOADED EFFECTS",
-            "ax: scale factor is off -0.00213 ±0.00090",
-            "gy: bias is a curve in temperature, quadratic term 0.50 ±0.30 deg/s/K",
-        )
+        await see("w →")
+        await see("j*12 → LOADED EFFECTS | ax: scale factor is off -0.00213 ±0.00090")
+        await see("→ gy: bias is a curve in temperature, quadratic term 0.50 ±0.30 deg/s/K")
 
 
 async def test_what_is_unobservable_says_so() -> None:
     biases = estimates()["biases"]
     for i, name in ((3, "x accel"), (4, "y accel")):
         biases[i] = bias(name, None, None, observable=False, converged_s=None, change_10s=None)
-    async with ImutuiApp(client_with(biases=biases, reference="gravity")).run_test(size=SMALLEST) as pilot:
-        screen = await filter_page(pilot, "unobservable", "3 of 4 observable biases converged")
+    async with opened(client_with(biases=biases, reference="gravity")) as see:
+        screen = await filter_page(see, "unobservable", "3 of 4 observable biases converged")
         assert len(lines_of(screen)) == 24
-        await pilot.press("down", "down", "down")
-        await shows(pilot, "unobservable in this setup")
+        await see("down down down → unobservable in this setup")
 
 
 async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
     client = client_with()
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "▲ AMBER")
-        await pilot.press("space")
-        await shows(pilot, "FROZEN")
+    async with opened(client) as see:
+        await filter_page(see, "▲ AMBER")
+        await see("space → FROZEN")
         client.changes["filter"] = estimates(failure="the filter stopped, recording goes on: sample 7")
-        await shows(pilot, "filter × RED stopped", "(frozen; now × RED)", "5 of 6 biases converged")
-        await pilot.press("space")
-        await shows(pilot, "× RED   the filter stopped")
+        await see("→ filter × RED stopped | (frozen; now × RED) | 5 of 6 biases converged")
+        await see("space → × RED   the filter stopped")
 
 
 @pytest.mark.parametrize("glyphs", ["block", "ascii"])
@@ -203,8 +176,8 @@ async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", glyphs)
     biases = [bias(name, -0.4702, 0.0291, observable=name[0] != "y") for name in ("x gyro", "y gyro", "z gyro")]
     biases += estimates()["biases"][3:]
-    async with ImutuiApp(client_with(biases=biases, rejected=812)).run_test(size=SMALLEST) as pilot:
-        screen = await filter_page(pilot, "unobservable", "gates 812", "velocity N", "1.1 m")
+    async with opened(client_with(biases=biases, rejected=812)) as see:
+        screen = await filter_page(see, "unobservable", "gates 812", "velocity N", "1.1 m")
         table = lines_of(screen)[4:11]
         assert [line[1:8].strip() for line in table] == [
             "bias",
@@ -216,19 +189,17 @@ async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPa
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    async with ImutuiApp(client_with(alarms=["innovations too large"])).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "× RED", "alarm: innovations too large", "filter × RED alarm")
+    async with opened(client_with(alarms=["innovations too large"])) as see:
+        await filter_page(see, "× RED", "alarm: innovations too large", "filter × RED alarm")
 
 
 async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
-    client = FakeClient()
-    client.changes["filter"] = None
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
-        await filter_page(pilot, "– OFF", "no filter in this acquisition", "1 Connect starts one with a filter")
-    app = ImutuiApp()
-    async with app.run_test(size=SMALLEST) as pilot:
-        await pilot.press("4")
-        await until(pilot, lambda: "no acquisition: 1 connects to one" in text_of(app))
+    client = acquisition(filter=None)
+    async with opened(client) as see:
+        await filter_page(see, "– OFF", "no filter in this acquisition", "1 Connect starts one with a filter")
+    async with opened() as see:
+        await see("4 →")
+        await see.until(lambda: "no acquisition: 1 connects to one" in see.text())
 
 
 def snapshot(t: float | None, since_start: float, **changes: Any) -> Snapshot:

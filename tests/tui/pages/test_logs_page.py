@@ -12,14 +12,12 @@ import pytest
 from helpers import traces
 from helpers.fake_client import FakeClient
 from helpers.paths import SAMPLE
-from helpers.pilot import SMALLEST, shows, until
-from textual.pilot import Pilot
+from helpers.pilot import SMALLEST, See, opened
 
 from imutui.jobs import replay, tasks
 from imutui.jobs.worker import Worker
 from imutui.logbook import effects_file
 from imutui.logbook.results import TIMINGS
-from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.logs import result_text, text
 from imutui.tui.pages.logs.page import LogsPage
 from imutui.tui.pages.logs.result_page import ResultPage
@@ -28,10 +26,6 @@ from imutui.tui.widgets.option_rows import OptionRows
 
 SIZES = [SMALLEST, (120, 40)]
 Held = list[subprocess.Popen[bytes]]
-
-
-def _app(client: FakeClient | None) -> ImutuiApp:
-    return ImutuiApp(client)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -62,16 +56,15 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Held:
     return stopped
 
 
-async def to_logs(pilot: Pilot[Any], name: str = "whole") -> LogsPage:
+async def to_logs(see: See, name: str = "whole") -> LogsPage:
     """On the logs page, with the cursor on a recording."""
-    await shows(pilot, "SIMULATED")
-    await pilot.press("6")
-    await shows(pilot, name)
-    page = pilot.app.screen
+    await see("→ SIMULATED")
+    await see(f"6 → {name}")
+    page = see.app.screen
     assert isinstance(page, LogsPage)
     names = [line.split()[0] for line in page.query_one("#recordings", OptionRows).as_text().splitlines()]
     page.query_one("#recordings", OptionRows).highlighted = names.index(name)
-    await shows(pilot, f"{name}.mcap")
+    await see(f"→ {name}.mcap")
     return page
 
 
@@ -81,55 +74,42 @@ def over(app: Any) -> Callable[[], bool]:
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_recordings_have_length_rate_kind_and_state(client: FakeClient, size: tuple[int, int]) -> None:
-    async with _app(client).run_test(size=size) as pilot:
-        await to_logs(pilot, "cut")
-        screen = await shows(pilot, "3 recordings, newest first", "unfinished", "finished", "simulated", "its index")
+    async with opened(client, size=size) as see:
+        await to_logs(see, "cut")
+        screen = await see("→ 3 recordings, newest first | unfinished | finished | simulated | its index")
         assert "0:00:2" in screen
         assert "20 simulated finished" in screen
         assert all(len(line) <= size[0] for line in screen.splitlines())
 
 
 async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        page = await to_logs(pilot)
-        await shows(pilot, "t traces whole")
-        await pilot.press("g", "x", "space")
-        await shows(pilot, "2 chosen, Esc", "t asks: the 2 chosen (cut, empty) or the line with the cursor")
-        await pilot.press("t")
-        await shows(pilot, "Trace which?", "the line with the cursor: whole", "the 2 chosen: cut, empty")
+    async with opened(client) as see:
+        page = await to_logs(see)
+        await see("→ t traces whole")
+        await see("g x space → 2 chosen, Esc | t asks: the 2 chosen (cut, empty) or the line with the cursor")
+        await see("t → Trace which? | the line with the cursor: whole | the 2 chosen: cut, empty")
         assert not page.busy()
-        await pilot.press("escape", "k", "x")
-        await shows(pilot, "1 chosen, Esc")
+        await see("escape k x → 1 chosen, Esc")
         assert page.query_one("#recordings", OptionRows).as_text().count(" x ") == 1
-        await pilot.press("escape")
-        await shows(pilot, "t traces whole")
+        await see("escape → t traces whole")
         assert page.query_one("#recordings", OptionRows).as_text().count(" x ") == 0
 
 
 async def test_a_recording_is_noted_renamed_and_deleted_with_its_files(client: FakeClient, home: Path) -> None:
     logs = home / "logs"
     before = (logs / "whole.mcap").read_bytes()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await to_logs(pilot)
-        await pilot.press("n")
-        await shows(pilot, "Note of whole.mcap", "stay as they are")
-        await pilot.press("ctrl+a", "ctrl+k", *"loose", "enter")
-        await shows(pilot, "written to whole.mcap.notes.toml", "loose (added later)")
-        await pilot.press("R")
-        await shows(pilot, "Rename whole.mcap")
-        await pilot.press("ctrl+a", "ctrl+k", *"cut", "enter")
-        await shows(pilot, "Rename whole.mcap", "cut.mcap exists already")  # and what was typed is still there
-        await pilot.press("end", *["backspace"] * 3, *"kept", "enter")
-        await shows(pilot, "whole.mcap is kept.mcap now", "t traces kept")
+    async with opened(client) as see:
+        await to_logs(see)
+        await see("n → Note of whole.mcap | stay as they are")
+        await see("ctrl+a ctrl+k 'loose' enter → written to whole.mcap.notes.toml | loose (added later)")
+        await see("R → Rename whole.mcap")
+        await see("ctrl+a ctrl+k 'cut' enter → Rename whole.mcap | cut.mcap exists already")
+        await see("end backspace*3 'kept' enter → whole.mcap is kept.mcap now | t traces kept")
         assert (logs / "kept.mcap").read_bytes() == before
-        await pilot.press("D")
-        await shows(pilot, "Delete kept.mcap?", "kept.mcap.notes.toml", "no way back")
-        await pilot.press("enter")
-        await shows(pilot, "t traces kept")
-        await pilot.press("D")
-        await shows(pilot, "Delete kept.mcap?")
-        await pilot.press("y")
-        await shows(pilot, "deleted kept.mcap and 1 file beside it", "2 recordings")
+        await see("D → Delete kept.mcap? | kept.mcap.notes.toml | no way back")
+        await see("enter → t traces kept")
+        await see("D → Delete kept.mcap?")
+        await see("y → deleted kept.mcap and 1 file beside it | 2 recordings")
     assert sorted(path.name for path in logs.iterdir()) == ["cut.mcap", "empty.mcap"]
 
 
@@ -147,32 +127,24 @@ def test_what_a_trace_takes_is_told_in_the_room_there_is() -> None:
 async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
     client: FakeClient, home: Path, held: Held, size: tuple[int, int]
 ) -> None:
-    async with _app(client).run_test(size=size) as pilot:
-        await to_logs(pilot)
-        await pilot.press("p")
-        await shows(pilot, "replay of whole.mcap", "Esc cancels")
+    async with opened(client, size=size) as see:
+        await to_logs(see)
+        await see("p → replay of whole.mcap | Esc cancels")
         held.pop().send_signal(signal.SIGCONT)
-        await until(pilot, over(pilot.app))
-        await shows(pilot, "converged", "x gyro", "z accel", "Table 1", "of limit", "y copies")
-        await pilot.press("s")
-        await shows(pilot, "whole_replay.json")
+        await see.until(over(see.app))
+        await see("→ converged | x gyro | z accel | Table 1 | of limit | y copies")
+        await see("s → whole_replay.json")
         (home / "logs" / "whole.mcap").rename(home / "logs" / "elsewhere.mcap")
-        await pilot.press("s")
-        await shows(pilot, "is not there any more", "Nothing is written")
+        await see("s → is not there any more | Nothing is written")
         (home / "logs" / "elsewhere.mcap").rename(home / "logs" / "whole.mcap")
-        await pilot.press("p")
-        await shows(pilot, "Biases over time", "── x gyro, deg/s", "── y accel, mg")
+        await see("p → Biases over time | ── x gyro, deg/s | ── y accel, mg")
         other = json.loads((home / "logs" / "whole_replay.json").read_text())
         other["final"]["gyro_bias_dps"][0] += 0.25
         (home / "logs" / "other_replay.json").write_text(json.dumps(other))
-        await pilot.press("c")
-        await shows(pilot, "Compare with", "other_replay.json")
-        await pilot.press("enter")
-        await shows(pilot, "A: replay of whole.mcap", "B: other_replay.json", "Biases beside", "0.25 deg/s")
-        await pilot.press("escape")
-        await shows(pilot, "Biases over time")
-        await pilot.press("escape")
-        await shows(pilot, "3 recordings")
+        await see("c → Compare with | other_replay.json")
+        await see("enter → A: replay of whole.mcap | B: other_replay.json | Biases beside | 0.25 deg/s")
+        await see("escape → Biases over time")
+        await see("escape → 3 recordings")
     saved = json.loads((home / "logs" / "whole_replay.json").read_text())
     expected = replay.replay(home / "logs" / "whole.mcap", replay.ReplayOptions(course=True))
     for document in (saved, expected):
@@ -183,23 +155,19 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
 
 async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, home: Path, held: Held) -> None:
     log = traces.imported(home / "logs" / "turns.mcap", traces.arrays(seed=4))
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        page = await to_logs(pilot, "turns")
-        await pilot.press("t")
-        await shows(pilot, "trace of turns.mcap", "Esc cancels")
+    async with opened(client) as see:
+        page = await to_logs(see, "turns")
+        await see("t → trace of turns.mcap | Esc cancels")
         assert page.busy() == ["trace of turns.mcap"]
-        await pilot.press("p")
-        await shows(pilot, "one at a time")
-        await pilot.press("2")
-        await shows(pilot, "gx", "counts")
+        await see("p → one at a time")
+        await see("2 → gx | counts")
         held.pop().send_signal(signal.SIGCONT)
-        await until(pilot, lambda: not page.busy())
-        await shows(pilot, "is done: 6 shows it")
-        await pilot.press("6")
-        await until(pilot, over(pilot.app))
-        await shows(pilot, "trace of turns.mcap", "gx  ")
-        await pilot.press("s", "w")
-        await shows(pilot, "turns_effects.toml")
+        await see.until(lambda: not page.busy())
+        await see("→ is done: 6 shows it")
+        await see("6 →")
+        await see.until(over(see.app))
+        await see.shows("trace of turns.mcap", "gx  ")
+        await see("s w → turns_effects.toml")
     saved = json.loads((home / "logs" / "turns_trace.json").read_text())
     expected = tasks.trace_logs([log], None, lambda share, text: None)
     assert saved == json.loads(json.dumps(expected.document))
@@ -209,61 +177,53 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
 async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, held: Held) -> None:
     """And it leaves no result behind. The job is held, or it could be done before it is cancelled."""
     before = sorted((home / "logs").iterdir())
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        page = await to_logs(pilot)
-        await pilot.press("p")
-        await shows(pilot, "Esc cancels")
-        await pilot.press("escape")
-        await shows(pilot, "Cancel replay of whole.mcap?", "nothing of it is kept", "let it go on")
-        await pilot.press("y")
+    async with opened(client) as see:
+        page = await to_logs(see)
+        await see("p → Esc cancels")
+        await see("escape → Cancel replay of whole.mcap? | nothing of it is kept | let it go on")
+        await see("y →")
         held.pop().send_signal(signal.SIGCONT)
-        await until(pilot, lambda: not page.busy())
-        await shows(pilot, "cancelled: replay of whole.mcap")
+        await see.until(lambda: not page.busy())
+        await see("→ cancelled: replay of whole.mcap")
     assert sorted((home / "logs").iterdir()) == before
 
 
 async def test_a_job_that_fails_says_why(client: FakeClient) -> None:
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        page = await to_logs(pilot)
-        await pilot.press("t")
-        await until(pilot, lambda: not page.busy())
-        await shows(pilot, "tracing needs at least 60 s", "3 recordings")
+    async with opened(client) as see:
+        page = await to_logs(see)
+        await see("t →")
+        await see.until(lambda: not page.busy())
+        await see("→ tracing needs at least 60 s | 3 recordings")
 
 
 async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home: Path) -> None:
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await to_logs(pilot, "cut")
-        await pilot.press("c")
-        await until(pilot, over(pilot.app))
-        await shows(pilot, "check of cut.mcap", "finding")
-        await pilot.press("escape")
-        await shows(pilot, "3 recordings")
-        await pilot.press("v")
-        await until(pilot, over(pilot.app))
-        await shows(pilot, "read back and found as written", "cut_recovered.mcap")
-        await pilot.press("escape")
-        await shows(pilot, "4 recordings", "cut_recovered")
-        await pilot.press("i")
-        await until(pilot, over(pilot.app))
-        await shows(pilot, "info of")
+    async with opened(client) as see:
+        await to_logs(see, "cut")
+        await see("c →")
+        await see.until(over(see.app))
+        await see("→ check of cut.mcap | finding")
+        await see("escape → 3 recordings")
+        await see("v →")
+        await see.until(over(see.app))
+        await see("→ read back and found as written | cut_recovered.mcap")
+        await see("escape → 4 recordings | cut_recovered")
+        await see("i →")
+        await see.until(over(see.app))
+        await see("→ info of")
     assert (home / "logs" / "cut_recovered.mcap").exists()
 
 
 async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient, home: Path) -> None:
     (home / "logs" / "a_effects.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await to_logs(pilot)
-        await pilot.press("e")
-        await shows(pilot, "a_effects.toml", "gy: bias follows temperature; gx: bias drifts", "trace of a.mcap")
-        await pilot.press("enter")
-        await shows(pilot, "loaded a_effects.toml: the filter began anew")
+    async with opened(client) as see:
+        await to_logs(see)
+        await see("e → a_effects.toml | gy: bias follows temperature; gx: bias drifts | trace of a.mcap")
+        await see("enter → loaded a_effects.toml: the filter began anew")
         assert client.asked[-1] == "configure effects"
         client.recording = True
-        await shows(pilot, "● REC")
-        await pilot.press("e")
-        await shows(pilot, "Load effects")
-        await pilot.press("enter")
-        await shows(pilot, "a recording runs: r finishes it, then effects can be loaded")
+        await see("→ ● REC")
+        await see("e → Load effects")
+        await see("enter → a recording runs: r finishes it, then effects can be loaded")
         assert client.asked.count("configure effects") == 1
 
 
@@ -285,63 +245,54 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
         "trace", "trace of a.mcap", log, document, result_text.traced(result), result.effects, result.experiment,
         result.included,
     )  # fmt: skip
-    async with _app(client).run_test(size=size) as pilot:
-        await to_logs(pilot)
-        pilot.app.push_screen(ResultPage(made))
-        screen = await shows(pilot, "8.41 → 1.01  █░░░", "Gauss-Markov", "q quit", "x experiment")
-        await pilot.press("p")
-        await shows(pilot, "Error over what drives it")
-        await pilot.press("p", "c")
-        await shows(pilot, "8.41 → 1.01  █░░░", "no other trace to compare with")
+    async with opened(client, size=size) as see:
+        await to_logs(see)
+        see.app.push_screen(ResultPage(made))
+        screen = await see.shows("8.41 → 1.01  █░░░", "Gauss-Markov", "q quit", "x experiment")
+        await see("p → Error over what drives it")
+        await see("p c →")
+        await see.shows("8.41 → 1.01  █░░░", "no other trace to compare with")
         assert all(len(line) <= size[0] for line in screen.splitlines())
-        await pilot.press("w")
-        await shows(pilot, "a_effects.toml")
-        await pilot.press("x")
-        await shows(pilot, "wrote a_experiment.toml", "Enter takes it", "what to do")
-        await pilot.press("6")
-        await pilot.press("e")
-        await shows(pilot, "loaded gy: bias follows temperature")
-        assert isinstance(pilot.app.screen, ResultPage)
-        assert "5 Table guides through it" in " ".join(pilot.app.screen.as_text().split())
-        await pilot.press("5")
-        await shows(pilot, "a_experiment.toml")
+        await see("w → a_effects.toml")
+        await see("x → wrote a_experiment.toml | Enter takes it | what to do")
+        await see("6 →")
+        await see("e → loaded gy: bias follows temperature")
+        assert isinstance(see.app.screen, ResultPage)
+        assert "5 Table guides through it" in " ".join(see.app.screen.as_text().split())
+        await see("5 → a_experiment.toml")
     assert (home / "logs" / "a_experiment.toml").read_text() == traces.PROFILE
 
 
 async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Path) -> None:
     (home / "other").mkdir()
     shutil.copy(SAMPLE, home / "other" / "elsewhere.mcap")
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await to_logs(pilot)
-        await pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "nowhere"), "enter")
-        await shows(pilot, "There is no such folder or file")
-        await pilot.press("ctrl+a", "ctrl+k", *str(home / "other"), "enter")
-        await shows(pilot, "elsewhere", "1 recording,")
+    async with opened(client) as see:
+        await to_logs(see)
+        await see.pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "nowhere"), "enter")
+        await see("→ There is no such folder or file")
+        await see.pilot.press("ctrl+a", "ctrl+k", *str(home / "other"), "enter")
+        await see("→ elsewhere | 1 recording,")
 
 
 async def test_why_a_job_came_to_nothing_is_said_on_its_own_page(client: FakeClient) -> None:
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        page = await to_logs(pilot, "whole")
-        await pilot.press("t")
-        await shows(pilot, "trace of ", "Esc cancels")
-        await pilot.press("2")
-        await until(pilot, lambda: not page.busy())
-        said = await shows(pilot, "came to nothing: 6 says why")
+    async with opened(client) as see:
+        page = await to_logs(see, "whole")
+        await see("t →")
+        await see.shows("trace of ", "Esc cancels")
+        await see("2 →")
+        await see.until(lambda: not page.busy())
+        said = await see("→ came to nothing: 6 says why")
         assert "at least 60 s" not in said
-        await pilot.press("6")
-        await shows(pilot, "at least 60 s")
+        await see("6 → at least 60 s")
 
 
 async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeClient, home: Path) -> None:
     client.recording = True
-    app = _app(client)
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("4")
-        await shows(pilot, "t traces this recording")
-        await pilot.press("t")
-        await until(pilot, lambda: app.current_mode == "logs")
-        await shows(pilot, "6 Logs", "imu400cd_9911750")
+    async with opened(client) as see:
+        await see("4 → t traces this recording")
+        await see("t →")
+        await see.until(lambda: see.app.current_mode == "logs")
+        await see("→ 6 Logs | imu400cd_9911750")
 
 
 def test_a_replay_reads_as_table_1_has_it() -> None:

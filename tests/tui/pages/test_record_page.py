@@ -3,27 +3,19 @@
 from typing import Any
 
 import pytest
-from helpers.fake_client import PATH, FakeClient
-from helpers.pilot import SMALLEST, shows, until
+from helpers.fake_client import PATH, FakeClient, acquisition
+from helpers.pilot import opened
 
 from imutui.session.plan import RecordingWish
-from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.record import text
 
 SNAPSHOT: dict[str, Any] = FakeClient().snapshot()
 
 
-def _app(client: FakeClient) -> ImutuiApp:
-    return ImutuiApp(client)  # type: ignore[arg-type]
-
-
 async def test_record_has_every_vital_text_at_80x24() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("3")
-        screen = await shows(pilot, "● RECORDING  0:1", PATH, "q quit")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
+        screen = await see(f"3 → ● RECORDING  0:1 | {PATH} | q quit")
         for text in (
             "123 kB", "grows 22.0 MB/h", "full in 98 days", "52.00 GB free", "part 1, one file", "flushed 0.4 s ago",
             "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 B",
@@ -35,132 +27,95 @@ async def test_record_has_every_vital_text_at_80x24() -> None:
 
 
 async def test_a_late_flush_is_said_in_words() -> None:
-    client = FakeClient()
-    client.recording = True
+    client = acquisition(recording=True)
     take = client._recording(0.0)
     client.changes["recording"] = {**take, "flush_age_s": 4.24}
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("3")
-        await shows(pilot, "LATE: last flush 4.2 s ago; the disk does not keep up")
+    async with opened(client) as see:
+        await see("3 → LATE: last flush 4.2 s ago; the disk does not keep up")
 
 
 async def test_the_form_goes_into_the_next_recording() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("3")
-        await shows(pilot, "NOT RECORDING", "r begins a file", "operator  ana")
-        await pilot.press("e", "end", *" r", "tab", "tab", "tab", *"30", "enter", *"cold 1")
-        screen = await shows(pilot, "operator  ana r", "note      cold 1", "esc done", "Esc done")
+    async with opened(client) as see:
+        await see("3 → NOT RECORDING | r begins a file | operator  ana")
+        screen = await see(
+            "e end ' r' tab tab tab '30' enter 'cold 1' → operator  ana r | note      cold 1 | esc done | Esc done"
+        )
         assert "r record" not in screen
-        await pilot.press("escape", "2", "r")
-        await shows(pilot, "● REC")
+        await see("escape 2 r → ● REC")
         assert client.wish == RecordingWish("cold 1", "ana r", rotate_minutes=30.0)
 
 
 async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the_acquisition_has_it() -> None:
-    client = FakeClient()
-    client.changes["note"] = "demo"
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("3")
-        await shows(pilot, "note      demo")
-        await pilot.press("e", *("tab",) * 4, *["backspace"] * 4, "escape", "r")
-        await shows(pilot, "A note for this recording")
-        await pilot.press("enter")
-        await shows(pilot, "● REC")
+    client = acquisition(note="demo")
+    async with opened(client) as see:
+        await see("3 → note      demo")
+        await see("e tab*4 backspace*4 escape r → A note for this recording")
+        await see("enter → ● REC")
         assert client.wish == RecordingWish(note="")
 
 
 async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> None:
-    client = FakeClient()
-    client.changes["note"] = "cold"
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("3")
-        assert "n note" not in await shows(pilot, "NOT RECORDING")
-        await pilot.press("r")
-        await shows(pilot, "● REC", "n note")
-        await pilot.press("n")
-        await shows(pilot, "operator  ana", "both go into the file".capitalize())
-        await pilot.press("end", *"er", "enter")
-        await shows(pilot, "written into imu400cd_9911750")
+    client = acquisition(note="cold")
+    async with opened(client) as see:
+        await see("3 →")
+        assert "n note" not in await see.shows("NOT RECORDING")
+        await see("r → ● REC | n note")
+        await see("n →")
+        await see.shows("operator  ana", "both go into the file".capitalize())
+        await see("end 'er' enter → written into imu400cd_9911750")
         assert client.asked == ["record", "describe colder None"]
 
 
 async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
+    client = acquisition(recording=True)
+    async with opened(client) as see:
         client.changes["recording"] = client.snapshot()["recording"]  # what is on the screen is older than the end
-        await pilot.press("3", "r", "r")
-        await shows(pilot, "the file is finished")
-        await pilot.press("r")
+        await see("3 r r → the file is finished")
+        await see("r →")
         del client.changes["recording"]
-        await shows(pilot, "wrote     ", "15246 samples")
+        await see.shows("wrote     ", "15246 samples")
         assert client.asked == ["stop_recording"]
 
 
 async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
-    client = FakeClient()
-    client.recording = True
-    client.changes["note"] = "cold"
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("3", "e", "end", *"eve", "escape", "n")
-        await shows(pilot, "Both go into the file")
-        await pilot.press("end", *"er", "enter")
-        await shows(pilot, "written into imu400cd_9911750")
-        await pilot.press("2", "3", "r")
-        await shows(pilot, "NOT RECORDING", "operator  anaeve")
-        await pilot.press("r")
-        await shows(pilot, "● REC")
+    client = acquisition(recording=True, note="cold")
+    async with opened(client) as see:
+        await see("3 e end 'eve' escape n → Both go into the file")
+        await see("end 'er' enter → written into imu400cd_9911750")
+        await see("2 3 r → NOT RECORDING | operator  anaeve")
+        await see("r → ● REC")
         assert client.wish == RecordingWish(operator="anaeve")
 
 
 async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the_present_one() -> None:
-    client = FakeClient()
-    client.recording = True
+    client = acquisition(recording=True)
     client.changes |= {"note": "cold", "next_note": "demo"}
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("3")
-        screen = await shows(pilot, "the recording after this gets", "note      demo")
+    async with opened(client) as see:
+        screen = await see("3 → the recording after this gets | note      demo")
         assert "note      cold" not in screen
 
 
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
     client = FakeClient()
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("3", "e", *("tab",) * 3, *"often")
-        await shows(pilot, '"new file every, min" is "often", not a number')
-        await pilot.press("escape", "r")
-        await shows(pilot, 'not recorded: "new file every, min" is "often"')
+    async with opened(client) as see:
+        await see('3 e tab*3 \'often\' → "new file every, min" is "often", not a number')
+        await see('escape r → not recorded: "new file every, min" is "often"')
         assert client.asked == []
 
 
 async def test_a_finished_file_is_named_with_what_comes_next() -> None:
-    client = FakeClient()
-    client.changes["note"] = "cold"
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("r")
-        await shows(pilot, "● REC")
-        await pilot.press("r")
-        await shows(pilot, "finished")
-        await pilot.press("3")
-        await shows(pilot, f"wrote     {PATH}", "15246 samples in", "6 Logs opens it", "NOT RECORDING")
+    client = acquisition(note="cold")
+    async with opened(client) as see:
+        await see("r → ● REC")
+        await see("r → finished")
+        await see(f"3 → wrote     {PATH} | 15246 samples in | 6 Logs opens it | NOT RECORDING")
 
 
 async def test_an_empty_acquisition_page_has_no_numbers() -> None:
-    async with ImutuiApp().run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "not connected")
-        await pilot.press("3")
-        await shows(pilot, "NOT CONNECTED", "1 connects to an instrument; there, v starts the demo")
-        await until(pilot, lambda: pilot.app.focused is None)
+    async with opened() as see:
+        await see("3 → NOT CONNECTED | 1 connects to an instrument; there, v starts the demo")
+        await see.until(lambda: see.app.focused is None)
 
 
 @pytest.mark.parametrize(

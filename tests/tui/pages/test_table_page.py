@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 from helpers.fake_client import FakeClient
-from helpers.pilot import SMALLEST, shows, text_of, until
+from helpers.pilot import SMALLEST, opened
 
 from imutui.session.plan import RecordingWish
-from imutui.tui.app import ImutuiApp
 from imutui.tui.pages import requests
 from imutui.tui.pages.table import profiles
 
@@ -81,36 +80,25 @@ def folder(home: Path) -> Path:
     return home
 
 
-def _app(client: FakeClient | None) -> ImutuiApp:
-    return ImutuiApp(client)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size: tuple[int, int]) -> None:
     client = Acquisition(folder / "logs")
-    async with _app(client).run_test(size=size) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "six positions, 30 s each", "ready-made", "bad.toml", "can't be used", "bias gx gy gz")
-        await pilot.press("enter")
-        await shows(pilot, "b begins.", "4 segments", "joined by your marks", "to do", "Segment 1 makes testable")
+    async with opened(client, size=size) as see:
+        await see("5 → six positions, 30 s each | ready-made | bad.toml | can't be used | bias gx gy gz")
+        await see("enter → b begins. | 4 segments | joined by your marks | to do | Segment 1 makes testable")
         assert client.files[0][0].endswith(".toml")
         assert 'align = "marks"' in client.files[0][1]
-        await pilot.press("b")
-        await shows(pilot, "● REC", "Segment 1 of 4: go to outer 0°", "I wait for you", "now", "next", "c cancel")
-        await pilot.press("enter")
-        await shows(pilot, "hold outer 0°", "21 s left of 30 s", "Leave the table alone", "0:00:12")
+        await see("b → ● REC | Segment 1 of 4: go to outer 0° | I wait for you | now | next | c cancel")
+        await see("enter → hold outer 0° | 21 s left of 30 s | Leave the table alone | 0:00:12")
         client.held()
-        await shows(pilot, "Segment 2 of 4: go to outer 90°", "done")
-        await pilot.press("c")
-        await shows(pilot, "Cancelled at segment 2 of 4", "b resume")
-        await pilot.press("b")
+        await see("→ Segment 2 of 4: go to outer 90° | done")
+        await see("c → Cancelled at segment 2 of 4 | b resume")
+        await see("b →")
         for _ in range(3):
-            await shows(pilot, "I wait for you")
-            await pilot.press("enter")
-            await shows(pilot, "s left of")
+            await see("→ I wait for you")
+            await see("enter → s left of")
             client.held()
-        await shows(pilot, "All 4 segments are done", "r finishes the file, t traces it", "t trace")
+        await see("→ All 4 segments are done | r finishes the file, t traces it | t trace")
     assert [what for what in client.asked if what.startswith("guide")] == [
         "guide begin", "guide next", "guide cancel", "guide resume", "guide next", "guide next", "guide next",
     ]  # fmt: skip
@@ -128,35 +116,27 @@ async def test_attaching_again_shows_where_the_operator_is(folder: Path, size: t
         "left_s": 7.2,
         "begun": [3.0, 40.0, 80.0, None],
     }
-    async with _app(client).run_test(size=size) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        screen = await shows(pilot, "Segment 3 of 4: hold outer 180°", "7 s left", "0:01:20", "bias ax ay az")
+    async with opened(client, size=size) as see:
+        screen = await see("5 → Segment 3 of 4: hold outer 180° | 7 s left | 0:01:20 | bias ax ay az")
         assert max(len(line) for line in screen.splitlines()) <= size[0]
 
 
 async def test_a_profile_that_cannot_be_used_says_why(folder: Path) -> None:
     client = Acquisition(folder / "logs")
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "bad.toml")
-        await pilot.press("G")
-        await shows(pilot, "bad.toml can't be used: segment 1: `kind` is 'spin'")
-        await pilot.press("enter")
-        await until(pilot, lambda: text_of(pilot.app).count("`kind` is 'spin'") == 2)  # type: ignore[arg-type]
+    async with opened(client) as see:
+        await see("5 → bad.toml")
+        await see("G → bad.toml can't be used: segment 1: `kind` is 'spin'")
+        await see("enter →")
+        await see.until(lambda: see.text().count("`kind` is 'spin'") == 2)
         assert client.files == []
 
 
 async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
     client = Acquisition(folder / "logs")
     client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "ready-made", "r finishes the recording that runs")
-        await pilot.press("enter")
-        await shows(pilot, "a recording runs: r finishes it")
+    async with opened(client) as see:
+        await see("5 → ready-made | r finishes the recording that runs")
+        await see("enter → a recording runs: r finishes it")
         assert client.files == []
 
 
@@ -164,54 +144,37 @@ async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -
     client = Acquisition(folder / "logs")
     client.changes["note"] = "cold"
     (folder / "a.toml").write_text(f'# To tell scale from bias: turn it.\nalign = "gyro"\n{REST}{TURN}')
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "a.toml")
-        await pilot.press("G", "k")
-        await shows(pilot, "To tell scale from bias: turn it.", "turn inner at +30 deg/s")
-        await pilot.press("enter")
-        await shows(pilot, "a.toml: who moves the table?")
-        await pilot.press("h")
-        await shows(pilot, "b begins.")
+    async with opened(client) as see:
+        await see("5 → a.toml")
+        await see("G k → To tell scale from bias: turn it. | turn inner at +30 deg/s")
+        await see("enter → a.toml: who moves the table?")
+        await see("h → b begins.")
         assert 'align = "marks"' in client.files[0][1]
-        await pilot.press("p", "enter")
-        await shows(pilot, "who moves the table?")
-        await shows(pilot, "the filter is off meanwhile")
-        await pilot.press("t")
-        await shows(
-            pilot, "The table runs this by itself", "r records; then start the table", "the filter is off until"
-        )
+        await see("p enter → who moves the table?")
+        await see("→ the filter is off meanwhile")
+        await see("t → The table runs this by itself | r records; then start the table | the filter is off until")
         assert 'align = "gyro"' in client.files[1][1]
-        assert "t trace" not in text_of(pilot.app)  # type: ignore[arg-type]
-        await pilot.press("r")
-        await shows(pilot, "When it has run through, r finishes the file; then t traces it")
-        await pilot.press("r")
-        await shows(pilot, "Recorded: t traces the file with this profile", "t trace")
-        await pilot.press("t")
-        await shows(pilot, "trace of imu400cd_9911750")
+        assert "t trace" not in see.text()
+        await see("r → When it has run through, r finishes the file; then t traces it")
+        await see("r → Recorded: t traces the file with this profile | t trace")
+        await see("t → trace of imu400cd_9911750")
 
 
 async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder: Path) -> None:
     client = Acquisition(folder / "logs")
-    app = _app(client)
     recommended = f'# To tell scale from bias: rest.\nalign = "none"\n{REST}'
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        app.post_message(requests.ExperimentFound(recommended, "trace of a.mcap"))
-        await pilot.press("5")
-        await shows(pilot, "experiment that the last trace wants", "trace of a.mcap", "To tell scale from bias: rest.")
-        await pilot.press("s")
-        await shows(pilot, "Copy experiment that the last trace wants to", "experiment_copy.toml")
-        await pilot.press(*["backspace"] * len("experiment_copy.toml"), *"next.toml", "enter")
-        await shows(pilot, "wrote", "next.toml")
+    async with opened(client) as see:
+        see.app.post_message(requests.ExperimentFound(recommended, "trace of a.mcap"))
+        await see("5 → experiment that the last trace wants | trace of a.mcap | To tell scale from bias: rest.")
+        await see("s → Copy experiment that the last trace wants to | experiment_copy.toml")
+        await see.pilot.press(*["backspace"] * len("experiment_copy.toml"), *"next.toml", "enter")
+        await see("→ wrote | next.toml")
         assert (folder / "logs" / "next.toml").read_text() == recommended
-        screen = await shows(pilot, "To tell scale from bias: rest.")
+        screen = await see("→ To tell scale from bias: rest.")
         assert "experiment that the last trace" not in screen
-        await pilot.press("s", *["backspace"] * len("next_copy.toml"), *"next.toml", "enter")
-        await shows(pilot, "exists and is left as it is")
-        await pilot.press("enter")
-        await shows(pilot, "b begins.")
+        await see.pilot.press("s", *["backspace"] * len("next_copy.toml"), *"next.toml", "enter")
+        await see("→ exists and is left as it is")
+        await see("enter → b begins.")
         assert 'align = "marks"' in client.files[0][1], "what rests all the time needs no question"
 
 
@@ -221,83 +184,61 @@ async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
     (elsewhere / "my.toml").write_text(
         'align = "marks"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
     )
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "ready-made")
-        await pilot.press("o", *"run/no.toml", "enter")
-        await shows(pilot, "run/no.toml: can't be read: No such file")
-        await pilot.press(*["backspace"] * 7, *"my.toml", "enter")
-        await until(pilot, lambda: [name for name, _ in client.files] == ["my.toml"])
+    async with opened(client) as see:
+        await see("5 → ready-made")
+        await see("o 'run/no.toml' enter → run/no.toml: can't be read: No such file")
+        await see("backspace*7 'my.toml' enter →")
+        await see.until(lambda: [name for name, _ in client.files] == ["my.toml"])
 
 
 async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None:
     client = Acquisition(folder / "logs")
     client.configure(reference_file=("tumble.toml", ""))
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("3", "e", *("tab",) * 3, *"often")
-        await shows(pilot, "not a number")
-        await pilot.press("escape", "5")
-        await shows(pilot, "b begins.")
-        await pilot.press("b")
-        await shows(pilot, 'not recorded: "new file every, min" is "often"')
+    async with opened(client) as see:
+        await see("3 e tab*3 'often' → not a number")
+        await see("escape 5 → b begins.")
+        await see('b → not recorded: "new file every, min" is "often"')
         assert not client.recording
-        await pilot.press("3", "e", *("tab",) * 3, *["backspace"] * 5, "3", "tab", *"cold 1", "escape", "5")
-        await shows(pilot, "b begins.")
-        await pilot.press("b")
-        await shows(pilot, "recording; the line in bold above says what to do")
+        await see("3 e tab*3 backspace*5 3 tab 'cold 1' escape 5 → b begins.")
+        await see("b → recording; the line in bold above says what to do")
         assert client.wish == RecordingWish("cold 1", rotate_minutes=3.0)
 
 
 async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:
     client = Acquisition(folder / "logs")
     client.changes["note"] = "cold"
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        screen = await shows(pilot, "six positions, 30 s each")
+    async with opened(client) as see:
+        screen = await see("5 → six positions, 30 s each")
         assert "no profile" not in screen
-        await pilot.press("enter")
-        await shows(pilot, "b begins.", "six positions: 4 segments")
-        await pilot.press("r")
-        await shows(pilot, "● REC", "profile six positions, 5 Table guides")
-        await pilot.press("p", "g")
-        await shows(pilot, "no profile: still and level", "lays the profile aside")
-        await pilot.press("enter")
-        await shows(pilot, "a recording runs: r finishes it")
-        await pilot.press("r")
-        await shows(pilot, "finished")
-        await pilot.press("down", "up", "enter")
-        await shows(pilot, "no profile: still and level; the filter began anew")
-        await until(pilot, lambda: text_of(pilot.app).count("no profile") == 1)  # type: ignore[arg-type]
+        await see("enter → b begins. | six positions: 4 segments")
+        await see("r → ● REC | profile six positions, 5 Table guides")
+        await see("p g → no profile: still and level | lays the profile aside")
+        await see("enter → a recording runs: r finishes it")
+        await see("r → finished")
+        await see("down up enter → no profile: still and level; the filter began anew")
+        await see.until(lambda: see.text().count("no profile") == 1)
         assert client.changes["reference"]["name"] == "level"
-        await shows(pilot, "Enter takes it: the filter then goes by it", "what to do, and what each segment")
+        await see("→ Enter takes it: the filter then goes by it | what to do, and what each segment")
 
 
 async def test_a_virtual_units_operator_is_warned_before_beginning(folder: Path) -> None:
     """It does not turn by hand, so its filter will contradict the profile; a real unit's page does not say so."""
     client = Acquisition(folder / "logs")
     client.configure(reference_file=("tumble.toml", ""))
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        await shows(pilot, "a virtual unit does not turn by hand", "has this profile", "what to do")
+    async with opened(client) as see:
+        await see("5 → a virtual unit does not turn by hand | has this profile | what to do")
         client.changes["kind"] = "real"
-        await until(pilot, lambda: "virtual unit" not in text_of(pilot.app))  # type: ignore[arg-type]
+        await see("→ !virtual unit")
         client.changes["kind"] = "simulated"
-        await shows(pilot, "a virtual unit")
-        await pilot.press("b")
-        await shows(pilot, "I wait for you")
-        assert "virtual unit" not in text_of(pilot.app)  # type: ignore[arg-type]
+        await see("→ a virtual unit")
+        await see("b → I wait for you")
+        assert "virtual unit" not in see.text()
 
 
 async def test_names_have_the_rows_whole_room(folder: Path) -> None:
     client = Acquisition(folder / "logs")
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("5")
-        screen = await shows(pilot, "six positions, each axis ±30 ±90 deg/s", "ready-made", "bad.toml", "can't be used")
+    async with opened(client) as see:
+        screen = await see("5 → six positions, each axis ±30 ±90 deg/s | ready-made | bad.toml | can't be used")
         assert max(len(line.rstrip()) for line in screen.splitlines()) <= SMALLEST[0]
 
 
@@ -312,19 +253,17 @@ async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
         return look(folders)
 
     monkeypatch.setattr(profiles, "found", patient)
-    async with _app(Acquisition(folder / "logs")).run_test(size=SMALLEST) as pilot:
+    async with opened(Acquisition(folder / "logs")) as see:
         try:
-            await shows(pilot, "SIMULATED")
-            await pilot.press("5")
-            await shows(pilot, "looking for profiles…")
+            await see("→ SIMULATED")
+            await see("5 → looking for profiles…")
         finally:
             may_look.set()
-        screen = await shows(pilot, "six positions, 30 s each")
+        screen = await see("→ six positions, 30 s each")
         assert "looking" not in screen
 
 
 async def test_without_an_acquisition_profiles_can_be_looked_at(folder: Path) -> None:
-    async with _app(None).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "imutui")
-        await pilot.press("escape", "5")
-        await shows(pilot, "ready-made", "connect first: 1 goes there", "bias gx gy gz")
+    async with opened(None) as see:
+        await see("→ imutui")
+        await see("escape 5 → ready-made | connect first: 1 goes there | bias gx gy gz")
