@@ -1,7 +1,6 @@
 """What every page offers: copy, themes, leaving."""
 
 import pytest
-from helpers.fake_client import FakeClient
 from helpers.pilot import opened
 
 from imutui.tui.terminal.appearance import Appearance
@@ -9,7 +8,7 @@ from imutui.tui.terminal.appearance import Appearance
 
 async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMUX", "/tmp/tmux-0/default,1,0")
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("y → lines of Live | tmux set -g set-clipboard on")
         assert "0.3461" in see.app.clipboard
         assert "1000.981" in see.app.clipboard
@@ -20,7 +19,7 @@ async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch)
 
 async def test_a_theme_of_the_configuration_takes_effect() -> None:
     for asked, name in (("ansi-light", "ansi-light"), ("light", "textual-light"), ("dark", "textual-dark")):
-        async with opened(FakeClient(), appearance=Appearance(theme=asked)) as see:
+        async with opened(options={"appearance": Appearance(theme=asked)}) as see:
             assert see.app.theme == name
     with pytest.raises(ValueError, match=r'`screen.theme` is "sunset"; there are: dark, light.*ansi-dark'):
         Appearance(theme="sunset")
@@ -28,7 +27,7 @@ async def test_a_theme_of_the_configuration_takes_effect() -> None:
 
 async def test_quitting_asks_about_jobs_that_would_be_lost() -> None:
     ended: list[str] = []
-    async with opened() as see:
+    async with opened(None) as see:
         await see("6 →")
         page = see.app.page
         assert page is not None

@@ -17,8 +17,7 @@ FILE = PATH.rsplit("/", 1)[1]
 
 
 async def test_live_has_every_vital_text_at_80x24() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         screen = await see.shows("IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", ">gx  ", " T  ")
         for text in (
             "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gx, deg/s, with mean", " az  ",
@@ -37,8 +36,7 @@ async def test_a_measured_unit_is_not_called_simulated() -> None:
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
-    client = acquisition(recording=True)
-    async with opened(client, size=size) as see:
+    async with opened(recording=True, size=size) as see:
         for key, _ in PAGES:
             await see(f"{key} →")
             lines = (await see.shows("q quit")).splitlines()
@@ -49,7 +47,7 @@ async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40), (200, 60)])
 async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
-    async with opened(FakeClient(), size=size) as see:
+    async with opened(size=size) as see:
         first = "gx, deg/s, with mean" if size == SMALLEST else "gyro, deg/s"
         lines = (await see.shows(first, "now")).splitlines()
         assert lines[2].startswith("      counts     value")
@@ -64,7 +62,7 @@ async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
 
 
 async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("→ gx, deg/s, with mean")
         for there, away in (("gyro, deg/s", "accel, mg"), ("accel, mg", "gyro, deg/s")):
             await see("g →")
@@ -76,8 +74,7 @@ async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
 
 
 async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ scroll, autoscale")
         await see("s → last 30 s, sweep, autoscale | 22.5 s | ⣿")
         screen = await see("s → no plot: numbers only | 0.3461")
@@ -87,7 +84,7 @@ async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
 
 
 async def test_a_slow_link_is_said_in_words() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("→ scroll, autoscale")
         for second in range(0, 12, 3):
             see.app.drawing.frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
@@ -98,7 +95,7 @@ async def test_a_slow_link_is_said_in_words() -> None:
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
 async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) -> None:
-    async with opened(FakeClient(), size=size) as see:
+    async with opened(size=size) as see:
         await see("ctrl+b →")
         screen = await see.shows(" fps", " kB/s", "CPU", "ms old", "queue  0", "auto scroll")
         assert len(screen.splitlines()) == size[1]
@@ -108,7 +105,7 @@ async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) ->
 
 
 async def test_only_the_page_in_front_draws() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("→ scroll, autoscale")
         plot = see.app.screen.query(Plot).first()
         await see("4 → NIS")
@@ -120,7 +117,7 @@ async def test_only_the_page_in_front_draws() -> None:
 
 
 async def test_a_small_terminal_says_what_it_needs() -> None:
-    async with opened(FakeClient(), size=(79, 24)) as see:
+    async with opened(size=(79, 24)) as see:
         assert "gyro" not in await see.shows("needs 80x24", "79x24")
         await see.pilot.resize_terminal(*SMALLEST)
         await see("→ gx, deg/s")
@@ -129,21 +126,19 @@ async def test_a_small_terminal_says_what_it_needs() -> None:
 
 
 async def test_no_key_acts_unseen_in_a_small_terminal() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see.pilot.resize_terminal(60, 20)
         await see("→ needs 80x24 | RECORDING goes on")
         for key in ("r", "m", "6", "t", "D", "space", "enter"):
             await see(f"{key} →")
-        assert client.recording
+        assert see.client.recording
         assert see.app.current_mode == "live"
         await see("q → continues")
 
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         screen = await see("→ SIMULATED | ● REC | AMBER 5 of 6 | ⣿")
         assert "lost 0" in screen
         await see("4 → AMBER | not yet")
@@ -152,8 +147,7 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         assert (await see.shows("* REC", "gx, deg/s")).isascii()
         for keys, text in (
             ("4", "+-0.0291"),
@@ -169,17 +163,16 @@ async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ not recording: r writes")
         await see("r → A note for this recording | Enter records, with or without")
         await see("escape → not recording: r writes")
-        assert client.asked == []
+        assert see.client.asked == []
         await see("r 'cold' → note      cold")
         await see(f"enter → recording to {PATH} | ● REC")
-        assert client.wish == RecordingWish(note="cold")
+        assert see.client.wish == RecordingWish(note="cold")
         await see(f"r → finished {PATH}, 15246 samples | not recording")
-        assert client.asked == ["record", "stop_recording"]
+        assert see.client.asked == ["record", "stop_recording"]
 
 
 async def test_a_refusal_is_said() -> None:
@@ -195,35 +188,32 @@ async def test_a_refusal_is_said() -> None:
 
 
 async def test_m_marks_a_recording() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("m → Mark in the recording")
         await see("'rq 1' enter → marked: rq 1")
-        assert client.asked == ["mark rq 1"]
+        assert see.client.asked == ["mark rq 1"]
 
 
 async def test_m_without_a_recording_says_why_not() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ not recording: r writes")
         await see("m → Not recording | nothing to mark | r starts a recording")
         await see("'door' enter → not recording: r writes")
-        assert client.asked == []
+        assert see.client.asked == []
 
 
 async def test_space_freezes_the_view_and_not_the_data() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("space →")
         frozen = (await see.shows("FROZEN")).splitlines()[2:20]
-        polls = client.polls
-        await see.until(lambda: client.polls > polls + 3)
+        polls = see.client.polls
+        await see.until(lambda: see.client.polls > polls + 3)
         assert see.text().splitlines()[2:20] == frozen
         await see("escape → !FROZEN")
 
 
 async def test_span_and_lock() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("→ last 30 s, scroll, autoscale")
         await see("plus → last 60 s")
         await see("minus minus minus → last 5 s")
@@ -232,37 +222,34 @@ async def test_span_and_lock() -> None:
 
 
 async def test_quitting_while_recording_says_what_goes_on() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see(f"q → {FILE} | recording continues in the background | finish the file | cancel")
         await see("escape → gx, deg/s")
         await see("q → recording continues")
         await see("l →")
         await see.until(lambda: see.app._exit)
     assert see.app.return_value == 0
-    assert client.asked == []
-    assert client.recording
+    assert see.client.asked == []
+    assert see.client.recording
     assert "imutui attach" in see.app.farewell[1]
     assert PATH in see.app.farewell[0]
 
 
 async def test_stop_and_quit_finishes_the_file() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("q s →")
         await see.until(lambda: see.app._exit)
-    assert client.asked == ["stop"]
+    assert see.client.asked == ["stop"]
     assert f"finished {PATH}" in see.app.farewell[0]
 
 
 async def test_control_keys_never_kill_a_recording() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         for key in ("ctrl+c", "ctrl+q"):
             await see(f"{key} → recording continues")
             await see(f"{key} → gx, deg/s")
         assert not see.app._exit
-    assert client.asked == []
+    assert see.client.asked == []
 
 
 async def test_d_detaches() -> None:
@@ -276,24 +263,22 @@ async def test_d_detaches() -> None:
 
 @pytest.mark.parametrize("dialog", [[], ["q"]])
 async def test_an_acquisition_that_ends_is_said_at_once(dialog: list[str]) -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see.pilot.press(*dialog)
-        client.gone = "the cable was pulled"
+        see.client.gone = "the cable was pulled"
         await see.shows("The acquisition has ended", "the cable was pulled", PATH[:20])
         screen = await see("c → other port")
         assert "REC" not in screen
 
 
 async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_stays() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("→ ● REC | filter")
-        client.report = {
-            "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
+        see.client.report = {
+            "pid": see.client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
             "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
         }  # fmt: skip
-        client.gone = "the acquisition has ended"
+        see.client.gone = "the acquisition has ended"
         await see(f"→ It was ended at 10:43:07 UTC by the command imutui stop, ana | finished {PATH}")
         screen = await see("escape → ENDED | 1 connects again")
         assert not any(word in screen for word in ("GREEN", "AMBER", "REC "))
@@ -330,25 +315,22 @@ async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
 
 async def test_an_acquisition_that_was_killed_is_said_to_be_and_its_file_to_be_recovered() -> None:
     """It leaves no word of its end, which is no calm one."""
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("→ ● REC | filter")
-        client.gone = "the acquisition has ended"
+        see.client.gone = "the acquisition has ended"
         await see("→ Its process was killed or broke down | v recovers what it holds")
         await see("1 → other port")
 
 
 async def test_a_failed_state_is_an_end_too() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
-        client.changes.update(state="failed", error="no space left on the disk")
+    async with opened() as see:
+        see.client.changes.update(state="failed", error="no space left on the disk")
         await see("→ The acquisition has ended | no space left on the disk")
         await see("escape → ENDED | gx, deg/s")
 
 
 async def test_silence_is_an_alarm() -> None:
-    client = acquisition(silent_s=3.2)
-    async with opened(client) as see:
+    async with opened(silent_s=3.2) as see:
         await see("→ NO DATA for 3.2 s: check power and cable")
 
 
@@ -363,7 +345,7 @@ async def test_unknown_numbers_are_dashes() -> None:
 
 
 async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         for key, page, part in (("question_mark", "2", "ON THE LIVE PAGE"), ("f1", "6", "ON THE LOGS PAGE")):
             await see(f"{page} {key} → {part}")
             while "never costs a sample" not in see.text():
@@ -373,7 +355,7 @@ async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
 
 
 async def test_the_palette_has_every_action_with_its_key() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         commands = {command.title: command.help for command in see.app.get_system_commands(see.app.screen)}
         keys = set(commands.values())
         assert {

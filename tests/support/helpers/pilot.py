@@ -3,16 +3,18 @@
 import contextlib
 import re
 import time
-from collections.abc import AsyncIterator, Callable
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Mapping
+from types import MappingProxyType
+from typing import Any, Literal
 
 from textual.pilot import Pilot, WaitForScreenTimeout
 
-from helpers.fake_client import FakeClient
+from helpers.fake_client import FakeClient, acquisition
 from helpers.processes import LIMIT_S
 from imutui.tui.app import ImutuiApp
 
 SMALLEST = (80, 24)
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 def text_of(app: ImutuiApp) -> str:
@@ -55,9 +57,9 @@ class See:
     is pressed several times as tab*3; words that the screen has at last, and behind an exclamation mark has no more.
     """
 
-    def __init__(self, pilot: Pilot[Any]) -> None:
+    def __init__(self, pilot: Pilot[Any], client: FakeClient) -> None:
         assert isinstance(pilot.app, ImutuiApp)
-        self.pilot, self.app = pilot, pilot.app
+        self.pilot, self.app, self.client = pilot, pilot.app, client
 
     async def __call__(self, step: str) -> str:
         keys, _, words = step.partition("→")
@@ -81,11 +83,21 @@ class See:
 
 @contextlib.asynccontextmanager
 async def opened(
-    client: FakeClient | None = None, *, size: tuple[int, int] = SMALLEST, **options: Any
+    client: FakeClient | Literal["new"] | None = "new",
+    *,
+    size: tuple[int, int] = SMALLEST,
+    options: Mapping[str, Any] = NOTHING,
+    recording: bool = False,
+    **changes: Any,
 ) -> AsyncIterator[See]:
-    """The application on an acquisition that is not there, or on none, once it shows so."""
+    """The application on an acquisition that is not there, or on none, once it shows so.
+
+    `client`: the acquisition, None for none; without it a new one that records or not, with changed fields.
+    `options`: of the application.
+    """
+    client = acquisition(recording=recording, **changes) if client == "new" else client
     async with ImutuiApp(client, **options).run_test(size=size) as pilot:  # type: ignore[arg-type]
-        see = See(pilot)
+        see = See(pilot, client or FakeClient())
         known = client is not None and client.changes.get("kind") != "measured"
         await see("→ ● REC" if client is not None and client.recording else "→ SIMULATED" if known else "→ imutui")
         yield see

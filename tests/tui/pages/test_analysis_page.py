@@ -22,8 +22,7 @@ def seen() -> StatisticsSnapshot:
 
 
 async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ >gx")
         await see("down down down w → >ax | Allan deviation | averaged over 0.9624 s | 4096 packets | q quit")
         await see("right → averaged over 1.925 s")
@@ -32,7 +31,7 @@ async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
         await see("w down down down down → >T | Gaussian | sd 0.0 | bins of 1 count")
         await see("b → Begin statistics anew?")
         await see("b → statistics of all channels begin anew")
-        assert client.asked[-1] == "begin statistics"
+        assert see.client.asked[-1] == "begin statistics"
         await see("escape → >ax | asked 20")
 
 
@@ -41,7 +40,7 @@ async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeyp
         raise SessionRefusalError(f'no such request: "statistics" {channel}')
 
     monkeypatch.setattr(FakeClient, "statistics", refuse)
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         await see("→ >gx")
         await see(f"w → {text.OLDER}")
 

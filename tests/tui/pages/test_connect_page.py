@@ -4,7 +4,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from helpers.fake_client import PATH, FakeClient, acquisition
+from helpers.fake_client import PATH, FakeClient
 from helpers.pilot import opened
 from helpers.processes import LIMIT_S
 from textual.widgets import Input
@@ -33,7 +33,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
 
 
 async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path: Path) -> None:
-    async with opened(logs=str(tmp_path)) as see:
+    async with opened(None, options={"logs": str(tmp_path)}) as see:
         await see("→ no serial port | press v for the DEMO | virtual, 133 Hz, stream")
         await see("enter → gx, deg/s")
     assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
@@ -78,14 +78,14 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
 
 
 async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
-    async with opened(defaults=Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)) as see:
+    async with opened(None, options={"defaults": Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)}) as see:
         await see("→ virtual, 50 Hz")
         await see("enter → gx, deg/s")
     assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
 
 
 async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_path: Path) -> None:
-    async with opened(defaults=Plan("virtual", logs=str(tmp_path), mount="x,-y,-z")) as see:
+    async with opened(None, options={"defaults": Plan("virtual", logs=str(tmp_path), mount="x,-y,-z")}) as see:
         screen = await see("→ press v for the DEMO | estimates its biases | v demo | ? help | q quit")
         assert max(len(line) for line in screen.splitlines()) == 80
         await see("v → gx, deg/s")
@@ -186,28 +186,26 @@ async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> Non
 
 
 async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("1 z → Zero the rate sensors? | must stand still | stored is in the instrument | begins anew")
         await see("enter → !Zero the rate sensors?")
-        assert client.asked == []
+        assert see.client.asked == []
         await see("z → Zero the rate sensors?")
         await see("z → rate sensors zeroed")
-        assert client.asked == ["zero 30"]
-        client.recording = True
+        assert see.client.asked == ["zero 30"]
+        see.client.recording = True
         await see("→ ● REC")
         await see("z → not while recording")
-        assert client.asked == ["zero 30"]
+        assert see.client.asked == ["zero 30"]
 
 
 async def test_a_unit_without_a_command_that_zeroes_is_not_offered_it() -> None:
-    client = acquisition(instrument="IMU381ZA-200")
-    async with opened(client) as see:
+    async with opened(instrument="IMU381ZA-200") as see:
         await see("1 → stop")
         assert "zero" not in see.text()
         await see("z →")
         assert len(see.app.screen_stack) == 1
-        assert client.asked == []
+        assert see.client.asked == []
 
 
 async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
@@ -225,7 +223,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
         raise SessionError(reason, 4)
 
     monkeypatch.setattr(session, "start", fail)
-    async with opened(plan=Plan("/dev/ttyUSB7", 20.0)) as see:
+    async with opened(None, options={"plan": Plan("/dev/ttyUSB7", 20.0)}) as see:
         screen = await see("→ Could not connect. | press Enter.")
         assert " ".join(screen.split()).find(reason) > 0
         assert "ttyUSB7, 20 Hz, stream" in screen
@@ -261,10 +259,9 @@ async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
 
 
 async def test_the_connected_page_stops_only_after_asking() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("1 → Connected | /dev/serial/by-id | stop this acquisition")
         await see(f"s → Stop this acquisition? | {FILE}")
-        assert client.asked == []
+        assert see.client.asked == []
         await see(f"s → other port | finished {PATH}")
-    assert client.asked == ["stop"]
+    assert see.client.asked == ["stop"]

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from helpers.fake_client import FakeClient, acquisition
 from helpers.pilot import See, opened
 from textual import events
 from textual.screen import ModalScreen
@@ -60,8 +59,7 @@ async def test_in_dialogs_the_shown_keys_work_and_no_other_acts(monkeypatch: pyt
         return await run_action(self, action, *rest)
 
     monkeypatch.setattr(ImutuiApp, "run_action", noted)
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ SIMULATED | q quit")
         for name in DIALOGS:
             dialog = await _open(see, name)
@@ -84,15 +82,14 @@ async def test_in_dialogs_the_shown_keys_work_and_no_other_acts(monkeypatch: pyt
             await see.until(lambda: not isinstance(see.app.screen, ModalScreen))
         assert not see.app._exit
         assert see.app.current_mode == "live"
-        assert client.asked == []
+        assert see.client.asked == []
         await see("→ q quit")
 
 
 @pytest.mark.parametrize(("page", "key", "title"), [("3", "e", ""), ("5", "o", ""), ("6", "o", "Open"), ("2", "m", "")])
 async def test_what_is_typed_faster_than_a_field_comes_is_typed_into_it(page: str, key: str, title: str) -> None:
     """A line that lags hands on a whole word at once: none of its letters detaches, and none is lost."""
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see(f"{page} →")
         await see.until(lambda: see.app.screen.is_mounted)
         for letter in f"{key}qd1":
@@ -100,15 +97,14 @@ async def test_what_is_typed_faster_than_a_field_comes_is_typed_into_it(page: st
         await see.until(lambda: isinstance(see.app.focused, Input) and see.app.focused.value.endswith("qd1"))
         await see(f"→ {title}")
         assert not see.app._exit
-        assert client.asked == []
+        assert see.client.asked == []
 
 
 async def test_a_dialog_that_comes_while_somebody_types_takes_no_letter_for_an_answer() -> None:
     """The acquisition ends in the middle of a mark: the rest of the word answers nothing, nor does Enter."""
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         await see("m d o →")
-        client.gone = "the cable was pulled"
+        see.client.gone = "the cable was pulled"
         await see("→ The acquisition has ended")
         await see("c v →")
         assert isinstance(see.app.screen, ChoiceDialog)
@@ -119,7 +115,7 @@ async def test_a_dialog_is_answered_once() -> None:
     from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 
     answers: list[str | None] = []
-    async with opened(FakeClient(), size=(80, 24)) as see:
+    async with opened(size=(80, 24)) as see:
         dialog = ChoiceDialog(
             "Which", "One of them.", [Answer("c", "connect", "connect"), Answer("x", "other", "other")]
         )

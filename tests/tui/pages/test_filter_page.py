@@ -46,15 +46,14 @@ async def test_every_vital_text_is_there_at_80x24() -> None:
 
 
 async def test_the_header_has_the_badge_on_every_page() -> None:
-    async with opened(client_with()) as see:
+    async with opened(filter=estimates()) as see:
         for key in "236":
             await see("→ SIMULATED")
             await see(f"{key} → filter ▲ AMBER 5 of 6")
 
 
 async def test_alarms_are_in_full_behind_a_key() -> None:
-    client = client_with(alarms=[f"alarm number {i}" for i in range(9)])
-    async with opened(client) as see:
+    async with opened(filter=estimates(alarms=[f"alarm number {i}" for i in range(9)])) as see:
         await filter_page(see, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
         await see("w → BAD   alarms | wait  converged")
         await see("j*20 → alarm number 8")
@@ -63,7 +62,7 @@ async def test_alarms_are_in_full_behind_a_key() -> None:
 
 
 async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
-    async with opened(client_with()) as see:
+    async with opened(filter=estimates()) as see:
         await filter_page(see, "─> x gyro, deg/s")
         await see("down j down → >x accel | ─> x accel, mg")
         screen = await see("enter → Esc back, a scale")
@@ -119,7 +118,7 @@ async def test_a_tall_terminal_shows_all_six_plots(size: tuple[int, int]) -> Non
 
 
 async def test_t_and_e_say_where_that_is() -> None:
-    async with opened(client_with()) as see:
+    async with opened(filter=estimates()) as see:
         await filter_page(see, "r records, then t traces")
         await see("t → not recording: r starts a recording, then t traces it")
 
@@ -143,7 +142,7 @@ async def test_loaded_effects_are_listed() -> None:
         {"label": "ax scale k", "value": -0.00213, "sd": 0.0003, "unit": ""},
         {"label": "gy thermal_poly k2", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
     ]
-    async with opened(client_with(effects=effects)) as see:
+    async with opened(filter=estimates(effects=effects)) as see:
         screen = await filter_page(see, "effects", "gz: bias follows temperature 0.0123 ±0.0012 deg/s/K")
         assert "more" in screen
         await see("w →")
@@ -155,18 +154,17 @@ async def test_what_is_unobservable_says_so() -> None:
     biases = estimates()["biases"]
     for i, name in ((3, "x accel"), (4, "y accel")):
         biases[i] = bias(name, None, None, observable=False, converged_s=None, change_10s=None)
-    async with opened(client_with(biases=biases, reference="gravity")) as see:
+    async with opened(filter=estimates(biases=biases, reference="gravity")) as see:
         screen = await filter_page(see, "unobservable", "3 of 4 observable biases converged")
         assert len(lines_of(screen)) == 24
         await see("down down down → unobservable in this setup")
 
 
 async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
-    client = client_with()
-    async with opened(client) as see:
+    async with opened(filter=estimates()) as see:
         await filter_page(see, "▲ AMBER")
         await see("space → FROZEN")
-        client.changes["filter"] = estimates(failure="the filter stopped, recording goes on: sample 7")
+        see.client.changes["filter"] = estimates(failure="the filter stopped, recording goes on: sample 7")
         await see("→ filter × RED stopped | (frozen; now × RED) | 5 of 6 biases converged")
         await see("space → × RED   the filter stopped")
 
@@ -176,7 +174,7 @@ async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", glyphs)
     biases = [bias(name, -0.4702, 0.0291, observable=name[0] != "y") for name in ("x gyro", "y gyro", "z gyro")]
     biases += estimates()["biases"][3:]
-    async with opened(client_with(biases=biases, rejected=812)) as see:
+    async with opened(filter=estimates(biases=biases, rejected=812)) as see:
         screen = await filter_page(see, "unobservable", "gates 812", "velocity N", "1.1 m")
         table = lines_of(screen)[4:11]
         assert [line[1:8].strip() for line in table] == [
@@ -189,7 +187,7 @@ async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPa
 
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    async with opened(client_with(alarms=["innovations too large"])) as see:
+    async with opened(filter=estimates(alarms=["innovations too large"])) as see:
         await filter_page(see, "× RED", "alarm: innovations too large", "filter × RED alarm")
 
 
@@ -197,7 +195,7 @@ async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
     client = acquisition(filter=None)
     async with opened(client) as see:
         await filter_page(see, "– OFF", "no filter in this acquisition", "1 Connect starts one with a filter")
-    async with opened() as see:
+    async with opened(None) as see:
         await see("4 →")
         await see.until(lambda: "no acquisition: 1 connects to one" in see.text())
 

@@ -1,6 +1,5 @@
 """The Live page: one channel large, the others as numbers with a trend."""
 
-from helpers.fake_client import FakeClient
 from helpers.pilot import SMALLEST, opened
 
 from imutui.tui.pages.live.channels import ChannelTable
@@ -10,7 +9,7 @@ WIDE = (120, 40)
 
 
 async def test_the_chosen_channel_is_large_and_others_have_numbers_and_a_trend() -> None:
-    async with opened(FakeClient()) as see:
+    async with opened() as see:
         page = see.app.screen
 
         def shown() -> list[str]:
@@ -26,16 +25,15 @@ async def test_the_chosen_channel_is_large_and_others_have_numbers_and_a_trend()
 
 
 async def test_a_tall_terminal_has_room_for_six_lanes() -> None:
-    async with opened(FakeClient(), size=WIDE) as see:
+    async with opened(size=WIDE) as see:
         await see("→ gyro, deg/s | accel, mg")
         await see.pilot.resize_terminal(*SMALLEST)
         await see("→ gx, deg/s, with mean")
 
 
 async def test_what_a_unit_says_of_itself_stands_beside_what_was_lost() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ bad sums 0")
         assert "BIT" not in see.text()
-        client.changes["status"] = "0x0002 (hardware error)"
+        see.client.changes["status"] = "0x0002 (hardware error)"
         await see("→ bad sums 0  BIT 0x0002 (hardware error)")

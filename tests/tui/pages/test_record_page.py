@@ -13,8 +13,7 @@ SNAPSHOT: dict[str, Any] = FakeClient().snapshot()
 
 
 async def test_record_has_every_vital_text_at_80x24() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
+    async with opened(recording=True) as see:
         screen = await see(f"3 → ● RECORDING  0:1 | {PATH} | q quit")
         for text in (
             "123 kB", "grows 22.0 MB/h", "full in 98 days", "52.00 GB free", "part 1, one file", "flushed 0.4 s ago",
@@ -35,57 +34,54 @@ async def test_a_late_flush_is_said_in_words() -> None:
 
 
 async def test_the_form_goes_into_the_next_recording() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("3 → NOT RECORDING | r begins a file | operator  ana")
         screen = await see(
             "e end ' r' tab tab tab '30' enter 'cold 1' → operator  ana r | note      cold 1 | esc done | Esc done"
         )
         assert "r record" not in screen
         await see("escape 2 r → ● REC")
-        assert client.wish == RecordingWish("cold 1", "ana r", rotate_minutes=30.0)
+        assert see.client.wish == RecordingWish("cold 1", "ana r", rotate_minutes=30.0)
 
 
 async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the_acquisition_has_it() -> None:
-    client = acquisition(note="demo")
-    async with opened(client) as see:
+    async with opened(note="demo") as see:
         await see("3 → note      demo")
         await see("e tab*4 backspace*4 escape r → A note for this recording")
         await see("enter → ● REC")
-        assert client.wish == RecordingWish(note="")
+        assert see.client.wish == RecordingWish(note="")
 
 
 async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> None:
-    client = acquisition(note="cold")
-    async with opened(client) as see:
+    async with opened(note="cold") as see:
         await see("3 →")
         assert "n note" not in await see.shows("NOT RECORDING")
         await see("r → ● REC | n note")
         await see("n →")
         await see.shows("operator  ana", "both go into the file".capitalize())
         await see("end 'er' enter → written into imu400cd_9911750")
-        assert client.asked == ["record", "describe colder None"]
+        assert see.client.asked == ["record", "describe colder None"]
 
 
 async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
-    client = acquisition(recording=True)
-    async with opened(client) as see:
-        client.changes["recording"] = client.snapshot()["recording"]  # what is on the screen is older than the end
+    async with opened(recording=True) as see:
+        see.client.changes["recording"] = see.client.snapshot()[
+            "recording"
+        ]  # what is on the screen is older than the end
         await see("3 r r → the file is finished")
         await see("r →")
-        del client.changes["recording"]
+        del see.client.changes["recording"]
         await see.shows("wrote     ", "15246 samples")
-        assert client.asked == ["stop_recording"]
+        assert see.client.asked == ["stop_recording"]
 
 
 async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
-    client = acquisition(recording=True, note="cold")
-    async with opened(client) as see:
+    async with opened(recording=True, note="cold") as see:
         await see("3 e end 'eve' escape n → Both go into the file")
         await see("end 'er' enter → written into imu400cd_9911750")
         await see("2 3 r → NOT RECORDING | operator  anaeve")
         await see("r → ● REC")
-        assert client.wish == RecordingWish(operator="anaeve")
+        assert see.client.wish == RecordingWish(operator="anaeve")
 
 
 async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the_present_one() -> None:
@@ -97,23 +93,21 @@ async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the
 
 
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see('3 e tab*3 \'often\' → "new file every, min" is "often", not a number')
         await see('escape r → not recorded: "new file every, min" is "often"')
-        assert client.asked == []
+        assert see.client.asked == []
 
 
 async def test_a_finished_file_is_named_with_what_comes_next() -> None:
-    client = acquisition(note="cold")
-    async with opened(client) as see:
+    async with opened(note="cold") as see:
         await see("r → ● REC")
         await see("r → finished")
         await see(f"3 → wrote     {PATH} | 15246 samples in | 6 Logs opens it | NOT RECORDING")
 
 
 async def test_an_empty_acquisition_page_has_no_numbers() -> None:
-    async with opened() as see:
+    async with opened(None) as see:
         await see("3 → NOT CONNECTED | 1 connects to an instrument; there, v starts the demo")
         await see.until(lambda: see.app.focused is None)
 

@@ -1,6 +1,5 @@
 """The last line: its keys are made anew when there are other ones, and only then."""
 
-from helpers.fake_client import FakeClient
 from helpers.pilot import opened
 from textual.widget import Widget
 
@@ -8,8 +7,7 @@ from imutui.tui.widgets.page_frame import KeysLine
 
 
 async def test_keys_are_made_anew_when_there_are_other_ones_and_only_then() -> None:
-    client = FakeClient()
-    async with opened(client) as see:
+    async with opened() as see:
         await see("→ r record | q quit")
 
         def keys() -> list[Widget]:
@@ -22,6 +20,6 @@ async def test_keys_are_made_anew_when_there_are_other_ones_and_only_then() -> N
         await see.pilot.pause()
         assert before
         assert all(one is other for one, other in zip(keys(), before, strict=True))
-        client.recording = True
+        see.client.recording = True
         await see("→ r finish | m mark")
         await see.until(lambda: not set(keys()) & set(before))
