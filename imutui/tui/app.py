@@ -50,12 +50,9 @@ _NEEDS_ACQUISITION = ("record", "mark", "detach")
 class ImutuiApp(textual_private.WithoutTraceback):
     """The terminal UI.
 
-    `client`: acquisition to look at.
-    `plan`: acquisition to start at once.
     `logs`: folder of recordings of acquisitions that are started from here.
     `defaults`: what such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the
       configuration's. Its own `logs` counts.
-    `appearance`: theme, signs, speed and plots.
     """
 
     TITLE = "imutui"

@@ -12,10 +12,7 @@ T = TypeVar("T")
 
 
 def in_thread(function: Callable[[], T]) -> "asyncio.Future[T]":
-    """Run a function in a daemon thread; the future has its result or exception.
-
-    `function`: called without arguments.
-    """
+    """Run a function in a daemon thread; the future has its result or exception."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 

@@ -105,7 +105,6 @@ class Attempt:
 class Connector:
     """Has at most one attempt under way, and at most one acquisition.
 
-    `context`: pages that say what happens, and the acquisition.
     `defaults`: what an acquisition that is started here has beside port, rate and sampling.
     `tell_finished`: takes the recording that an acquisition finished at its end, and its result.
     """
@@ -254,12 +253,7 @@ class Connector:
 
 
 class Leaving:
-    """Ends the screen, the acquisition, or both.
-
-    `context`: what is left.
-    `connector`: lets go of the acquisition.
-    `recorder`: is told which file was finished.
-    """
+    """Ends the screen, the acquisition, or both."""
 
     def __init__(self, context: AppContext, connector: Connector, recorder: RecordingControl) -> None:
         self.farewell: list[str] = []  # lines for the terminal after the UI has gone

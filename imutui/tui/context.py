@@ -23,10 +23,7 @@ FAULTS = (SessionError, OSError)
 
 
 class AppContext:
-    """The application, the acquisition, and the pages that were opened so far.
-
-    `app`: gets a mode for every page.
-    """
+    """The application, the acquisition, and the pages that were opened so far."""
 
     def __init__(self, app: App[int]) -> None:
         self.app = app

@@ -18,11 +18,7 @@ from imutui.tui.terminal.painter import Painter
 
 
 class Drawing:
-    """Has the page in front drawn at the pace that the terminal keeps up with.
-
-    `context`: what is drawn.
-    `appearance`: how much of it, and how often.
-    """
+    """Has the page in front drawn at the pace that the terminal keeps up with."""
 
     def __init__(self, context: AppContext, appearance: Appearance) -> None:
         self._context = context
@@ -58,10 +54,7 @@ _REST_S = 0.1
 
 
 class FrameMonitor:
-    """Asks the terminal's driver, and tells what it takes to the pacing controller.
-
-    `controller`: decides what is drawn.
-    """
+    """Asks the terminal's driver, and tells what it takes to the pacing controller."""
 
     def __init__(self, controller: PacingController) -> None:
         self.controller = controller

@@ -63,9 +63,7 @@ def silence(snapshot: Snapshot) -> str | None:
 def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None = None) -> str:
     """Who or what ended an acquisition, or why it failed, and what became of its file.
 
-    `snapshot`: the last one.
     `error`: what a call to the acquisition came to.
-    `report`: what it left, if it left anything.
     """
     recording = snapshot["recording"] if snapshot else None
     said = [_why_ended(snapshot, error, report)]

@@ -28,10 +28,7 @@ _SEEN_S = 2.0
 
 
 class RecordingControl:
-    """Begins and finishes recordings as the Record page's form says, and tells that page what was written.
-
-    `context`: the acquisition, and where things are said.
-    """
+    """Begins and finishes recordings as the Record page's form says, and tells that page what was written."""
 
     def __init__(self, context: AppContext) -> None:
         self._context = context

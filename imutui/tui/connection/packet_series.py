@@ -11,7 +11,6 @@ TEMPERATURE = CHANNELS - 1  # column of the temperature
 class PacketSeries:
     """Instants and rows of values of the packets that came.
 
-    `columns`: values of a row.
     `capacity`: rows kept; half an hour of packets by default.
     """
 

@@ -22,7 +22,6 @@ _PIECES = 30
 class Poller:
     """A polling thread.
 
-    `client`: asked for snapshots.
     `post`: takes `Arrived` and `Lost`, from any thread; False if nobody listens any more.
     `rate_hz`: polls per second; may be changed at any time.
     """

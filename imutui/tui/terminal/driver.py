@@ -89,11 +89,7 @@ class Meter:
 
 
 class Output:
-    """Stands for the terminal's file: counts, and stays calm when the terminal is gone.
-
-    `file`: of the terminal.
-    `meter`: is told.
-    """
+    """Stands for the terminal's file: counts, and stays calm when the terminal is gone."""
 
     def __init__(self, file: IO[str], meter: Meter) -> None:
         self._file = file

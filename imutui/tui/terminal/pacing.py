@@ -62,9 +62,7 @@ class PacingController:
     Steps down at once where the terminal falls behind, and up again only after it has kept up for a while: longer each
     time that going up turned out to be too much.
 
-    `wish`: "auto", "scroll", "sweep" or "numbers".
     `fps`: frames a second; 0 for 10, and 5 over SSH.
-    `remote`: whether the terminal is at the other end of an SSH link.
     """
 
     def __init__(self, wish: str = AUTO, fps: float = 0.0, *, remote: bool = False) -> None:
@@ -106,11 +104,7 @@ class PacingController:
         return self.pacing
 
     def judge(self, now: float, load: Load) -> bool:
-        """Take what the terminal does; True if the pacing has changed.
-
-        `now`: any clock, s.
-        `load`: what was measured.
-        """
+        """Take what the terminal does; True if the pacing has changed."""
         if not load.keeps_up:
             self._kept_since = float("inf")
         elif self._kept_since == float("inf") or self._kept_since < self._changed_at:

@@ -98,11 +98,7 @@ class _Changes(CompositorUpdate):
 
 
 def differing(before: Strip | None, after: Strip) -> list[tuple[int, Cells]]:
-    """Start and cells of the runs in which two strips of one place differ.
-
-    `before`: what is there, if known.
-    `after`: what is to be there.
-    """
+    """Start and cells of the runs in which two strips of one place differ."""
     text, styles = new = flat(after)
     if before is None or len(text) != after.cell_length:  # wide signs: a character is not a cell
         return [(0, new)]

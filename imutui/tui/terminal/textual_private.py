@@ -76,8 +76,6 @@ def missing() -> list[str]:
 def draw_through(app: "App[Any]", exact: Callable[[Any], Any]) -> bool:
     """Have all that an application draws go through a function first.
 
-    `app`: draws.
-    `exact`: takes what Textual wants drawn; returns what is sent in its place.
     Returns false if this Textual has no place for that: it then draws as it does by itself.
     """
     if set(missing()) & set(DRAWING):

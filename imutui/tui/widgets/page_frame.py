@@ -16,10 +16,7 @@ _PORT_ROOM = 14
 
 
 class StatusHeader(TextLines):
-    """Two lines: unit, port, recording and time; pages and the filter's badge.
-
-    `current`: title of this one.
-    """
+    """Two lines: unit, port, recording and time; pages and the filter's badge."""
 
     DEFAULT_CSS = "StatusHeader { height: 2; background: $panel; }"
 

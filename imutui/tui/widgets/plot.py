@@ -17,12 +17,7 @@ _LANE_STYLES = ("first", "second", "third")
 
 
 class Plot(PlotWidget):
-    """Lanes of one quantity's axes over the last seconds.
-
-    `title`: with the unit.
-    `names`: one a lane.
-    `columns`: of the series, one a lane.
-    """
+    """Lanes of one quantity's axes over the last seconds."""
 
     PREFIX = "plot"
     COMPONENT_CLASSES = {f"plot--{name}" for name in (_TITLE, _AXIS, _MEAN, *_LANE_STYLES)}  # noqa: RUF012 - Textual's way

@@ -37,12 +37,7 @@ def mean_columns(columns: int) -> int:
 
 
 class PlotLanes:
-    """Cells of some columns of a series.
-
-    `columns`: of the series, one a lane.
-    `count`: number of lanes.
-    `glyphs`: signs to draw with.
-    """
+    """Cells of some columns of a series."""
 
     def __init__(self, columns: slice, count: int, glyphs: Glyphs) -> None:
         self._columns = columns

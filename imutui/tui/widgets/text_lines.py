@@ -88,11 +88,7 @@ class TextLines(Widget):
 
 
 class WrappedText(Widget):
-    """A text of several paragraphs, a line each.
-
-    `text`: all of it; signs that the terminal lacks are replaced.
-    `classes`: as any widget has them.
-    """
+    """A text of several paragraphs, a line each."""
 
     DEFAULT_CSS = "WrappedText { height: auto; }"
 

@@ -97,10 +97,7 @@ class AxesPlot(PlotWidget):
 
 
 class AnalysisPage(Page):
-    """Above the Live page until Esc; asks for the channel's statistics about once a second.
-
-    `channel`: to begin with.
-    """
+    """Above the Live page until Esc; asks for the channel's statistics about once a second."""
 
     TITLE = "Live"
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -66,7 +66,6 @@ def dismiss_after_typing(
 class FieldDialog(Dialog[str | None]):
     """Title, a field and a hint; returns what was typed, None for Esc or nothing.
 
-    `title`, `hint`: what it is for; what is to be known.
     `value`, `placeholder`: to begin with; what stands in an empty field.
     `select`: whether what is typed first replaces the value.
     """

@@ -34,7 +34,6 @@ class Answer:
 class ChoiceDialog(Dialog[str | None]):
     """Asks; returns the chosen answer's name, None for Esc.
 
-    `title`, `body`: what it is about.
     `answers`: the first one is Enter's.
     `careful`: whether Enter is Esc instead.
     `stay`: what Esc means here.

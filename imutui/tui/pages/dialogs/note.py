@@ -20,8 +20,6 @@ from imutui.tui.widgets.text_lines import WrappedText
 class NoteDialog(Dialog[tuple[str, str] | None]):
     """Returns note and operator as they were left at Enter, each may be empty; None for Esc.
 
-    `title`, `hint`: what it is for, and where it goes.
-    `note`: to begin with.
     `operator`: to begin with; None where only the note is asked for.
     """
 

@@ -13,15 +13,16 @@ from imutui.verdict.rules import LEVEL_MARKS, NOTICED, Check, Verdict, held_text
 _LABEL = 13
 
 
-class NisLine(TextLines):
-    """Normalised innovation squared, and updates that were left out."""
+class NisLines(TextLines):
+    """NIS, its meaning and updates that were left out; what the model leaves unexplained, and who looks for the cause."""
 
-    DEFAULT_CSS = "NisLine { height: 1; }"
+    DEFAULT_CSS = "NisLines { height: 2; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         estimates = view.estimates
-        if estimates is None:
-            return []
+        return [] if estimates is None else [self._nis(estimates, width), self._unexplained(view, estimates, width)]
+
+    def _nis(self, estimates: FilterSnapshot, width: int) -> Content:
         nis = estimates["nis"]
         # the band only means something for a test: shown otherwise, it invites the wrong conclusion
         left = self.line(
@@ -34,18 +35,10 @@ class NisLine(TextLines):
         begun = f"  first {formatting.number(first, 0, 2) if small else formatting.plain(first, 3)}"
         rejected = estimates.get("rejected")
         gates = "" if rejected is None else f"  gates {rejected}"
-        return [self.spread(left, self.line(begun, (gates, "bold $text-warning" if rejected else ""), " "), width)]
+        return self.spread(left, self.line(begun, (gates, "bold $text-warning" if rejected else ""), " "), width)
 
-
-class UnexplainedLine(TextLines):
-    """What the model leaves unexplained, in units of what noise allows."""
-
-    DEFAULT_CSS = "UnexplainedLine { height: 1; }"
-
-    def lines(self, view: View, width: int) -> list[Content]:
-        estimates = view.estimates
-        if estimates is None:
-            return []
+    def _unexplained(self, view: View, estimates: FilterSnapshot, width: int) -> Content:
+        """The worst channel in units of what noise allows, and the key that looks for the cause."""
         worst = worst_remainder(estimates["remainder"])
         said, loud = "known after 30 s of estimates", False
         if worst is not None:
@@ -54,7 +47,7 @@ class UnexplainedLine(TextLines):
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key
-        return [self.spread(left, self.line((key, "dim")), width)]
+        return self.spread(left, self.line((key, "dim")), width)
 
 
 class NavigationLines(TextLines):
@@ -208,7 +201,6 @@ def two_lines(said: str, first: int, second: int) -> tuple[str, str]:
     A long reason is cut so that what to do has room beside it; the key `w` has all of it.
 
     `said`: reason, line feed, what to do.
-    `first`, `second`: characters of the lines.
     """
     reason, _, todo = said.partition("\n")
     if len(reason) <= first:

@@ -19,9 +19,8 @@ from imutui.tui.pages.filter.estimates import (
     EffectLines,
     FilterBadge,
     NavigationLines,
-    NisLine,
+    NisLines,
     RuleLines,
-    UnexplainedLine,
 )
 from imutui.tui.pages.filter.text import explanation
 from imutui.tui.widgets import history_cells
@@ -77,8 +76,7 @@ class FilterPage(Page):
                 yield BiasTable()
                 with Vertical(classes="details") as details:
                     details.styles.height = "auto"
-                    yield NisLine()
-                    yield UnexplainedLine()
+                    yield NisLines()
                     yield NavigationLines()
                     yield EffectLines()
                     yield AlarmLines()
@@ -157,10 +155,7 @@ class FilterPage(Page):
 
 
 class WhyDialog(ScrollDialog):
-    """Every rule, alarm and number of the filter, as of the moment it was asked for, to scroll.
-
-    `view`: what is explained.
-    """
+    """Every rule, alarm and number of the filter, as of the moment it was asked for, to scroll."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("w", "cancel", show=False, priority=True),

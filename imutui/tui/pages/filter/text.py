@@ -91,7 +91,6 @@ CELLS = 11
 def gauge(value: float | None, limit: float, sd3: float | None = None) -> str:
     """Bar from zero in the middle to the value; ░ where three standard deviations reach; ▲ at the end beyond a limit.
 
-    `value`: what is shown; None for not known.
     `limit`: of the data sheet, at both ends.
     `sd3`: three standard deviations; None for not known.
     """

@@ -87,9 +87,7 @@ class LivePage(Page):
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
         yield Orientation()
-        yield WarmLine()
-        yield LinkLine()
-        yield RecordingLine()
+        yield StateLines()
 
     def show(self, view: View) -> None:
         self.query_one(ChannelTable).span = self.span(view)
@@ -152,56 +150,38 @@ class LivePage(Page):
 _ROOM_FOR_MARKS = 90
 
 
-class WarmLine(TextLines):
-    """Whether the unit is warm: word, minutes on, slope of the temperature, what to wait for."""
+class StateLines(TextLines):
+    """Whether the unit is warm; rates, what was lost, what the unit says of itself; the file, or how to start one."""
 
-    DEFAULT_CSS = "WarmLine { height: 1; }"
-
-    def lines(self, view: View, width: int) -> list[Content]:
-        now = view.now
-        said = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
-        word, _, rest = said.partition(" ")
-        return [self.line(" ", (word, "bold"), " ", rest)]
-
-
-class LinkLine(TextLines):
-    """Rates, what was lost, and what the unit says of itself."""
-
-    DEFAULT_CSS = "LinkLine { height: 1; }"
+    DEFAULT_CSS = "StateLines { height: 3; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         now = view.now
-        if now is None:
-            return [Content("")]
-        lost, bad = now["lost_packets_max"], now["bad_checksums"]
-        return [
-            self.line(
-                f" {_rates(now)}  ",
-                (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
-                "  ",
-                (f"bad sums {bad}", "bold $text-warning" if bad else ""),
-                (f"  BIT {status}" if (status := now.get("status")) else "", "bold $text-warning"),
-            )
-        ]
+        warm = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
+        word, _, rest = warm.partition(" ")
+        link = Content("") if now is None else self._link(now)
+        lines = self.line(" ", (word, "bold"), " ", rest), link, self._recording(view, width)
+        return [line.truncate(width) for line in lines]
 
+    def _link(self, now: Snapshot) -> Content:
+        """Rate asked and measured, packets lost, wrong checksums, status word."""
+        lost, bad, measured = now["lost_packets_max"], now["bad_checksums"], now["measured_hz"]
+        rates = f"asked {now['rate_hz']:g} measured {formatting.NOTHING if measured is None else f'{measured:.2f}'} Hz"
+        return self.line(
+            f" {rates}  ",
+            (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
+            "  ",
+            (f"bad sums {bad}", "bold $text-warning" if bad else ""),
+            (f"  BIT {status}" if (status := now.get("status")) else "", "bold $text-warning"),
+        )
 
-def _rates(now: Snapshot) -> str:
-    measured = now["measured_hz"]
-    asked = f"{now['rate_hz']:g}"
-    return f"asked {asked} measured {formatting.NOTHING if measured is None else f'{measured:.2f}'} Hz"
-
-
-class RecordingLine(TextLines):
-    """File, size and age of the last flush; or how to start."""
-
-    DEFAULT_CSS = "RecordingLine { height: 1; }"
-
-    def lines(self, view: View, width: int) -> list[Content]:
+    def _recording(self, view: View, width: int) -> Content:
+        """Name, size, samples and flush of the file, shorter where there is no room; or how to start."""
         now, recording = view.now, view.recording
         if recording is None:
             running = now is not None and now["state"] == "running"
             hint = " not recording: r writes every packet to a file, from then on" if running else ""
-            return [self.line((hint, "dim"))]
+            return self.line((hint, "dim"))
         flushed = recording["flush_age_s"]
         marks = [formatting.plural(recording["marks"], "mark")] if width >= _ROOM_FOR_MARKS else []
         facts = "  ".join(
@@ -214,4 +194,4 @@ class RecordingLine(TextLines):
         )
         name = formatting.shorten(PurePath(recording["path"]).name, max(width - len(facts) - 4, 12))
         stale = flushed is not None and flushed > 3.0
-        return [self.line(" ", (name, "bold"), (f"  {facts}", "bold $text-error" if stale else ""))]
+        return self.line(" ", (name, "bold"), (f"  {facts}", "bold $text-error" if stale else ""))

@@ -50,10 +50,7 @@ def find(shown: Outcome) -> list[Outcome]:
 
 
 def comparison(a: Outcome, b: Outcome) -> Outcome:
-    """Two results of the same kind side by side. Blocks, so it is called in a thread: the report loads much.
-
-    `a`, `b`: which of them is told first, and the other one.
-    """
+    """Two results of the same kind side by side. Blocks, so it is called in a thread: the report loads much."""
     body = _replays(a.document, b.document) if a.kind == "replay" else _traces(a.document, b.document)
 
     def text(width: int) -> str:

@@ -20,7 +20,6 @@ Steps = Callable[[], tuple[str, Path | None]]  # done in a thread: returns what 
 class FileActions:
     """Asks in front of the logs page, then does it in a thread and says what was done.
 
-    `page`: what is said is said there.
     `done`: called with the recording that the cursor goes to, None for where it is.
     """
 

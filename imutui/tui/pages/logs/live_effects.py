@@ -84,11 +84,7 @@ _NONE = "No effects file here yet: t traces a log, then w on its result writes o
 
 
 class EffectsDialog(Dialog[EffectsFile | str | None]):
-    """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
-
-    `files`: what there is.
-    `loaded`: whether the filter has effects now.
-    """
+    """Returns the file, "none" for no effects, "open" to type a path, None for Esc."""
 
     DEFAULT_CSS = "EffectsDialog OptionRows { height: auto; max-height: 10; margin-bottom: 1; }"
     BINDINGS: ClassVar[list[BindingType]] = [

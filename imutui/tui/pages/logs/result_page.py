@@ -35,7 +35,6 @@ _MOST = 9
 class ResultPage(Page):
     """Above the logs page until Esc.
 
-    `outcome`: what the job came to.
     `others`: results that were shown before, for a comparison.
     """
 

@@ -24,12 +24,7 @@ _RUN_NAME = 18  # of a plot that has half of 80 columns
 
 
 def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
-    """Plots of a result of a kind; none where it has nothing to plot, as results of older versions have.
-
-    `kind`: "replay" or "trace".
-    `document`: the result.
-    `look`: how they are drawn.
-    """
+    """Plots of a result of a kind; none where it has nothing to plot, as results of older versions have."""
     match kind:
         case "replay":
             return of_replay(document, look)
