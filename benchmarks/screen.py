@@ -5,8 +5,8 @@
 Two panels of three series of 665 points, a moving window of data at 133 Hz, ten frames a second, in a real terminal
 with synchronised updates. "plot" is the plot area alone, "screen" the whole live page on a running acquisition (the
 virtual instrument's): for the peer the same page with plotext's widgets in place of ours. The peer draws with its
-braille marker, its fastest that is as fine as ours, and with "hd", its finest. Processor time is that of the
-process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C.
+braille marker, its fastest that is as fine as ours, and with "hd", its finest; "plain" is our page as Textual itself
+sends it, whole lines from the first change on. Processor time is that of the process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C.
 
 "ssh -C": `imutui attach` under a real sshd and a real ssh -C -tt, if they are installed. Counted are the bytes that
 come back to the client on its TCP connection, by a relay between both: compression, encryption and SSH's own packets
@@ -91,6 +91,13 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
         print(
             f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame "
             f"{cost.bytes:8.0f} B/frame {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
+            flush=True,
+        )
+    if kind == "screen":
+        plain, exact = measure("screen-plain", "sweep", size, seconds), costs["sweep"]
+        print(
+            f"{kind:<6} {size[0]:>3}x{size[1]:<2} imutui  plain   {plain.kilobytes:7.1f} kB/s {plain.packed:6.2f} zlib as"
+            f" Textual sends a sweep; only changed cells are {exact.bytes / plain.bytes:.0%} of its bytes",
             flush=True,
         )
     return costs

@@ -2,8 +2,9 @@
 
     python benchmarks/screen_child.py KIND MODE SECONDS RESULT [NAME]
 
-KIND is plot, screen, or the same with plotext's widgets in place of ours: plot-peer, screen-peer. MODE is scroll or
-sweep, for the peer braille or hd. NAME is the running acquisition that `screen` looks at.
+KIND is plot, screen, or the same with plotext's widgets in place of ours: plot-peer, screen-peer; screen-plain sends
+what Textual itself would. MODE is scroll or sweep, for the peer braille or hd. NAME is the running acquisition that
+`screen` looks at.
 """
 
 import json
@@ -178,12 +179,12 @@ class Whole(ImutuiApp):
         self.drawing.draw = counted  # type: ignore[method-assign]
 
 
-def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str) -> None:
+def whole_screen(mode: str, peer: bool, plain: bool, seconds: float, result: Path, name: str) -> None:
     """The application on a running acquisition, its live page in front."""
     if peer:
         PeerPage.marker, mode = mode, "scroll"
         live_page.LivePage = PeerPage  # type: ignore[misc]
-    if peer:  # its updates are Textual's own
+    if peer or plain:  # updates are Textual's own
         textual_private.HIDDEN.update(textual_private.DRAWING)
     app = Whole(session.attach(name), appearance=Appearance(plot=mode, fps=FPS))
     app.account = Account(seconds, result, lambda: app.exit(0))
@@ -197,7 +198,7 @@ def main() -> None:
     if kind.startswith("plot"):
         Panels(mode, peer, float(seconds), Path(result)).run()
     else:
-        whole_screen(mode, peer, float(seconds), Path(result), sys.argv[5])
+        whole_screen(mode, peer, kind.endswith("-plain"), float(seconds), Path(result), sys.argv[5])
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ _LABEL = 13
 
 
 class NisLines(TextLines):
-    """NIS, its meaning and updates that were left out; what the model leaves unexplained, and who looks for the cause."""
+    """NIS, its meaning and updates that were left out; what the model leaves unexplained, and what finds the cause."""
 
     DEFAULT_CSS = "NisLines { height: 2; }"
 
