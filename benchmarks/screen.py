@@ -96,8 +96,8 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
     if kind == "screen":
         plain, exact = measure("screen-plain", "sweep", size, seconds), costs["sweep"]
         print(
-            f"{kind:<6} {size[0]:>3}x{size[1]:<2} imutui  plain   {plain.kilobytes:7.1f} kB/s {plain.packed:6.2f} zlib as"
-            f" Textual sends a sweep; only changed cells are {exact.bytes / plain.bytes:.0%} of its bytes",
+            f"{kind:<6} {size[0]:>3}x{size[1]:<2} imutui  plain   {plain.kilobytes:7.1f} kB/s {plain.packed:6.2f} zlib"
+            f" as Textual sends a sweep; only changed cells are {exact.bytes / plain.bytes:.0%} of its bytes",
             flush=True,
         )
     return costs

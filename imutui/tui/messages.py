@@ -15,18 +15,12 @@ WARM_UP_S = 15 * 60.0
 KILLED = "Its process was killed or broke down: it is gone, and has left no word of its end."
 
 
-def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
-    """Whether biases measured now will hold."""
-    if seconds < WARM_UP_S:
-        return "warming"
-    return "steady" if slope_k_per_min is None or abs(slope_k_per_min) <= STEADY_K_PER_MIN else "unsteady"
-
-
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
     """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
     if seconds is None:
         return ""
-    word = warm_word(seconds, slope_k_per_min)
+    moves = slope_k_per_min is not None and abs(slope_k_per_min) > STEADY_K_PER_MIN
+    word = "warming" if seconds < WARM_UP_S else "unsteady" if moves else "steady"
     slope = f"{slope_k_per_min:+.2f}" if slope_k_per_min is not None else formatting.NOTHING
     wait = {
         "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {STEADY_K_PER_MIN:g} K/min",

@@ -4,7 +4,8 @@ Textual sends a changed line from the widget's left edge on; on a poor link that
 second. Here each line is compared with what the terminal holds, and colours are sent only where they change.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rich.color import ColorSystem
@@ -35,15 +36,16 @@ class Painter:
         `update`: what Textual wants shown; what is not known here is passed on, and nothing is taken as remembered.
         """
         if isinstance(update, ChopsUpdate):
-            return _Changes(self, update)
+            return _Sent(lambda console: written(self.changes(update), color_system(console)))
         if isinstance(update, LayoutUpdate):
-            return _Whole(self, update)
+            return _Sent(partial(self._whole, update))
         if update is not None:
             self._lines.clear()
         return update
 
-    def remember(self, update: LayoutUpdate) -> None:
-        """All lines are being sent as they are."""
+    def _whole(self, update: LayoutUpdate, console: Console) -> str:
+        """All lines are sent as they are, and remembered."""
+        update.strips = [list(strips) for strips in update.strips]
         self._lines.clear()
         for y, strips in enumerate(update.strips, update.region.y):
             x, line = update.region.x, {}
@@ -51,6 +53,7 @@ class Painter:
                 line[x] = strip
                 x += strip.cell_length
             self._lines[y] = line
+        return update.render_segments(console)
 
     def changes(self, update: ChopsUpdate) -> Iterator[tuple[int, int, Cells]]:
         """Place (x, y) and cells of every run that differs from what the terminal holds."""
@@ -73,28 +76,14 @@ class Painter:
         return held
 
 
-class _Whole(CompositorUpdate):
-    """Everything is sent, and remembered once it is."""
+class _Sent(CompositorUpdate):
+    """What is made of an update when it is sent."""
 
-    def __init__(self, painter: Painter, update: LayoutUpdate) -> None:
-        self._painter = painter
-        self._update = update
-
-    def render_segments(self, console: Console) -> str:
-        self._update.strips = [list(strips) for strips in self._update.strips]
-        self._painter.remember(self._update)
-        return self._update.render_segments(console)
-
-
-class _Changes(CompositorUpdate):
-    """Only what differs is sent."""
-
-    def __init__(self, painter: Painter, update: ChopsUpdate) -> None:
-        self._painter = painter
-        self._update = update
+    def __init__(self, render: Callable[[Console], str]) -> None:
+        self._render = render
 
     def render_segments(self, console: Console) -> str:
-        return written(self._painter.changes(self._update), color_system(console))
+        return self._render(console)
 
 
 def differing(before: Strip | None, after: Strip) -> list[tuple[int, Cells]]:

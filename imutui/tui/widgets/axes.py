@@ -64,7 +64,7 @@ class Axis:
 
 def log_axis(low: float, high: float) -> Axis:
     """A logarithmic axis between round numbers around both values."""
-    return Axis(_round_down(low), _round_up(high), log=True)
+    return Axis(_round_down(low), _round_step(high * (1.0 - _SLACK)), log=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,10 +205,6 @@ def _apart(spans: list[tuple[int, int, str]], *, log: bool) -> list[tuple[int, i
 def _round_step(value: float) -> float:
     power = 10.0 ** np.floor(np.log10(max(value, 1e-30)))
     return float(next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - _SLACK)) * power)
-
-
-def _round_up(value: float) -> float:
-    return _round_step(value * (1.0 - _SLACK))
 
 
 def _round_down(value: float) -> float:

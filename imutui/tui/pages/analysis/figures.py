@@ -74,7 +74,7 @@ def stands_out(spectrum: SpectrumSnapshot) -> "np.ndarray[tuple[int], np.dtype[n
 
 def _over_neighbours(spectrum: SpectrumSnapshot) -> Floats:
     """Peaks over the median density of the bands around."""
-    around = np.pad(_positive(spectrum["density"]), _NEIGHBOURS, mode="edge")
+    around = np.pad(np.maximum(spectrum["density"], 1e-300), _NEIGHBOURS, mode="edge")
     level = np.median(np.lib.stride_tricks.sliding_window_view(around, 2 * _NEIGHBOURS + 1), axis=1)
     return np.asarray(np.array(spectrum["peak"]) / level, float)
 
@@ -129,7 +129,3 @@ def _histogram(histogram: HistogramSnapshot, unit: str) -> Figure:
 def _log_axis(low: float, high: float) -> Axis:
     axis = axes.log_axis(float(low), float(high))
     return axis if axis.high > axis.low else Axis(axis.low / 2.0, axis.high * 2.0, log=True)
-
-
-def _positive(values: list[float]) -> Floats:
-    return np.asarray(np.maximum(values, 1e-300), float)

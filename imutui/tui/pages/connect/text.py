@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from typing import cast
 
 from filters.errors import InputError
 from imutui.session.plan import VIRTUAL_PORT, Offer, offer_of
@@ -91,15 +92,8 @@ def label(choice: Choice, answers: dict[str, str]) -> str:
 
 def not_answered(port: str, error: str) -> ProbeAnswer:
     """What stands for an answer where asking itself failed."""
-    return {
-        "port": port,
-        "answers": False,
-        "instrument": "",
-        "serial_number": "",
-        "firmware": "",
-        "baud": None,
-        "error": error,
-    }
+    empty = {"answers": False, "instrument": "", "serial_number": "", "firmware": "", "baud": None}
+    return cast("ProbeAnswer", {"port": port, **empty, "error": error})
 
 
 def answered(found: ProbeAnswer) -> str:

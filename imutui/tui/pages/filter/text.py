@@ -35,19 +35,15 @@ def explanation(view: View) -> str:
     if found is None:
         return "No acquisition: 1 connects to one."
     estimates = view.estimates
-    parts = [_headline(found), _checks(found)]
-    if estimates is not None:
-        parts += [_alarms(found, estimates), _effects(estimates), _more(estimates)]
-    return "\n\n".join(part for part in [*parts, wrapping.joined(_RULES)] if part) + "\n"
-
-
-def _headline(found: Verdict) -> str:
     todo = found.todo_at_length
-    return f"{found.badge}  {found.reason}" + (f". {todo[:1].upper()}{todo[1:]}." if todo else "")
-
-
-def _checks(found: Verdict) -> str:
-    return "\n".join(f"{LEVEL_MARKS[c.level]:<6}{c.name}: {c.said}" for c in found.checks)
+    parts = [
+        f"{found.badge}  {found.reason}" + (f". {todo[:1].upper()}{todo[1:]}." if todo else ""),
+        "\n".join(f"{LEVEL_MARKS[c.level]:<6}{c.name}: {c.said}" for c in found.checks),
+    ]
+    if estimates is not None:
+        effects = _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
+        parts += [_alarms(found, estimates), effects, _more(estimates)]
+    return "\n\n".join(part for part in [*parts, wrapping.joined(_RULES)] if part) + "\n"
 
 
 def _listed(title: str, entries: list[str]) -> str:
@@ -59,10 +55,6 @@ def _alarms(found: Verdict, estimates: FilterSnapshot) -> str:
     above = " ".join(check.said for check in found.checks)
     alarms = dict.fromkeys([*estimates["alarms"], *estimates["confounded"]])
     return _listed("ALARMS", [alarm for alarm in alarms if alarm not in above])
-
-
-def _effects(estimates: FilterSnapshot) -> str:
-    return _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
 
 
 def _more(estimates: FilterSnapshot) -> str:

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 from textual.content import Content
 
-from imutui.session.snapshot import Snapshot
 from imutui.tui.connection.model import View
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
@@ -87,11 +86,6 @@ def drawn(seen: Tilt, rows: int, cells: int, glyphs: Glyphs) -> list[str]:
     return ["".join(line) for line in lines_of_signs]
 
 
-def _mean_specific_force(snapshot: Snapshot | None) -> Floats | None:
-    rows = {channel["name"]: channel["mean"] for channel in snapshot["channels"]} if snapshot is not None else {}
-    return np.array([rows["ax"], rows["ay"], rows["az"]]) if rows else None
-
-
 class Orientation(TextLines):
     """How the unit lies, of the means of the last seconds."""
 
@@ -99,8 +93,8 @@ class Orientation(TextLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         head = self.rule("orientation of the unit, from gravity", width)
-        means = _mean_specific_force(view.shown)
-        seen = None if means is None else tilt(means)
+        means = {row["name"]: row["mean"] for row in view.shown["channels"]} if view.shown is not None else {}
+        seen = tilt(np.array([means[name] for name in ("ax", "ay", "az")])) if means else None
         rows = max(self.content_size.height - 1, 4)
         if seen is None:
             return [head, *[self.line("")] * (rows - 1)]

@@ -7,6 +7,7 @@ from pathlib import Path
 from filters.errors import InputError
 from imutui.jobs import log_files
 from imutui.jobs.info import Brief
+from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.base import FieldDialog
@@ -85,7 +86,8 @@ class FileActions:
 
         def steps() -> tuple[str, Path | None]:
             more = len(log_files.delete(brief.path)) - 1
-            return f"deleted {brief.path.name}{f' and {text.files(more)} beside it' if more else ''}", None
+            beside = f" and {formatting.plural(more, 'file')} beside it" if more else ""
+            return f"deleted {brief.path.name}{beside}", None
 
         def answered(answer: str | None) -> None:
             if answer == "yes":

@@ -104,11 +104,6 @@ def named(paths: Sequence[Path], room: int) -> str:
     return formatting.shorten(names[0], max(room - len(more), 8)) + more
 
 
-def files(count: int) -> str:
-    """So many files, in words."""
-    return formatting.plural(count, "file")
-
-
 def deletion(name: str, beside: Sequence[str], size: int) -> str:
     """What is deleted with a recording, before it is."""
     told = ", ".join(in_line(one) for one in beside[:_TOLD])
