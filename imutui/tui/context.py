@@ -72,8 +72,7 @@ class AppContext:
 
     def show(self, page: Page) -> None:
         """Draw a page anew."""
-        # while the application ends, pages lose their widgets before data stop coming
-        if page.is_mounted and self.app.is_running:
+        if page.is_whole and self.app.is_running:
             page.show(self.connection.view())
 
     def redraw(self) -> None:

@@ -50,6 +50,11 @@ class Terminal:
         """What the terminal shows."""
         return self._run("capture-pane", "-p")
 
+    def see(self, key: str, *words: str) -> str:
+        """Press a key by name, and wait until the screen shows all these words."""
+        self.press(key)
+        return self.wait_for(*words)
+
     def wait_for(self, *words: str) -> str:
         """Wait until the screen shows all these words."""
         shown = ""
@@ -98,32 +103,23 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     assert all(len(line) <= 80 for line in live.splitlines())
     assert "K/min" in live or "warming" in live
 
-    terminal.press("r")
-    terminal.wait_for("A note for this recording")
-    terminal.press("Enter")
-    terminal.wait_for("● REC", "imu400cd_9911750_", "flush")
-    terminal.press("m")
-    terminal.wait_for("Mark in the recording")
+    terminal.see("r", "A note for this recording")
+    terminal.see("Enter", "● REC", "imu400cd_9911750_", "flush")
+    terminal.see("m", "Mark in the recording")
     terminal.type("table level")
-    terminal.press("Enter")
-    terminal.wait_for("marked: table level")
-    terminal.press("4")
-    terminal.wait_for("x gyro", "z accel", "Table 1 limit", "NIS", "no test", "pitch")
+    terminal.see("Enter", "marked: table level")
+    terminal.see("4", "x gyro", "z accel", "Table 1 limit", "NIS", "no test", "pitch")
 
-    terminal.press("d")
-    terminal.wait_for("Come back: imutui attach", "imutui stop")
+    terminal.see("d", "Come back: imutui attach", "imutui stop")
     assert client.running() == ["default"]
     terminal.type(f"clear; {program} attach\n")
     terminal.wait_for("● REC", "asked 20", "measured")
-    terminal.press("?")
-    terminal.wait_for("ON THE", "PAGE")
+    terminal.see("?", "ON THE", "PAGE")
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "ON THE" not in terminal.screen(), pause=_LOOK_S)
-    terminal.press("q")
-    terminal.wait_for("leave it", "finish the file, stop", "cancel")
-    terminal.press("s")
-    terminal.wait_for("finished", "samples", "gyro bias")
+    terminal.see("q", "leave it", "finish the file, stop", "cancel")
+    terminal.see("s", "finished", "samples", "gyro bias")
     wait_until(lambda: client.running() == [])
     (path,) = terminal.logs.glob("*.mcap")
     log = reader.read(path)
@@ -138,8 +134,7 @@ def choose_virtual_at_20_hz(terminal: Terminal) -> None:
     terminal.press("Tab")
     terminal.press("Tab")
     terminal.press("C-a")
-    terminal.press("C-k")
-    terminal.wait_for("not a number; 0.1 to 133 Hz")
+    terminal.see("C-k", "not a number; 0.1 to 133 Hz")
     terminal.type("20")
     terminal.wait_for("virtual, 20 Hz")
     terminal.press("Enter")
@@ -167,10 +162,8 @@ def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: T
     terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
     (pid,) = [client.attach("demo").pid]
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    terminal.press("q")
-    terminal.wait_for("finish the file, stop")
-    terminal.press("s")
-    terminal.wait_for("finished")
+    terminal.see("q", "finish the file, stop")
+    terminal.see("s", "finished")
     wait_until(lambda: client.running() == [] and not any(Path(f"/proc/{c}").exists() for c in children))
     assert len(list(terminal.logs.glob("*demo.mcap"))) == 1
 
@@ -184,8 +177,7 @@ def goes_on(connection: client.Client) -> None:
 def test_the_whole_job(home: Path, terminal: Terminal) -> None:
     terminal.type(f"{sys.executable} -m imutui\n")
     terminal.wait_for("not connected", "press v for the DEMO", "virtual instrument", "v demo", "? help", "q quit")
-    terminal.press("v")
-    terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
+    terminal.see("v", "SIMULATED", "● REC", "gx", "asked 20")
     # a minute of the same unit, faster than real time, while the filter converges: what is shorter cannot be traced
     scenario, log = Path(plan.__file__).with_name("demo.toml"), terminal.logs / "minute.mcap"
     with ThreadPoolExecutor(1) as pool:
@@ -201,52 +193,36 @@ def test_the_whole_job(home: Path, terminal: Terminal) -> None:
 
 def record_until_converged(terminal: Terminal) -> None:
     """Mark, look at the recording, wait for the filter, finish the file."""
-    terminal.press("m")
-    terminal.wait_for("Mark in the recording")
+    terminal.see("m", "Mark in the recording")
     terminal.type("table level")
-    terminal.press("Enter")
-    terminal.wait_for("marked: table level")
-    terminal.press("3")
-    terminal.wait_for("● RECORDING", "note      demo", "table level", "disk full in", "lost 0")
-    terminal.press("4")
-    terminal.wait_for("GREEN", "all 6 biases converged", "Table 1", "x gyro")
-    terminal.press("r")
-    terminal.wait_for("not recording", "finished")
-    terminal.press("3")
-    terminal.wait_for("NOT RECORDING", "6 Logs opens it")
+    terminal.see("Enter", "marked: table level")
+    terminal.see("3", "● RECORDING", "note      demo", "table level", "disk full in", "lost 0")
+    terminal.see("4", "GREEN", "all 6 biases converged", "Table 1", "x gyro")
+    terminal.see("r", "not recording", "finished")
+    terminal.see("3", "NOT RECORDING", "6 Logs opens it")
 
 
 def choose_log(terminal: Terminal, detail: str) -> None:
     """Put the cursor on one of two recordings; which of them was written to last is not known."""
     if detail not in terminal.wait_for("· IMU400CD-200"):
-        terminal.press("Down")
-        terminal.wait_for(detail)
+        terminal.see("Down", detail)
 
 
 def trace_and_load(terminal: Terminal) -> None:
     """Replay the new recording, trace the long one, load what it found, stop and quit."""
-    terminal.press("6")
-    terminal.wait_for("2 recordings, newest first", "_demo", "minute")
+    terminal.see("6", "2 recordings, newest first", "_demo", "minute")
     choose_log(terminal, "_demo.mcap · IMU400CD-200")
-    terminal.press("p")
-    terminal.wait_for("replay of imu400cd", "converged:", "at 20.00 Hz, SIMULATED", "x gyro", "z accel", "Esc")
-    terminal.press("PageDown")
-    terminal.wait_for("NIS", "no test")
-    terminal.press("Escape")
-    terminal.wait_for("2 recordings")
+    terminal.see("p", "replay of imu400cd", "converged:", "at 20.00 Hz, SIMULATED", "x gyro", "z accel", "Esc")
+    terminal.see("PageDown", "NIS", "no test")
+    terminal.see("Escape", "2 recordings")
     choose_log(terminal, "minute.mcap · IMU400CD-200")
-    terminal.press("t")
-    terminal.wait_for("trace of minute.mcap", "oscillation 0.1", "load")
-    terminal.press("e")
-    terminal.wait_for("loaded gy: oscillates: the filter began anew")
+    terminal.see("t", "trace of minute.mcap", "oscillation 0.1", "load")
+    terminal.see("e", "loaded gy: oscillates: the filter began anew")
     connection = client.attach("demo")
     assert connection.snapshot(2**62)["effects"] == ["gy tone"]
-    terminal.press("4")
-    terminal.wait_for("oscillates", "Table 1")
-    terminal.press("q")
-    terminal.wait_for("stop the acquisition and quit", "cancel", "leave it")
-    terminal.press("s")
-    terminal.wait_for("the acquisition is stopped")
+    terminal.see("4", "oscillates", "Table 1")
+    terminal.see("q", "stop the acquisition and quit", "cancel", "leave it")
+    terminal.see("s", "the acquisition is stopped")
     wait_until(lambda: client.running() == [])
 
 
@@ -258,7 +234,5 @@ def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Termin
         terminal.type(f"{sys.executable} -m imutui\n")
         terminal.wait_for("Several acquisitions are running: choose one", '"east"', '"west"')
         choose(terminal, 'looks at the running acquisition "west"')
-        terminal.press("Enter")
-        terminal.wait_for("SIMULATED", "gx")
-        terminal.press("1")
-        terminal.wait_for('acquisition "west"')
+        terminal.see("Enter", "SIMULATED", "gx")
+        terminal.see("1", 'acquisition "west"')

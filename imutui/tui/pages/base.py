@@ -64,6 +64,11 @@ class Page(Screen[None]):
         self._fitted: tuple[int, int] | None = None
 
     @property
+    def is_whole(self) -> bool:
+        """Whether it has its widgets: data come before it is made, and while it goes."""
+        return self.is_mounted and bool(self.query("#page"))
+
+    @property
     def now(self) -> Snapshot | None:
         """The newest snapshot, as far as known."""
         return self.view.now if self.view is not None else None
@@ -79,7 +84,7 @@ class Page(Screen[None]):
 
     def redraw(self) -> None:
         """Show the newest view once more, if there is one."""
-        if self.view is not None:
+        if self.view is not None and self.is_whole:
             self.show(self.view)
 
     def compose(self) -> ComposeResult:

@@ -162,7 +162,7 @@ class AnalysisPage(Page):
 
     def _redraw(self) -> None:
         # an answer may come when the page has been left
-        if self.view is not None and self.is_mounted and self in self.app.screen_stack:
+        if self.view is not None and self.is_whole and self in self.app.screen_stack:
             self._draw()
             super().show(self.view)
 

@@ -111,8 +111,6 @@ class TablePage(Page):
 
     def show(self, view: View) -> None:
         """Show a view; ask for the profile when the acquisition has another one."""
-        if not self.query(SegmentList):  # an answer has come while the page goes away
-            return
         super().show(view)
         now = view.now
         if now is not None and now["state"] == "running":
