@@ -98,6 +98,6 @@ async def opened(
     client = acquisition(recording=recording, **changes) if client == "new" else client
     async with ImutuiApp(client, **options).run_test(size=size) as pilot:  # type: ignore[arg-type]
         see = See(pilot, client or FakeClient())
-        known = client is not None and client.changes.get("kind") != "measured"
-        await see("→ ● REC" if client is not None and client.recording else "→ SIMULATED" if known else "→ imutui")
+        known = client is not None and client.changes.get("kind") != "measured" and size >= SMALLEST
+        await see("→ REC 0:" if known and client.recording else "→ SIMULATED" if known else "→ imutui")
         yield see
