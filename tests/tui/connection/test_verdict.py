@@ -67,55 +67,53 @@ def test_a_bias_that_moves_is_said_in_its_own_deviations_and_with_the_temperatur
     assert judge(moving, 0.01).reason.endswith("z gyro moves 0.9 sd in 10 s")
 
 
-@pytest.mark.parametrize(
-    ("ratio", "word"), [(2.0, "GREEN"), (2.1, "AMBER"), (3.0, "AMBER"), (3.1, "RED"), (None, "GREEN")]
-)
-def test_the_remainder_has_two_thresholds(ratio: float | None, word: str) -> None:
-    found = judge(settled(remainder=remainder(ratio)), 0.0)
-    assert found.word == word
-    if word != "GREEN":
-        assert f"gz 10 s means {ratio:.1f} × what noise allows (AMBER above 2, RED above 3)" in found.reason
-        assert found.todo == "t traces this recording"
+_ALLOWS = " × what noise allows (AMBER above 2, RED above 3)"
 
 
-def test_a_single_mean_is_not_judged() -> None:
-    """One mean of 10 s is beyond twice its deviation in one case of twenty; the page says from when on it judges."""
-    found = judge(settled(remainder=remainder(2.9, windows=2)), 0.0)
-    assert found.word == "GREEN"
-    assert "known after 30 s" in found.reason
+def nis(mean: float, is_test: bool) -> dict[str, Any]:
+    return {**estimates()["nis"], "mean": mean, "is_test": is_test}
 
 
 @pytest.mark.parametrize(
-    ("slope", "word"), [(None, "AMBER"), (0.1, "GREEN"), (-0.1, "GREEN"), (0.11, "AMBER"), (-3.0, "AMBER")]
+    ("state", "slope", "word", "said"),
+    [
+        # above 2 look, above 3 act; what is not known is no reason
+        *((settled(remainder=remainder(ratio)), 0.0, "GREEN", "10 s") for ratio in (2.0, None)),
+        *(
+            (settled(remainder=remainder(ratio)), 0.0, word, f"gz 10 s means {ratio:.1f}{_ALLOWS}")
+            for ratio, word in ((2.1, "AMBER"), (3.0, "AMBER"), (3.1, "RED"))
+        ),
+        # one mean of 10 s is beyond twice its deviation in one case of twenty
+        (settled(remainder=remainder(2.9, windows=2)), 0.0, "GREEN", "known after 30 s"),
+        *((settled(), slope, "GREEN", "all 6 biases converged; ") for slope in (0.1, -0.1)),
+        *((settled(), slope, "AMBER", "all 6 biases converged, but ") for slope in (None, 0.11, -3.0)),
+        # within its own uncertainty of the limit it may be outside; the first estimates of a run are no alarm
+        (with_bias(value=0.99, sd3=0.02), 0.0, "GREEN", "all 6"),
+        *((with_bias(value=v, sd3=0.02), 0.0, "RED", "Table 1's ±1 deg/s") for v in (1.03, -1.03)),
+        *((with_bias(value=v, sd3=sd3), 0.0, "AMBER", "Table 1's ±1 deg/s") for v, sd3 in ((1.01, 0.02), (3.0, 4.5))),
+        # just outside a 95 % band is where one good filter in twenty is
+        *((settled(nis=nis(mean, True)), 0.0, "AMBER", "NIS") for mean in (9.15, 8.85)),
+        *((settled(nis=nis(mean, True)), 0.0, "RED", "NIS") for mean in (9.3, 5.0)),
+        *((settled(nis=nis(mean, mean == 9.0)), 0.0, "GREEN", "all 6") for mean in (9.0, 9.15, 8.85, 9.3, 5.0)),
+        (settled(confounded=["z gyro bias: turn both ways"]), 0.0, "AMBER", "z gyro bias: turn both"),
+        (estimates(waiting="finding level, 6 s more"), None, "WAIT", "finding level, 6 s more"),
+        (estimates(t=None), None, "WAIT", ""),
+        (None, None, "OFF", ""),
+    ],
 )
-def test_an_unsteady_temperature_is_amber(slope: float | None, word: str) -> None:
-    found = judge(settled(), slope)
+def test_a_state_has_its_word_and_its_reason(state: Any, slope: float | None, word: str, said: str) -> None:
+    found = judge(state, slope)
     assert found.word == word
-    if word == "AMBER":
-        assert found.reason.startswith("all 6 biases converged, but ")
-        assert found.short == f"filter ▲ AMBER {'T not known' if slope is None else 'T moves'}"
+    assert said in found.reason
+    if "Table 1" not in said:
+        assert "Table 1's" not in found.reason
 
 
-@pytest.mark.parametrize(
-    ("value", "sd3", "word"),
-    [(0.99, 0.02, "GREEN"), (1.01, 0.02, "AMBER"), (1.03, 0.02, "RED"), (-1.03, 0.02, "RED"), (3.0, 4.5, "AMBER")],
-)
-def test_a_bias_outside_table_1_is_red_once_that_is_sure(value: float, sd3: float, word: str) -> None:
-    """Within its own uncertainty of the limit it may be outside; the first estimates of a run are no alarm."""
-    found = judge(with_bias(value=value, sd3=sd3), 0.0)
-    assert found.word == word
-    assert ("Table 1's ±1 deg/s" in found.reason) == (word != "GREEN")
-
-
-@pytest.mark.parametrize(
-    ("mean", "word"), [(9.0, "GREEN"), (9.15, "AMBER"), (8.85, "AMBER"), (9.3, "RED"), (5.0, "RED")]
-)
-def test_nis_counts_if_it_is_a_test(mean: float, word: str) -> None:
-    """Just outside a 95 % band is where one good filter in twenty is; far outside is none."""
-    nis = {**estimates()["nis"], "mean": mean, "is_test": True}
-    found = judge(settled(nis=nis), 0.0)
-    assert found.word == word
-    assert judge(settled(nis={**nis, "is_test": False}), 0.0).word == "GREEN"
+def test_what_to_do_and_the_short_form_follow_the_reason() -> None:
+    assert judge(settled(remainder=remainder(2.1)), 0.0).todo == "t traces this recording"
+    assert judge(settled(), None).short == "filter ▲ AMBER T not known"
+    assert judge(settled(), 0.11).short == "filter ▲ AMBER T moves"
+    assert {judge(state).level for state in (None, estimates(waiting="finding level"))} == {"none"}
 
 
 def test_alarms_come_first_and_are_counted() -> None:
@@ -165,13 +163,6 @@ def test_a_profile_that_waits_is_what_hides_the_biases(
     assert judge(settled(), 0.0, None, waits).word == "GREEN"
 
 
-def test_waiting_and_off_are_neither_good_nor_bad() -> None:
-    waiting = judge(estimates(waiting="finding level, 6 s more"))
-    assert (waiting.word, waiting.reason, waiting.level) == ("WAIT", "finding level, 6 s more", "none")
-    assert judge(estimates(t=None)).word == "WAIT"
-    assert judge(None).word == "OFF"
-
-
 def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
     last = verdict.ended(judge(settled(), 0.0))
     assert last is not None
@@ -188,10 +179,6 @@ def test_old_estimates_are_not_green() -> None:
     silent["advice"] = {"silence": "check power and cable"}
     assert verdict.stale(silent) is not None
     assert verdict.stale({**silent, "silent_s": 1.5}) is None
-
-
-def test_motion_that_hides_a_bias_is_amber() -> None:
-    assert judge(settled(confounded=["z gyro bias: turn both ways"]), 0.0).reason.startswith("z gyro bias: turn both")
 
 
 def test_every_word_fits_the_header_beside_the_pages() -> None:

@@ -12,6 +12,7 @@ from imutui.estimate_history import EstimateHistory
 from imutui.tui.pages.logs import comparison, result_plots
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import GLYPHS
+from imutui.tui.widgets import history_cells, text_plot
 from imutui.tui.widgets.text_plot import PlotLook
 
 
@@ -65,3 +66,10 @@ def test_two_traces_are_compared_effect_by_effect_and_their_plots_stand_side_by_
     look = PlotLook(116, GLYPHS["braille"], shades=True)
     assert "".join(text for text, _ in made.plots(look)[0]).split() == ["A:", "one", "B:", "two"]
     assert len(made.plots(replace(look, width=76))) > len(made.plots(look))
+
+
+def test_a_curve_goes_from_one_end_of_its_plot_to_the_other() -> None:
+    look = PlotLook(60, GLYPHS["block"], shades=False)
+    lines = text_plot.of_curve([5.0, 6.0, 7.0], [0.0, 1.0, 2.0], "x", None, ("a", "b"), 5, look)
+    rows = ["".join(text for text, _ in line)[history_cells.GUTTER :] for line in lines[1:-1]]
+    assert [rows[0][-1] == " ", rows[-1][0] == " ", rows[0][:-12].isspace()] == [False, False, True]
