@@ -6,7 +6,8 @@ Two panels of three series of 665 points, a moving window of data at 133 Hz, ten
 with synchronised updates. "plot" is the plot area alone, "screen" the whole live page on a running acquisition (the
 virtual instrument's): for the peer the same page with plotext's widgets in place of ours. The peer draws with its
 braille marker, its fastest that is as fine as ours, and with "hd", its finest; "plain" is our page as Textual itself
-sends it, whole lines from the first change on. Processor time is that of the process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C.
+sends it, whole lines from the first change on. Processor time is that of the process that draws. kB/s as written;
+"zlib" through level 6 with a flush at each write, as ssh -C.
 
 "ssh -C": `imutui attach` under a real sshd and a real ssh -C -tt, if they are installed. Counted are the bytes that
 come back to the client on its TCP connection, by a relay between both: compression, encryption and SSH's own packets

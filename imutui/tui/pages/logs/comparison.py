@@ -113,7 +113,7 @@ def _findings(a: "TraceDocument", b: "TraceDocument") -> list[str]:
 
 
 def _parameter(name: str, both: "list[FindingEntry | None]", unit: str) -> str:
-    from imutui.report.comparison import difference
+    from imutui.report.comparison_figures import difference
 
     entries = [next((p for p in f["params"] if p["name"] == name), None) if f else None for f in both]
     (a, a_sd), (b, b_sd) = [(p["value"], p["sd"]) if p else (None, None) for p in entries]
@@ -121,8 +121,7 @@ def _parameter(name: str, both: "list[FindingEntry | None]", unit: str) -> str:
         formatting.plain(value) + ("" if sd is None else f" ±{formatting.plain(3.0 * sd, 2)}")
         for value, sd in ((a, a_sd), (b, b_sd))
     ]
-    made = difference(a, a_sd, b, b_sd)
-    moved = formatting.NOTHING if made.value is None else f"{made.value:+.3g}"
-    return (
-        f"  {name:<10} {told[0]:>19} {told[1]:>19} {moved:>9} {formatting.number(made.in_sd, 6, 1, sign=True)}  {unit}"
-    )
+    change, sd = difference((a, a_sd), (b, b_sd), related=False)
+    moved = formatting.NOTHING if change is None else f"{change:+.3g}"
+    in_sd = formatting.number(change / sd if change is not None and sd else None, 6, 1, sign=True)
+    return f"  {name:<10} {told[0]:>19} {told[1]:>19} {moved:>9} {in_sd}  {unit}"
