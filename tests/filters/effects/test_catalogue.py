@@ -189,7 +189,6 @@ def left_and_said(name: str, case: Case, seat: str = "reads +1 g at rest") -> tu
 
 
 def test_every_deterministic_effect_of_the_catalogue_is_simulated_here() -> None:
-    """No effect of the table is without its equation below, and catalogue and simulator have the same names."""
     # a bias is no effect of a scenario but its own: `filters.simulation.Truth`
     names = [name for name in catalogue.EFFECTS if name != "bias"]
     assert set(CASES) == {name for name in names if catalogue.EFFECTS[name].include_as == "A"}
@@ -198,7 +197,6 @@ def test_every_deterministic_effect_of_the_catalogue_is_simulated_here() -> None
 
 @pytest.mark.parametrize(("name", "number"), ALL)
 def test_an_effect_leaves_what_its_regressor_times_its_parameter_says(name: str, number: int) -> None:
-    """Noise-free, on a table that turns or a unit that is heated: residual with the effect less that without."""
     case = CASES[name][number]
     left, said = left_and_said(name, case)
     size = np.linalg.norm(left)
@@ -211,7 +209,6 @@ def test_an_effect_leaves_what_its_regressor_times_its_parameter_says(name: str,
 @pytest.mark.parametrize("name", ["mounting", "lever_arm", "tilt", "gravity", "delay", "earth_rate", "g_sensitivity"])
 @pytest.mark.parametrize("seat", list(SEATS))
 def test_signs_and_mountings_are_one_physics(name: str, seat: str) -> None:
-    """What couples axes or sensors holds for either sign, a unit on its side, a gyro wired the other way round."""
     case = CASES[name][0]
     left, said = left_and_said(name, case, seat)
     for part in (slice(0, 3), slice(3, 6)):
@@ -221,7 +218,6 @@ def test_signs_and_mountings_are_one_physics(name: str, seat: str) -> None:
 
 @pytest.mark.parametrize("name", ["tilt", "gravity", "earth_rate", "delay"])
 def test_the_world_does_not_depend_on_how_the_unit_sits(name: str) -> None:
-    """Errors of the reference are the same in body axes, whatever the mounting and the sign."""
 
     def in_body(seat: str) -> np.ndarray:
         seen, axes = without_effects(seat, still=False), SEATS[seat]
@@ -255,7 +251,6 @@ def everything() -> list[Hypothesis]:
 
 
 def test_an_effect_comes_back_from_its_name_channels_and_shape() -> None:
-    """As a trace writes them to a file and the filter reads them: through JSON."""
     for h in everything():
         names = tuple(CHANNELS[c] for c in h.channels)
         shape = json.loads(json.dumps(dict(h.shape)))
@@ -294,7 +289,6 @@ def test_a_driver_comes_back_with_the_same_columns() -> None:
 def test_what_no_effect_is_called_or_shaped_like_is_refused(
     effect: str, channels: tuple[str, ...], shape: dict[str, float], words: str
 ) -> None:
-    """The message names what does not fit."""
     with pytest.raises(ValueError, match=words):
         catalogue.hypothesis(effect, channels, shape)
 
@@ -310,7 +304,6 @@ def test_hats_are_a_partition_of_unity() -> None:
 
 
 def test_the_delay_that_is_known_is_no_error() -> None:
-    """A run whose channels are known to be late leaves less than a tenth of what it leaves unknown."""
     late = replace(MOVING, effects=(Effect("delay", (), {"tau_s": 2e-3}),))
     run = run_of(late, 0, 40.0, TURNED.duration, lsb_k=0.0)
     unknown, known = average(run).y, average(replace(run, latency=np.full(6, 2e-3))).y

@@ -72,7 +72,6 @@ FAULTS: dict[str, Callable[[int], tuple[Effect, ...]]] = {
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_fault_is_found_and_nothing_else(name: str, turned: bool) -> None:
-    """Each time, on each channel at rest (of integrity faults at least 95 % are), on two while the table turns."""
     for c in (2, 5) if turned else range(6):
         effects = FAULTS[name](c)
         t, reading, perfect = measured(c, effects, turned=turned)
@@ -86,7 +85,6 @@ def test_each_fault_is_found_and_nothing_else(name: str, turned: bool) -> None:
 
 
 def test_motion_beyond_the_range_is_saturation() -> None:
-    """A table at 80 deg/s under a gyro that ends at 60 piles up there, in one stretch of 16 s."""
     t, reading, perfect = measured(1, (Effect("saturation", ("gz",), {"limit_dps": 60.0}),), turned=True)
     flagged, (found,) = faults.find(t, reading, perfect, LSB)
     assert (found.effect, found.channels) == ("saturation", ("gz",))
@@ -96,7 +94,6 @@ def test_motion_beyond_the_range_is_saturation() -> None:
 
 @pytest.mark.parametrize("hz", [20.0, 100.0, LOOP_HZ])
 def test_clean_readings_have_no_fault(hz: float) -> None:
-    """None in 24 runs, at rest and turned, in counts and not, whether the size of a count is known or not."""
     for seed in range(8):
         t, reading, perfect = measured(seed, turned=seed % 4 == 1, counts=seed % 3 > 0, hz=hz)
         flagged, found = faults.find(t, reading, perfect, LSB if seed % 2 else None)
@@ -106,7 +103,6 @@ def test_clean_readings_have_no_fault(hz: float) -> None:
 
 @pytest.mark.parametrize("name", ["drift", "slow", "louder", "tone", "scale"])
 def test_what_is_no_fault_of_data_is_none(name: str) -> None:
-    """Drift like flicker noise, noise of another band or level, vibration, a wrong scale factor: no fault."""
     effects = {
         "drift": [on("gauss_markov", c, UNIT=either(c, 0.05, 1.0), tau_s=s) for c in range(6) for s in (2.0, 40.0)],
         "slow": [on("bandwidth", c, hz=3.0) for c in range(6)],
@@ -122,7 +118,6 @@ def test_what_is_no_fault_of_data_is_none(name: str) -> None:
 
 
 def test_flags_are_where_the_faults_are() -> None:
-    """Spikes of 20 σ and a stretch held are flagged to the sample."""
     rng = np.random.default_rng(3)
     t, reading = np.arange(5000) / 100.0, rng.standard_normal((5000, 6))
     at = rng.permutation(np.arange(10, 3900, 10))[:40]
@@ -136,7 +131,6 @@ def test_flags_are_where_the_faults_are() -> None:
 
 
 def test_a_flipped_bit_is_called_one() -> None:
-    """Spikes of 2^13 counts are, and spikes of 6000 counts are not."""
     for counts, flipped in ((2.0**13, True), (6000.0, False)):
         t, reading, perfect = measured(2)
         reading[2000:20000:3000, 0] += counts * LSB[0]
@@ -147,7 +141,6 @@ def test_a_flipped_bit_is_called_one() -> None:
 
 
 def test_a_dead_channel_is_stuck_and_says_so() -> None:
-    """A constant channel has no noise to be judged by."""
     t, reading, perfect = measured(4)
     reading[:, 3] = 0.0
     flagged, (found,) = faults.find(t, reading, perfect, LSB)
@@ -158,7 +151,6 @@ def test_a_dead_channel_is_stuck_and_says_so() -> None:
 
 @pytest.mark.parametrize("ratio", [0.4, 0.6, 1.0, 3.0])
 def test_noise_of_about_one_step_is_neither_stuck_nor_coarse(ratio: float) -> None:
-    """Readings of a step above the noise repeat; with a drift through the step some repeat for long."""
     for seed in range(5):
         rng = np.random.default_rng(seed)
         x = ratio * rng.standard_normal((20000, 6)) + np.linspace(0.0, 2.0, 20000)[:, None] + rng.random(6)
@@ -176,7 +168,6 @@ def test_a_step_well_above_the_noise_is_coarse() -> None:
 
 
 def test_the_lattice_of_noise_without_one_is_zero() -> None:
-    """Continuous readings, means of some counts each, and a constant have no lattice."""
     rng = np.random.default_rng(0)
     x = rng.standard_normal(20000)
     assert lattice(x) == 0.0
@@ -186,7 +177,6 @@ def test_the_lattice_of_noise_without_one_is_zero() -> None:
 
 
 def test_bursts_of_arrival_are_jitter_and_not_loss() -> None:
-    """Five readings every 50 ms are late; a pause after which the rest stays late is a gap."""
     sampled = np.arange(20000) * 0.01
     sampled[12000:] += 0.4
     t = np.ceil(sampled / 0.05) * 0.05 + 0.002 * (np.arange(20000) % 5)
@@ -201,7 +191,6 @@ def test_bursts_of_arrival_are_jitter_and_not_loss() -> None:
 
 
 def test_a_late_stamp_is_no_lost_reading() -> None:
-    """A reading 0.7 periods late is made up for by the next step; one that is missing is not."""
     t = np.arange(1000) * 0.01
     t[500] += 0.007
     assert not time_stamps.analyse(t).gaps.size
@@ -209,7 +198,6 @@ def test_a_late_stamp_is_no_lost_reading() -> None:
 
 
 def test_one_late_stamp_in_a_thousand_is_no_jitter_and_one_in_fifty_is() -> None:
-    """What all stamps are like is said of them; one that is off is listed."""
     t = np.arange(1000) * 0.01
     t[500] += 0.004
     stamps = time_stamps.analyse(t)
@@ -229,7 +217,6 @@ EXPECTED = {
 
 @pytest.mark.parametrize("name", EXPECTED)
 def test_a_real_sensor_at_rest_has_only_what_can_be_seen_in_it(name: str, recording: Callable[[str], Path]) -> None:
-    """Steps of about the noise are neither stuck nor coarse."""
     data = np.load(recording(f"{name}.npz"))
     reading = np.hstack([data["gyro"] * DEG, data["accel"] * G])
     _, found = faults.find(data["t"], reading, UNKNOWN, None)
@@ -240,14 +227,12 @@ def test_a_real_sensor_at_rest_has_only_what_can_be_seen_in_it(name: str, record
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
-    """And a run too short to say anything about has no faults."""
     with pytest.raises(ValueError, match="`reading` has shape"):
         faults.find(np.arange(5.0), np.zeros((4, 6)), UNKNOWN, None)
     assert faults.find(np.arange(5.0), np.zeros((5, 6)), UNKNOWN, None)[1] == []
 
 
 def test_a_run_of_eleven_minutes_takes_a_fraction_of_a_second() -> None:
-    """87 000 readings of six channels."""
     rng = np.random.default_rng(0)
     t, reading = np.arange(87000) / 133.3, rng.standard_normal((87000, 6))
     start = time.process_time()

@@ -29,7 +29,6 @@ def tone(x: np.ndarray, fs: float, hz: float, size: float, channels: tuple[int, 
 
 
 def test_noise_has_no_line() -> None:
-    """None in 24 sets of runs: white, band-limited, with drift, of one rate or length or several."""
     for seed in range(24):
         fs, pole = (20.0, 100.0, HZ)[seed % 3], (0.0, 0.31)[seed // 3 % 2]
         series = [
@@ -40,7 +39,6 @@ def test_noise_has_no_line() -> None:
 
 
 def test_a_line_is_found_where_it_is() -> None:
-    """12 of 12: of a tenth of the noise, in two runs with phases of their own, on one channel, to 2 mHz."""
     for seed in range(12):
         series, c, hz = [(HZ, noise(seed + 50 * k)) for k in range(2)], seed % 6, 3.21 + 5.1 * seed
         for k, (fs, x) in enumerate(series):
@@ -54,7 +52,6 @@ def test_a_line_is_found_where_it_is() -> None:
 
 
 def test_a_strong_line_is_one_line() -> None:
-    """Side lobes of a sine a hundred times the noise are none of their own, and a weak one beside it is found."""
     x = noise(7)
     tone(x, HZ, 12.345, 100.0, (0, 1))
     tone(x, HZ, 30.0, 0.2, (0,))
@@ -65,7 +62,6 @@ def test_a_strong_line_is_one_line() -> None:
 
 
 def test_harmonics_are_one_waveform_on_its_channels() -> None:
-    """Multiples 1, 2 and 5 of 7.77 Hz are one record, a line that is no multiple is another."""
     x = noise(3)
     for times in (1, 2, 5):
         tone(x, HZ, 7.77 * times, 0.3 / times, (3, 5))
@@ -88,7 +84,6 @@ def narrow_band(seed: int, hz: float, width: float) -> np.ndarray:
 
 
 def test_a_narrow_band_is_one_record_with_a_width() -> None:
-    """Five of five, and most of it is removed."""
     for seed in range(5):
         x, band = noise(seed), 0.5 * SD[2] * narrow_band(seed, 31.4, 0.1)
         x[:, 2] += band
@@ -102,7 +97,6 @@ def test_a_narrow_band_is_one_record_with_a_width() -> None:
 
 
 def test_what_is_removed_is_the_line_and_only_that() -> None:
-    """Noise beside it is as it was, gaps stay gaps, and the line is gone, also where its frequency is a bit off."""
     clean = noise(9)
     x = clean.copy()
     tone(x, HZ, 25.0, 2.0, (4,))
@@ -117,7 +111,6 @@ def test_what_is_removed_is_the_line_and_only_that() -> None:
 
 
 def test_runs_of_different_rates_and_lengths_share_a_line() -> None:
-    """A line in all of a long, a short and a slower run is found at one frequency; a tiny run does not matter."""
     series = [(HZ, noise(1)), (HZ, noise(2, seconds=70.0)), (100.0, noise(3, 100.0, 200.0)), (HZ, noise(4)[:20])]
     for fs, x in series:
         tone(x, fs, 41.37, 0.12, (0, 3))
@@ -127,7 +120,6 @@ def test_runs_of_different_rates_and_lengths_share_a_line() -> None:
 
 
 def test_slow_tones_and_dead_channels_are_left_alone() -> None:
-    """Below 1.6 Hz nothing is looked for; a channel of zeros or without readings has no spectrum."""
     x = noise(5)
     tone(x, HZ, 1.2, 1.0, (0,))
     x[:, 1], x[:, 2] = 0.0, np.nan

@@ -54,7 +54,6 @@ CLEAN = {
 
 @pytest.mark.parametrize("name", CLEAN)
 def test_noise_as_expected_is_no_finding(name: str) -> None:
-    """Neither another band limit nor correlation, in 0 of 6 sets of runs of each kind, 42 in all."""
     hz, effects, spec, step, expected = CLEAN[name]
     for seed in range(6):
         series = runs(seed, hz, effects, 1 + seed % 2, spec, step)
@@ -64,7 +63,6 @@ def test_noise_as_expected_is_no_finding(name: str) -> None:
 
 @pytest.mark.parametrize("hz", [5.0, 15.0, 45.0])
 def test_another_band_limit_is_found_and_measured(hz: float) -> None:
-    """Six of six, one on each channel, within 4 standard deviations and 20 %."""
     for c in range(6):
         (found,) = noise.bandwidth(runs(c, effects=(Effect("bandwidth", (CHANNELS[c],), {"hz": hz}),), count=2), SPEC)
         assert (found.channel, found.spec_hz) == (CHANNELS[c], SPEC[c])
@@ -73,7 +71,6 @@ def test_another_band_limit_is_found_and_measured(hz: float) -> None:
 
 
 def test_coloured_noise_is_found_where_nothing_is_specified() -> None:
-    """25 Hz at 133 Hz is coloured, 75 Hz hardly; white noise where a limit was specified has none."""
     found = noise.bandwidth(runs(1, count=2), None)
     assert [f.channel for f in found] == ["gx", "gy", "gz"]
     assert all(f.spec_hz == np.inf and f.ratio == pytest.approx(3.57, rel=0.3) for f in found)
@@ -82,7 +79,6 @@ def test_coloured_noise_is_found_where_nothing_is_specified() -> None:
 
 
 def test_means_to_20_hz_are_as_specified() -> None:
-    """Readings of 133 Hz averaged to 20 Hz are nearly white."""
     for seed in range(5):
         ((_, x),) = runs(seed)
         first = np.arange(0, x.shape[0] - 7, 20.0 / 3.0).astype(int)
@@ -92,7 +88,6 @@ def test_means_to_20_hz_are_as_specified() -> None:
 
 @pytest.mark.parametrize("rho", [-0.9, 0.1, 0.4])
 def test_correlated_noise_is_found_between_its_channels(rho: float) -> None:
-    """Eight of eight, of gyros and accelerometers, whatever the band limits; another pair never."""
     for seed in range(8):
         pair = CHANNELS[seed % 6], CHANNELS[(seed + 2) % 6]
         (found,) = noise.crosstalk(runs(seed, effects=(Effect("noise_crosstalk", pair, {"correlation": rho}),)))
@@ -103,7 +98,6 @@ def test_correlated_noise_is_found_between_its_channels(rho: float) -> None:
 
 
 def test_drift_and_a_line_in_common_are_not_noise_in_common() -> None:
-    """What is below the high-pass does not count, and a line counts little."""
     rng = np.random.default_rng(0)
     x = rng.standard_normal((40000, 6))
     x += 0.02 * np.cumsum(rng.standard_normal(40000))[:, None] + np.sin(1.3 * np.arange(40000))[:, None]
@@ -112,7 +106,6 @@ def test_drift_and_a_line_in_common_are_not_noise_in_common() -> None:
 
 
 def test_a_dead_channel_has_no_noise_to_speak_of() -> None:
-    """Nor has one without readings, or a short run."""
     x = np.random.default_rng(0).standard_normal((10000, 6))
     x[:, 1], x[:, 2] = 0.0, np.nan
     assert noise.bandwidth([(100.0, x)], None) == []
@@ -121,7 +114,6 @@ def test_a_dead_channel_has_no_noise_to_speak_of() -> None:
 
 
 def test_variance_ratios_of_white_noise_are_chi_square() -> None:
-    """Of 1500 logs of 10 minutes, 1 % are below probability 0.01 at each scale, and not 0.4 % below 0.001."""
     rng, scales = np.random.default_rng(0), (4, 16, 64, 256)
     p = np.array([[r[2] for r in noise.variance_ratio(rng.standard_normal(2400), scales)] for _ in range(1500)])
     assert np.all(np.mean(p < 0.5, axis=0) == pytest.approx(0.5, abs=0.04))
@@ -143,7 +135,6 @@ def test_sums_of_two_are_as_probable_as_a_normal_ratio() -> None:
 
 
 def test_what_is_not_white_has_a_small_probability() -> None:
-    """A slow drift makes long sums vary more, a residual that was differenced too often less."""
     rng = np.random.default_rng(1)
     x = rng.standard_normal(2400)
     slow = x + 0.05 * np.cumsum(rng.standard_normal(2400))
@@ -160,7 +151,6 @@ def test_what_is_not_white_has_a_small_probability() -> None:
 
 
 def test_noise_of_real_sensors(recording: Callable[[str], Path]) -> None:
-    """An ADIS16405 has a filter and correlated accelerometers; an MPU-6050 is white and has neither."""
     data = np.load(recording("adis16405_static_a.npz"))
     x = np.hstack([data["gyro"] * DEG, data["accel"] * G])[:300_000]
     assert {f.channel for f in noise.bandwidth([(100.0, x)], None)} >= {"gx", "gy", "az"}

@@ -139,7 +139,6 @@ def whole(moving: bool = True) -> list[slice]:
 
 
 def test_one_by_one_is_all_at_once_to_the_last_bit() -> None:
-    """Regressor, noise and use of each sample, on a table that turns, partly without a reference; live is replay."""
     told = known().copy()
     told[300:380] = np.nan
     n = 500
@@ -156,7 +155,6 @@ def test_one_by_one_is_all_at_once_to_the_last_bit() -> None:
 
 
 def test_memory_goes_on_in_other_effects_to_the_last_bit() -> None:
-    """Terms in temperature whose state was handed on as text are as if there had been no other file."""
     members = [MEMBERS[name] for name in ("thermal_lin", "thermal_rate", "thermal_lag", "hysteresis")]
     n, cut = 600, 251
     together = rows(causal(*members), False, [slice(0, n)])[0][cut:]
@@ -169,7 +167,6 @@ def test_memory_goes_on_in_other_effects_to_the_last_bit() -> None:
 
 
 def test_all_members_together_are_what_the_filter_asks_for() -> None:
-    """States, covariance and rows pass the filter's own checks; each state has its columns where its effect acts."""
     effects = causal(*MEMBERS.values())
     augmentation.check(effects)
     phi, scale, use = rows(effects, True, whole())
@@ -184,7 +181,6 @@ PLAIN = [name for name, e in MEMBERS.items() if e.include_as == "A"]
 
 @pytest.mark.parametrize("name", PLAIN)
 def test_the_filter_takes_what_the_tracer_fitted(name: str) -> None:
-    """Causal regressors are the tracer's, in body axes and per unit of the report, but for what smoothing delays."""
     e = MEMBERS[name]
     h = catalogue.hypothesis(e.effect, e.channels, e.parameters)
     own = average(run())
@@ -211,7 +207,6 @@ def test_the_filter_takes_what_the_tracer_fitted(name: str) -> None:
 
 
 def test_temperature_does_not_lag_on_a_ramp() -> None:
-    """A steady slope is followed without delay, and its rate is that slope, once the start is forgotten."""
     own = run(False)
     ramp = 20.0 + 0.1 * own.t
     effects = causal(MEMBERS["thermal_lin"], MEMBERS["thermal_rate"])
@@ -224,7 +219,6 @@ def test_temperature_does_not_lag_on_a_ramp() -> None:
 
 
 def test_a_temperature_that_is_missing_is_the_last_one() -> None:
-    """A gap in the temperature leaves the regressor finite."""
     own = run(False)
     T = np.full(own.t.size, 30.0)
     T[200:600] = np.nan
@@ -234,7 +228,6 @@ def test_a_temperature_that_is_missing_is_the_last_one() -> None:
 
 
 def test_a_noise_level_multiplies_its_own_channel() -> None:
-    """As its curve says of the temperature, on the body axis where the channel is, and nowhere else."""
     scale = rows(causal(MEMBERS["noise_level"]), False, whole(False))[1]
     ours = np.flatnonzero(np.ptp(scale, axis=0) > 0.1)
     assert ours.size == 1
@@ -247,7 +240,6 @@ def test_a_noise_level_multiplies_its_own_channel() -> None:
 
 
 def test_readings_at_a_limit_and_spikes_are_predicted_through() -> None:
-    """Saturated readings of one channel, a spike of another: those samples and no others are not used."""
     own = run(False)
     n = own.t.size
     gyro, accel = np.zeros((n, 3)), np.tile([0.0, 0.0, -9.8], (n, 1))
@@ -274,13 +266,11 @@ def test_readings_at_a_limit_and_spikes_are_predicted_through() -> None:
     ],
 )
 def test_what_the_filter_cannot_have_is_refused(wrong: Included, words: str) -> None:
-    """The message names the effect."""
     with pytest.raises(ValueError, match=words):
         causal(wrong)
 
 
 def test_nothing_is_known_of_the_future() -> None:
-    """What comes later changes no row before it."""
     effects = [e for e in MEMBERS.values() if e.include_as in ("A", "S")]
     n = run().t.size
     full = rows(causal(*effects), True, whole())[0]

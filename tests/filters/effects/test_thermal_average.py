@@ -17,7 +17,6 @@ MADE = ThermalAverage.of(2, "thermal_lag", -20.0, 60.0, (tuple(CURVE.tolist()), 
 
 
 def test_a_file_keeps_all_of_it() -> None:
-    """Made again from its name, channel and what is kept, it is the same to the last bit."""
     kept = {**MADE.shape, **MADE.coefficients()}
     again = catalogue.hypothesis("thermal_lag", ("gz",), kept)
     assert isinstance(again, ThermalAverage)
@@ -42,20 +41,17 @@ def test_a_file_keeps_all_of_it() -> None:
     ],
 )
 def test_what_is_not_one_is_said(key: str, value: Any, says: str) -> None:
-    """Another time constant, lists of other lengths, an empty range: the message names the parameter."""
     kept = {**MADE.shape, **MADE.coefficients(), key: value}
     with pytest.raises(ValueError, match=says):
         catalogue.hypothesis("thermal_lag", ("gz",), kept)
 
 
 def test_only_thermal_effects_are_averages() -> None:
-    """A scale factor has no such form."""
     with pytest.raises(ValueError, match="can't be an average"):
         catalogue.hypothesis("scale", ("gz",), {**MADE.shape, **MADE.coefficients()})
 
 
 def test_beyond_the_range_a_curve_goes_on_straight() -> None:
-    """With the slope that it has at the end, on either side; within, it is the polynomial."""
     T = np.linspace(-60.0, 100.0, 1601)
     nothing = np.zeros((T.size, len(LAGS))), np.zeros((T.size, len(BANKS)))
     made = np.column_stack(columns(T, *nothing, -20.0, 60.0)[:ORDERS])

@@ -32,7 +32,6 @@ def with_line(x: Array, phase: Array, size: float, channels: tuple[int, ...]) ->
 @pytest.mark.parametrize("hz", [3.0, 12.0, 40.0])
 @pytest.mark.parametrize("kind", ["ramp", "sine"])
 def test_a_line_that_wanders_is_one_line(hz: float, kind: str) -> None:
-    """A tenth in 300 s, 0.3 of the noise: one entry, its channels, its range, and hardly anything of it remains."""
     clean = noise(1)
     x = with_line(clean, wanderer(len(clean), hz, 0.1, kind), 0.3, (0, 2, 4))
     (line,) = lines.find([(HZ, x)])
@@ -47,7 +46,6 @@ def test_a_line_that_wanders_is_one_line(hz: float, kind: str) -> None:
 
 
 def test_another_run_is_followed_on_its_own_way() -> None:
-    """What one run showed is taken out of another, where it wanders otherwise."""
     shown, other = noise(2), noise(3)
     found = lines.find([(HZ, with_line(shown, wanderer(len(shown), 12.0, 0.1, "ramp"), 0.4, (1,)))])
     x = with_line(other, wanderer(len(other), 12.0, 0.1, "sine"), 0.4, (1,))
@@ -56,7 +54,6 @@ def test_another_run_is_followed_on_its_own_way() -> None:
 
 
 def test_a_wanderer_and_a_line_that_stays_are_two() -> None:
-    """Each is what it is, also where one is stronger."""
     x = with_line(noise(4), wanderer(round(300.0 * HZ), 20.0, 0.1, "sine"), 0.4, (0, 1))
     x = with_line(x, wanderer(len(x), 31.0, 0.0, "ramp"), 1.0, (0,))
     wandering, staying = sorted(lines.find([(HZ, x)]), key=lambda line: not line.wanders)
@@ -67,7 +64,6 @@ def test_a_wanderer_and_a_line_that_stays_are_two() -> None:
 
 
 def test_a_periodic_waveform_that_wanders_is_one() -> None:
-    """Its second harmonic is no line of its own."""
     phase = wanderer(round(300.0 * HZ), 9.0, 0.08, "ramp")
     x = with_line(with_line(noise(5), phase, 0.5, (2,)), 2.0 * phase, 0.4, (2,))
     (line,) = lines.find([(HZ, x)])
@@ -78,7 +74,6 @@ def test_a_periodic_waveform_that_wanders_is_one() -> None:
 
 
 def test_noise_does_not_wander() -> None:
-    """None in 12 runs, white, with a step of the level, or with parts missing."""
     for seed in range(12):
         x = noise(100 + seed, (20.0, 100.0, HZ)[seed % 3], (120.0, 300.0)[seed % 2])
         if seed % 4 == 1:

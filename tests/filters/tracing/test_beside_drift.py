@@ -31,7 +31,6 @@ def drifting(*effects: Effect, seed: int = 1) -> Design:
 
 
 def test_gains_are_those_of_each_term_fitted_alone_under_every_drift() -> None:
-    """All terms at once give what one by one gives: least -2 log likelihood without it less that with it."""
     made = drifting()
     terms = [a for a in made.terms if is_judged(a) and 1 in a.places][:12]
     judged = beside_drift(made, [], 1, [(a,) for a in terms])
@@ -46,7 +45,6 @@ def test_gains_are_those_of_each_term_fitted_alone_under_every_drift() -> None:
 
 
 def test_the_gain_of_what_is_not_there_is_a_chi_square() -> None:
-    """Beside a random walk an unrelated temperature gains about 1 on average, over many walks, not tens."""
     gains = []
     for seed in range(1, 9):
         made = design(WALK, seed=seed, count=2)
@@ -57,7 +55,6 @@ def test_the_gain_of_what_is_not_there_is_a_chi_square() -> None:
 
 
 def test_a_slope_is_named_in_the_drift_that_would_swallow_it() -> None:
-    """Temperature on a gyro that walks: named, its parameter within 3 sd."""
     z = []
     for seed in SEEDS[:3]:
         made = design(WALK, Effect("thermal_lin", ("gy",), {"dps_per_k": 0.012}), seed=seed)
@@ -69,7 +66,6 @@ def test_a_slope_is_named_in_the_drift_that_would_swallow_it() -> None:
 
 
 def test_what_is_too_small_is_listed_with_its_size_and_limit() -> None:
-    """A slope at half the size that is named is weak: its size is right within 3 sd, and it is below its limit."""
     listed = 0
     for seed in SEEDS[:3]:
         made = design(WALK, Effect("thermal_lin", ("gy",), {"dps_per_k": 0.006}), seed=seed)
@@ -106,7 +102,6 @@ def test_a_walk_alone_has_no_step() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS[:2])
 def test_two_levels_are_told_from_the_walk_below_them(seed: int) -> None:
-    """Levels of a gyro that walks as far as they are apart: named, and apart as they are to a tenth."""
     made = design(WALK, Effect("telegraph", ("gy",), {"dps": 0.2, "mean_s": 50.0}), seed=seed)
     made.set_drift(1, likeliest_drift(made, [], 1)[1])
     found = run_specific_search.telegraph(made, [], 1)
@@ -118,7 +113,6 @@ def test_two_levels_are_told_from_the_walk_below_them(seed: int) -> None:
 
 
 def test_the_search_for_two_drifts_ends_near_the_best_of_all() -> None:
-    """A fast and a slow process on one channel: within a unit of the least over the whole grid of pairs."""
     made = design(
         Effect("gauss_markov", ("az",), {"mg": 1.0, "tau_s": 5.0}),
         Effect("gauss_markov", ("az",), {"mg": 1.0, "tau_s": 250.0}),

@@ -44,7 +44,6 @@ def rows(x: np.ndarray) -> Rows:
     ("made", "level"), [(walk, 0.1), (flicker, 1.0), (smooth, 1.0)], ids=["walk", "flicker", "warm-up"]
 )
 def test_independent_drifts_share_nothing(made: Callable[[np.random.Generator, int], np.ndarray], level: float) -> None:
-    """Two hundred units, each channel with a drift of its own, of any size: at most two with a common cause (1 %)."""
     false = 0
     for seed in range(200):
         rng = np.random.default_rng(10_000 + seed)
@@ -57,7 +56,6 @@ def test_independent_drifts_share_nothing(made: Callable[[np.random.Generator, i
 
 
 def test_steps_of_one_channel_are_not_common() -> None:
-    """Two channels that jump between two levels, each when it likes, have no event in common."""
     false = 0
     for seed in range(40):
         rng = np.random.default_rng(20_000 + seed)
@@ -83,7 +81,6 @@ def supplied(own: float) -> list[tuple[CommonDrift, np.ndarray, np.ndarray]]:
 
 
 def test_a_supply_that_moves_six_channels_is_one_drift() -> None:
-    """At least five are in it, with the signs and ratios of the loadings, and the course is the supply's."""
     for drift, x, shared in supplied(0.0):
         assert len(drift.channels) >= 5
         assert drift.coherence > 0.7
@@ -96,7 +93,6 @@ def test_a_supply_that_moves_six_channels_is_one_drift() -> None:
 
 
 def test_coherence_is_the_share_that_is_shared() -> None:
-    """With drifts of their own beside it, the mean squared correlation is that of the drifts' powers."""
     true = float(np.mean(LOADING**2 / (LOADING**2 + 0.25)))
     assert np.mean([drift.coherence for drift, *_ in supplied(1.0)]) == pytest.approx(true, abs=0.12)
 
@@ -114,7 +110,6 @@ def test_white_noise_in_common_is_no_common_drift() -> None:
 
 
 def test_a_tilt_is_found_with_its_start_end_and_size() -> None:
-    """Up for four minutes on two channels: within 5 s, within 4 sd, on both channels and no other, 20 times of 20."""
     deviations = []
     for seed in range(20):
         rng = np.random.default_rng(50_000 + seed)
@@ -147,7 +142,6 @@ def tilted() -> TraceFindings:
 
 
 def test_a_trace_tells_of_a_tilt_once() -> None:
-    """One event on both accelerometers with the angle, what to record, and the channels' own findings naming it."""
     (entry,) = tilted()["common"]
     assert (entry["kind"], set(entry["channels"])) == ("event", {"ax", "ay"})
     assert entry["t_start_s"] == pytest.approx(700.0, abs=3.0)
@@ -163,14 +157,12 @@ def test_a_trace_tells_of_a_tilt_once() -> None:
 
 
 def test_a_common_cause_explains_no_channel() -> None:
-    """Whatever channels share, none of them is called explained by it."""
     assert {tilted()["status"][c] for c in ("ax", "ay")} & {"explained", "clean"} == set()
     assert {tilted()["status"][c] for c in CHANNELS if c not in ("ax", "ay")} <= {"clean", "explained"}
 
 
 @pytest.mark.skipif(not (DATA / "adis16405_static_a.npz").exists(), reason="the measured recordings are not here")
 def test_a_measured_event_is_found() -> None:
-    """A still unit of which all three accelerometers jump at 2154 s for half a minute; its drifts are shared too."""
     with np.load(DATA / "adis16405_static_a.npz") as recording:
         x = np.hstack([recording["gyro"], recording["accel"]])[:999_900].reshape(-1, 100, 6)
     means = x.mean(axis=1)
@@ -186,7 +178,6 @@ def test_a_measured_event_is_found() -> None:
 
 
 def test_a_supply_over_two_runs_is_one_entry_with_a_course_in_each() -> None:
-    """Its course names the run of each point, the channels' drifts name it, and temperature is not asked for again."""
     runs = []
     for seed in (1, 2):
         rng = np.random.default_rng(60_000 + seed)

@@ -82,7 +82,6 @@ def causes_of(runs: list[Run]) -> list[CommonCause]:
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(units())
 def test_whatever_the_readings_a_common_cause_is_told_in_numbers(runs: list[Run]) -> None:
-    """Each has at least two channels that are there, sizes and a course that are finite, and probabilities."""
     for cause in causes_of(runs):
         assert len(set(cause.channels)) == len(cause.channels) >= 2
         assert not set(cause.channels) & set.intersection(*(set(run.unread) for run in runs))
@@ -102,7 +101,6 @@ def test_whatever_the_readings_a_common_cause_is_told_in_numbers(runs: list[Run]
     st.lists(st.integers(-60, 60), min_size=6, max_size=6),
 )
 def test_units_of_a_channel_change_nothing_but_its_sizes(seed: int, kinds: list[str], powers: list[int]) -> None:
-    """Factors of 2^-60 to 2^60, so that no rounding differs, change neither steps nor drifts nor probabilities."""
     x = readings(np.random.default_rng(seed), 900, kinds)
     there = tuple(np.flatnonzero(np.isfinite(x).all(axis=0)).tolist())
     white = 0.5 * np.median(np.diff(x, axis=0) ** 2, axis=0) / 0.4549
@@ -142,7 +140,6 @@ def test_a_drift_is_as_large_whatever_is_believed_of_the_white_noise(believed: f
 
 
 def test_a_noisy_channel_adds_little_to_the_course() -> None:
-    """Two channels follow one walk alike, one with five times the noise: the course has little of that noise."""
     white = np.array([1.0, 25.0, 1.0, 1.0, 1.0, 1.0])
     for seed in range(5):
         level = np.array([3.0, 3.0, 0.0, 0.0, 0.0, 0.0])

@@ -57,7 +57,6 @@ def delays(result: Compared) -> tuple[list[float], list[float]]:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_delay_of_fast_motion_is_a_delay(seed: int) -> None:
-    """Within 1 %, which the second order in time is worth, and no line comes of it."""
     result = compared(shaken(Effect("delay", (), {"tau_s": 0.004}), seed=seed))
     (tau,), _ = delays(result)
     assert tau == pytest.approx(0.004, rel=0.01)
@@ -65,7 +64,6 @@ def test_a_delay_of_fast_motion_is_a_delay(seed: int) -> None:
 
 
 def test_a_line_outside_the_band_is_found_beside_a_delay() -> None:
-    """One entry with both of its channels, and the delay is what it was."""
     run = with_tone(shaken(Effect("delay", (), {"tau_s": 0.004})), 21.0, 0.3, (0, 2))
     result = compared(run)
     (line,) = result.lines
@@ -89,7 +87,6 @@ def test_a_line_in_the_band_is_one_if_it_stays_at_rest() -> None:
 
 
 def test_a_line_that_wanders_is_one_beside_a_motion() -> None:
-    """From 21 to 23 Hz in the run: one entry with both channels, its range, and the delay is what it was."""
     run = shaken(Effect("delay", (), {"tau_s": 0.004}))
     reading, u = run.reading.copy(), run.t / run.t[-1]
     phase = 2.0 * np.pi * np.cumsum(22.0 + 2.0 * (u - 0.5)) / run.rate_hz
@@ -123,7 +120,6 @@ def optical(run: Run, seed: int) -> Run:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_an_attitude_with_noise_and_a_gap_gives_the_delay(seed: int) -> None:
-    """Within 3 sd and the second order in time; neither its noise nor its gap makes a line or an effect of a gyro."""
     result = compared(optical(shaken(Effect("delay", (), {"tau_s": 0.004}), seed=seed), seed))
     (tau,), (sd,) = delays(result)
     assert abs(tau - 0.004) < 3.0 * sd + 0.01 * 0.004

@@ -103,7 +103,6 @@ CANDIDATES = (
 
 @pytest.mark.parametrize("chosen", [(), (("thermal_lin", (1,)), ("scale", (2,))), (("tilt", ()), ("cross_axis", (0,)))])
 def test_a_gain_is_the_drop_of_chi_square_of_a_whole_fit(chosen: tuple[tuple[str, tuple[int, ...]], ...]) -> None:
-    """On one channel or shared, alone or beside others, with uneven weights: to a ten-thousandth."""
     made = design(moving=True)
     selection = [named(made, effect, *channels) for effect, channels in chosen]
     candidates = [named(made, effect, *channels) for effect, channels in CANDIDATES]
@@ -114,7 +113,6 @@ def test_a_gain_is_the_drop_of_chi_square_of_a_whole_fit(chosen: tuple[tuple[str
 
 
 def test_a_fit_is_that_of_the_whole_system() -> None:
-    """Parameters and their covariance of shared and single effects together."""
     made = design(moving=True)
     terms = [named(made, "scale", 2), named(made, "tilt"), named(made, "thermal_lin", 1)]
     y, X = system(made, terms)
@@ -146,7 +144,6 @@ def test_of_columns_that_are_nowhere_to_be_seen_nothing_is_told() -> None:
 
 
 def test_gains_with_drift_are_those_of_whitened_columns() -> None:
-    """A channel with drift has the evidence that its own filter gives it."""
     made = design(moving=False)
     made.set_drift(1, Drift(30.0, made.sd[1]))
     a, b = named(made, "thermal_lin", 1), named(made, "warmup", 1, tau_s=120.0)
@@ -173,14 +170,12 @@ def test_what_is_in_already_gains_nothing() -> None:
 
 
 def test_at_rest_there_is_no_evidence_of_motion() -> None:
-    """What equals the bias gains nothing, however the rounding falls."""
     made = design(moving=False)
     moving = [a for a in made.terms if a.hypothesis.source == "motion" and a.hypothesis.effect != "thermal_scale"]
     assert np.all(made.gains([], moving) < 1e-6)
 
 
 def test_columns_found_on_the_way_count_like_those_of_the_beginning() -> None:
-    """A Gram matrix that was widened is the one that is computed anew."""
     made = design(moving=False)
     before = made.gram(1)
     column = (made.stack.t > 200.0).astype(float)[:, None]
@@ -195,7 +190,6 @@ def test_columns_found_on_the_way_count_like_those_of_the_beginning() -> None:
 
 
 def test_cells_that_were_left_out_gain_what_is_there_and_nothing_of_noise() -> None:
-    """Held-out gain: nearly the fitted one of a true effect; about minus one a parameter of noise, over sixty."""
     made = design(moving=False)
     true = named(made, "thermal_lin", 1)
     fitted = made.gains([], [true])[0]
@@ -224,7 +218,6 @@ def test_a_fold_of_cells_is_blind_to_itself() -> None:
 
 
 def test_noise_is_measured_despite_drift_and_steps() -> None:
-    """The median squared difference of blocks gives the white standard deviation to a few per cent."""
     runs = power_ons(
         Effect("random_walk", ("gx",), {"dps_per_sqrt_s": 0.005}),
         Effect("step", ("ax",), {"mg": 20.0, "at_s": 100.0}),

@@ -27,7 +27,6 @@ def design() -> Design:
 
 @pytest.mark.parametrize("effect", DETECTABLE)
 def test_every_effect_has_a_limit_or_is_said_to_be_hidden(design: Design, effect: str) -> None:
-    """None is left without a word."""
     made = limits(design, list(range(6)), effect, ())
     assert made
     for entry in made:
@@ -37,7 +36,6 @@ def test_every_effect_has_a_limit_or_is_said_to_be_hidden(design: Design, effect
 
 
 def test_a_limit_is_five_standard_deviations_of_the_parameter(design: Design) -> None:
-    """As the fit of that effect alone has them."""
     term = next(a for a in design.terms if a.hypothesis.effect == "thermal_lin" and 1 in a.places)
     (entry,) = [x for x in limits(design, [1], "thermal_lin", ()) if x["channels"] == ["gy"]]
     sd = float(np.sqrt(design.fit([term]).covariance[0, 0])) / DPS
@@ -53,6 +51,5 @@ def test_a_tone_s_limit_is_that_of_its_amplitude(design: Design) -> None:
 
 
 def test_what_was_found_needs_no_limit(design: Design) -> None:
-    """It is above it."""
     term = next(a for a in design.terms if a.hypothesis.effect == "ramp" and 2 in a.places)
     assert limits(design, [2], "ramp", {term.key}) == []

@@ -21,7 +21,6 @@ FORMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 @pytest.mark.parametrize("form", list(FORMS))
 def test_the_form_that_made_a_curve_is_proposed(form: str) -> None:
-    """From 17 knots with 2 % of noise, over three draws."""
     x = np.linspace(-2.0, 2.0, 17)
     y = FORMS[form](x)
     sd = 0.02 * np.ptp(y)
@@ -36,7 +35,6 @@ def basis(name: str, kind: str) -> drivers.Driver:
 
 
 def test_a_curve_is_its_parameters_at_the_knots() -> None:
-    """Relative to the first knot, in the channel's unit, with their standard deviations."""
     driver = basis("temperature", "hat").on(4)
     theta = MG * np.arange(1.0, 8.0)
     covariance = np.diag((MG * 0.1 * np.arange(1.0, 8.0)) ** 2)
@@ -49,7 +47,6 @@ def test_a_curve_is_its_parameters_at_the_knots() -> None:
 
 
 def test_a_curve_over_a_turn_is_its_harmonics() -> None:
-    """sin and cos of the angle, -180 to 180 deg."""
     driver = basis("angle_inner", "fourier").on(0)
     theta = np.zeros(len(driver.parameters))
     theta[0], theta[len(driver.parameters) // 2 + 1] = 2.0 * DPS, 1.0 * DPS
@@ -61,5 +58,4 @@ def test_a_curve_over_a_turn_is_its_harmonics() -> None:
 
 
 def test_a_slope_has_no_curve() -> None:
-    """One parameter is said by itself."""
     assert curve(basis("direction_inner", "line").on(0), np.ones(1), np.eye(1)) is None

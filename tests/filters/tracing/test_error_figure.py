@@ -18,7 +18,6 @@ def test_quantiles_are_those_of_scipy(n: int) -> None:
 
 
 def test_an_interval_holds_its_root_mean_square() -> None:
-    """Of errors drawn again and again, in the unit that is asked for."""
     rng = np.random.default_rng(1)
     errors = rng.standard_normal(200)
     low, high = rms_interval(errors, rng.integers(0, 200, (1000, 200)), 2.0)

@@ -127,7 +127,6 @@ def all_candidates() -> list[CandidateMotion]:
 
 
 def test_cooling_and_reheating_tells_temperature_from_its_rate_where_a_cold_start_does_not(cold: Design) -> None:
-    """At d = 40 the loop is worth tens of standard deviations, the same cold start again two or three."""
     a, b = named(cold, "thermal_lin", 1), named(cold, "thermal_rate", 1)
     options = experiment.CandidateRuns(cold, cold.stack.blocks[0].run).options(a, of_size(cold, a, 40.0), [b])
     d = {o.candidate.description.split(",")[0]: o.d[0] for o in options}
@@ -151,7 +150,6 @@ PAIRS = [
 def test_after_the_run_asked_for_the_truth_leads(
     truth: Effect, rival: str, channel: int, profile: Profile | None
 ) -> None:
-    """With three seeds each, whichever led before: the true effect on top in two at least, and its rival never."""
     names = []
     for seed in (10, 20, 30):
         first = performed([truth], seed, profile=profile, seconds=COLD_S if profile is None else profile.duration)
@@ -178,7 +176,6 @@ def test_performing_the_worst_plan_leaves_the_rivals(cold: Design) -> None:
 
 
 def test_gravity_is_never_told_from_a_common_scale_factor(tumbled: Design) -> None:
-    """Beside the scale factors of two accelerometers that of the third is all of it: no candidate, no sentence."""
     gravity = next(a for a in tumbled.terms if a.hypothesis.effect == "gravity")
     x, y, z = (named(tumbled, "scale", c) for c in (3, 4, 5))
     run = tumbled.stack.blocks[0].run
@@ -198,7 +195,6 @@ def test_one_scale_factor_is_told_from_gravity(tumbled: Design) -> None:
 
 
 def test_an_effect_too_small_to_separate_says_so(cold: Design) -> None:
-    """What comes nearest is named, with its d and the one that is needed."""
     a, b = named(cold, "thermal_lin", 1), named(cold, "thermal_rate", 1)
     made = experiment.separating(cold, a, of_size(cold, a, 0.7), [b], cold.stack.blocks[0].run)
     assert made is not None
@@ -207,7 +203,6 @@ def test_an_effect_too_small_to_separate_says_so(cold: Design) -> None:
 
 
 def test_a_way_without_a_chamber_is_named_where_it_will_do(cold: Design) -> None:
-    """Not everyone has one: switching off and on is slower, and said with its d."""
     a, b = named(cold, "thermal_lin", 1), named(cold, "warmup", 1, tau_s=400.0)
     made = experiment.separating(cold, a, of_size(cold, a, 40.0), [b], cold.stack.blocks[0].run)
     assert made is not None
@@ -237,7 +232,6 @@ def test_more_that_was_found_takes_from_what_a_plan_shows(cold: Design) -> None:
 
 
 def test_a_step_beside_it_does_not_happen_again() -> None:
-    """An event of the runs at hand is part of what was found there, and of no candidate."""
     truth = [Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), Effect("step", ("gy",), {"dps": 0.2, "at_s": 900.0})]
     run = performed(truth, 10)
     design = designed(run)
@@ -250,7 +244,6 @@ def test_a_step_beside_it_does_not_happen_again() -> None:
 
 
 def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
-    """Temperature against its rate takes a ramp, against a scale factor that follows it a motion: one run has both."""
     run = cold.stack.blocks[0].run
     design = designed(run)
     a = named(design, "thermal_lin", 5)
@@ -279,7 +272,6 @@ def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
 
 
 def test_what_no_plan_separates_stays_possible(cold: Design) -> None:
-    """A rival that is the same effect by another name is named in the sentence."""
     run = cold.stack.blocks[0].run
     a = named(cold, "thermal_lin", 1)
     made = experiment.separating(cold, a, of_size(cold, a, 40.0), [a, named(cold, "thermal_rate", 1)], run)
@@ -290,7 +282,6 @@ def test_what_no_plan_separates_stays_possible(cold: Design) -> None:
 
 
 def test_without_a_thermometer_only_motions_are_asked_for() -> None:
-    """And no temperature is written down."""
     known = performed((), 3, profile=TURNS, seconds=TURNS.duration)
     run = Run("blind", known.t, known.reading, None, known.angles, known.rates, known.axes, known.site)
     design = designed(run)
@@ -303,7 +294,6 @@ def test_without_a_thermometer_only_motions_are_asked_for() -> None:
 
 
 def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
-    """One rate both ways: scale factor or cubic, and the report says which run tells."""
     truth = Effect("scale", ("gz",), {"relative": 0.01})
     found = trace([performed([truth], 10, profile=TURNS, seconds=TURNS.duration)], None)
     assert found.document["status"]["gz"] == "confounded"
@@ -318,7 +308,6 @@ def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
 
 @pytest.mark.parametrize("candidate", all_candidates(), ids=lambda candidate: candidate.description[:60])
 def test_a_candidate_comes_back_from_its_text(candidate: CandidateMotion) -> None:
-    """The text is a profile of the same segments; temperatures begin with it and end with it."""
     profile = candidate.profile
     assert reference_file.from_document(tomllib.loads(reference_file.to_toml(profile))) == profile
     assert candidate.seconds > 90.0
@@ -332,7 +321,6 @@ def test_a_candidate_comes_back_from_its_text(candidate: CandidateMotion) -> Non
 
 
 def test_the_library_has_what_tells_effects_apart() -> None:
-    """Positions, slow turns, rates, swings, two temperatures, loops of temperature: each candidate once."""
     description = [candidate.description for candidate in all_candidates()]
     assert len(set(description)) == len(description) == 24
     parts = ("eighteen positions", "slowly, twice round", "±30 and ±90", "swing", "and again at 32 degC", "start it")
@@ -341,7 +329,6 @@ def test_the_library_has_what_tells_effects_apart() -> None:
 
 
 def test_what_was_asked_for_drives_a_scenario(tmp_path: Path) -> None:
-    """Profile and temperatures go into a scenario as they are, and a unit follows them."""
     candidate = next(p for p in all_candidates() if "and again at" in p.description)
     (tmp_path / "experiment.toml").write_text(reference_file.to_toml(candidate.profile))
     assert candidate.thermal is not None

@@ -39,7 +39,6 @@ def judged(seed: int, truth: float, told: float) -> tuple[list[Finding], int]:
 
 
 def test_what_is_true_is_confirmed_and_removes_its_share() -> None:
-    """A slope as it is, over twelve seeds: confirmed each time, never refuted, nearly all of the excess is its own."""
     for seed in range(12):
         ((finding,), refuted) = judged(seed, 1.0, 1.0)
         assert refuted == 0
@@ -49,13 +48,11 @@ def test_what_is_true_is_confirmed_and_removes_its_share() -> None:
 
 
 def test_what_is_false_is_refuted() -> None:
-    """A slope where there is none, and one of the wrong sign."""
     assert all(judged(seed, 0.0, 1.0)[1] for seed in range(6))
     assert all(judged(seed, 1.0, -1.0)[1] for seed in range(6))
 
 
 def test_what_says_next_to_nothing_is_neither() -> None:
-    """A fiftieth of the slope where there is none: refuted, and confirmed, no more often than an interval errs."""
     outcomes = [judged(seed, 0.0, 0.02) for seed in range(40)]
     assert sum(refuted for _, refuted in outcomes) <= 4
     assert sum(bool(f.confirmed) for held, _ in outcomes for f in held) <= 6
@@ -63,7 +60,6 @@ def test_what_says_next_to_nothing_is_neither() -> None:
 
 
 def test_a_slope_that_is_half_true_is_not_refuted() -> None:
-    """Half as large as it is, or half as large again: the error falls all the same."""
     for told in (0.5, 1.5):
         ((finding,), refuted) = judged(3, 1.0, told)
         assert refuted == 0
@@ -71,7 +67,6 @@ def test_a_slope_that_is_half_true_is_not_refuted() -> None:
 
 
 def test_what_belongs_to_one_run_is_not_judged() -> None:
-    """`confirmed` stays None; nothing of it is refuted."""
     runs = power_ons(Effect("step", ("gz",), {"dps": 0.3, "at_s": 350.0}), count=1, hz=4.0)
     stack = Stack.of([average(runs[0])])
     design = Design(stack)

@@ -34,7 +34,6 @@ def mixed(slopes: tuple[float, ...], seed: int) -> list[Run]:
 
 
 def test_what_carries_over_gains_nearly_what_it_explains() -> None:
-    """One slope in three power-ons: the gain on those left out is that of the fit to all, but for its own noise."""
     for seed in range(4):
         design = design_of(mixed((0.02, 0.02, 0.02), seed))
         term = thermal(design)
@@ -45,7 +44,6 @@ def test_what_carries_over_gains_nearly_what_it_explains() -> None:
 
 
 def test_what_turns_its_sign_loses() -> None:
-    """Slopes that go up, up and down, or cancel: what two power-ons say of the third makes it worse."""
     for slopes in ((0.02, 0.02, -0.015), (0.02, -0.02, 0.001)):
         for seed in range(3):
             design = design_of(mixed(slopes, seed))
@@ -73,7 +71,6 @@ def test_a_power_on_without_temperature_is_no_witness() -> None:
 
 
 def test_selection_drops_what_does_not_carry_over() -> None:
-    """It is listed as weak with the reason; what carries over stays."""
     chosen = select(design_of(mixed((0.03, -0.03, 0.01), 2)), CHANNELS)
     assert not any(a.hypothesis.effect == "thermal_lin" for a in chosen.on(1))
     chosen = select(design_of(mixed((0.03, 0.03, 0.03), 2)), CHANNELS)

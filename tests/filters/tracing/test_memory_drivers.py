@@ -49,7 +49,6 @@ def test_a_state_that_flips_between_two_temperatures_is_found_with_both() -> Non
 
 
 def test_a_state_keeps_what_it_was_between_its_temperatures() -> None:
-    """Up, down and in between from either side; the start from the middle."""
     made = drivers.relay(20.0, 30.0)
     T = np.array([24.0, 29.0, 31.0, 25.0, 21.0, 19.0, 24.0, 26.0])
     inputs = average(power_ons(count=1, seconds=60.0)[0]).slow()
@@ -68,7 +67,6 @@ def lagging(run: Run, seconds: float) -> Run:
 
 
 def test_what_follows_the_force_of_another_axis_from_behind_is_named_by_it() -> None:
-    """A creep of 40 s after every change of attitude."""
     runs = power_ons(count=2, profile=TUMBLE, seconds=TUMBLE.duration)
     chosen = selected([lagging(run, 40.0) for run in runs], 3)
     h = chosen.terms[0].hypothesis
@@ -78,7 +76,6 @@ def test_what_follows_the_force_of_another_axis_from_behind_is_named_by_it() -> 
 
 
 def test_a_trail_is_named_by_what_it_follows() -> None:
-    """By each of the inputs and by the size of the rate, at every time constant, with that input's column."""
     inputs = average(power_ons(count=1, profile=TUMBLE, seconds=60.0)[0]).slow()
     trails = [b for b in drivers.bases(dict.fromkeys(drivers.SCALARS, (0.0, 1.0))) if b.kind == "trail"]
     assert [b.name for b in trails] == [name for name in TRAILED for _ in TRAILS]

@@ -16,7 +16,6 @@ def design(*effects: Effect, seed: int = 1, hz: float = 20.0) -> Design:
 
 
 def test_noise_that_follows_temperature_is_levelled() -> None:
-    """Log variance .12 a kelvin on ay: named, and the multiplier is the truth's to a tenth; other channels are even."""
     made = design(Effect("noise_level", ("ay",), {"log_variance_per_unit": 0.12, "driver": "temperature"}))
     multiplier, found = noise_drivers(made, list(range(6)))
     assert [(level.channel, level.driver) for level in found] == [(4, "temperature")]
@@ -32,7 +31,6 @@ def test_noise_that_follows_temperature_is_levelled() -> None:
 
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_even_noise_follows_nothing(seed: int) -> None:
-    """All multipliers one, nothing named; a slow error of the mean is no noise."""
     made = design(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=seed)
     multiplier, found = noise_drivers(made, list(range(6)))
     assert found == []

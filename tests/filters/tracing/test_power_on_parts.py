@@ -49,7 +49,6 @@ def test_memory_of_temperature_goes_on_over_a_gap_on_a_straight_line() -> None:
 
 
 def test_files_that_follow_at_once_have_the_memory_of_one() -> None:
-    """Where a recording is cut into files without a gap, every lag and play is as if it were whole."""
     run = cycle(exact=True)
     whole = average(run).slow()
     made = average_all(parts_of(run, (200.0, 200.0), (650.0, 650.0)))
@@ -60,7 +59,6 @@ def test_files_that_follow_at_once_have_the_memory_of_one() -> None:
 
 
 def test_parts_share_one_bias() -> None:
-    """What differs from part to part is seen; what differs from power-on to power-on is the bias."""
     levels = [np.full(400, 20.0), np.full(400, 25.0)]
     own = cycle()
     parts = [
@@ -129,7 +127,6 @@ def test_errors_of_what_is_told_between_parts_are_as_large_as_their_sd() -> None
 
 
 def test_a_part_held_out_is_judged_as_one() -> None:
-    """`heldout` is part, its own first minute is held, and a term in temperature is not explained by it."""
     run = cycle(SLOPE, seed=4)
     one, two = parts_of(run, (450.0, 450.0))
     found = trace([one], two)
@@ -143,7 +140,6 @@ def test_a_part_held_out_is_judged_as_one() -> None:
 
 
 def test_parts_stand_in_the_order_of_their_time() -> None:
-    """Given in any order they are joined; a part inside another, or away from the others, is refused."""
     (other,) = power_ons(count=1, seed=9, hz=4.0)
     one, two = parts_of(cycle(), (400.0, 500.0))
     assert [r.name for r in in_order([other, two, one])] == [other.name, one.name, two.name]
@@ -155,7 +151,6 @@ def test_parts_stand_in_the_order_of_their_time() -> None:
 
 
 def test_rows_count_from_power_on_and_from_the_part() -> None:
-    """Terms in time go on over a gap; what is held or windowed begins with the part."""
     one, two = parts_of(cycle(), (400.0, 500.0))
     stack = Stack.of(average_all([one, two]))
     late = stack.run == 1

@@ -50,14 +50,12 @@ def noisy(n: int = 4000, hz: float = 20.0, seed: int = 0) -> Run:
 )
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_perfect_unit_leaves_nothing(axes: AxisMap, moving: bool) -> None:
-    """Earth rate, gravity and the table's motion are in the reference, however the unit sits."""
     y = average(run_of(scene(axes, moving), 0, 40.0, 70.0)).y
     assert np.abs(y[:, :3]).max() < 1e-12
     assert np.abs(y[:, 3:]).max() < 1e-9
 
 
 def test_an_error_of_a_reading_is_its_residual() -> None:
-    """In the instrument's axes and sign: what is added to a channel is what that channel leaves."""
     own = run_of(scene(AxisMap(parse_mount("y,z,x")), True), 0, 40.0, 70.0)
     for c in range(6):
         added = np.zeros(6)
@@ -67,7 +65,6 @@ def test_an_error_of_a_reading_is_its_residual() -> None:
 
 
 def test_means_over_blocks_are_those_of_their_samples() -> None:
-    """Residual and regressor alike, whatever the number of samples in a block; nothing is lost at the ends."""
     own = run_of(scene(), 0, 30.0, 70.0)
     own = replace(own, reading=own.reading + np.random.default_rng(0).standard_normal(own.reading.shape))
     made = average(own, 0.25)
@@ -82,7 +79,6 @@ def test_means_over_blocks_are_those_of_their_samples() -> None:
 
 
 def test_how_much_is_averaged_at_once_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Means, roughness and derivatives are the same in small pieces."""
     own = run_of(scene(), 0, 40.0, 70.0)
     own = replace(own, reading=own.reading + np.random.default_rng(0).standard_normal(own.reading.shape))
 
@@ -100,7 +96,6 @@ def test_how_much_is_averaged_at_once_changes_nothing(monkeypatch: pytest.Monkey
 
 
 def test_flagged_readings_do_not_count() -> None:
-    """Up to 15 % of a block are left out of its mean; with more the block has no weight; other channels keep theirs."""
     own = noisy()
     flagged = np.zeros(own.reading.shape, bool)
     flagged[0:400:20, 2] = True  # one in twenty of the block's five: 20 % of every fourth block
@@ -116,7 +111,6 @@ def test_flagged_readings_do_not_count() -> None:
 
 
 def test_roughness_is_of_neighbours_within_a_block() -> None:
-    """Sum of squared differences over their number is twice the variance, flagged neighbours left out."""
     own = noisy()
     flagged = np.zeros(own.reading.shape, bool)
     flagged[7::50] = True
@@ -127,7 +121,6 @@ def test_roughness_is_of_neighbours_within_a_block() -> None:
 
 
 def test_rate_goes_by_count_and_bursts_by_the_mean() -> None:
-    """Stamps that come in bursts say nothing of when a sample was taken; single gaps are kept."""
     own = noisy()
     n = own.t.size
     bursts = own.t - (np.arange(n) % 5) * 0.049
@@ -143,7 +136,6 @@ def test_rate_goes_by_count_and_bursts_by_the_mean() -> None:
 
 
 def test_an_attitude_that_is_known_stands_for_the_angles() -> None:
-    """A unit at rest that does not sit as the table's angles say leaves nothing when its attitude is given."""
     tilted = Profile((Dwell((0.2, -0.3, 0.7), 70.0),))
     own = run_of(replace(scene(), profile=tilted), 0, 20.0, 60.0)
     level = replace(own, angles=np.zeros((1, 3)), rates=np.zeros((1, 3)))
@@ -153,7 +145,6 @@ def test_an_attitude_that_is_known_stands_for_the_angles() -> None:
 
 
 def test_time_since_motion_and_its_last_direction() -> None:
-    """From zero while the table moves; direction that of the last motion of each axis, 0 before the first."""
     inputs = average(run_of(scene(), 0, 40.0, TURNED.duration)).slow()
     before, turning = inputs.t < 9.5, (inputs.t > 12.0) & (inputs.t < 19.0)
     assert np.all(inputs.since_motion[turning] == 0.0)
@@ -164,7 +155,6 @@ def test_time_since_motion_and_its_last_direction() -> None:
 
 
 def test_a_lag_follows_a_step_exponentially() -> None:
-    """From equality at the start, 1 - exp(-t/τ)."""
     u = np.concatenate([np.full(10, 5.0), np.full(200, 6.0)])
     out = lag(u, 40.0)
     assert np.all(out[:10] == 5.0)
@@ -172,7 +162,6 @@ def test_a_lag_follows_a_step_exponentially() -> None:
 
 
 def test_plays_have_a_free_stretch_and_a_memory() -> None:
-    """On the way back a play stands still for twice its half-width; a closed loop comes back to itself."""
     up, down = np.linspace(0.0, 12.0, 121), np.linspace(12.0, -12.0, 241)
     loop = np.concatenate([up, down[1:], down[::-1][1:]])
     out, _ = plays(loop)
@@ -185,7 +174,6 @@ def test_plays_have_a_free_stretch_and_a_memory() -> None:
 
 
 def test_smoothing_leaves_straight_lines_and_takes_noise_off() -> None:
-    """Temperature and its rate of a ramp are exact; counts are averaged away."""
     t = 0.25 * np.arange(2000)
     level, rate = smoothed(20.0 + 0.01 * t, 0.25)
     assert np.allclose(level, 20.0 + 0.01 * t)
@@ -197,14 +185,12 @@ def test_smoothing_leaves_straight_lines_and_takes_noise_off() -> None:
 
 
 def test_a_run_without_temperature_has_none_in_its_drivers() -> None:
-    """NaN, not zero."""
     inputs = average(replace(noisy(), temperature=None)).slow()
     assert np.isnan(inputs.temperature).all()
     assert np.isnan(inputs.lagged).all()
 
 
 def test_temperature_of_single_samples_is_filled_in() -> None:
-    """A thermometer that is read once in ten samples gives the same drivers as one that is always read."""
     history = Temperature(((0.0, 20.0), (200.0, 30.0)))
     own = run_of(scene(moving=False, temperature=history), 0, 20.0, 200.0, lsb_k=0.0)
     rare = np.where(np.arange(own.t.size) % 10 == 0, own.temperature, np.nan)
@@ -213,7 +199,6 @@ def test_temperature_of_single_samples_is_filled_in() -> None:
 
 
 def test_plays_begin_where_they_are_told() -> None:
-    """An operator at the upper end of its band goes down at once, one at the lower end after its whole band."""
     T = 30.0 - 0.05 * np.arange(400)
     played, _ = plays(T - T[0])
     for start, free in ((1.0, 0.0), (0.0, 1.0), (-1.0, 2.0)):
@@ -225,7 +210,6 @@ def test_plays_begin_where_they_are_told() -> None:
 
 
 def test_long_lags_and_wide_plays_are_tried_where_temperature_goes_far() -> None:
-    """They ask for 20 K, and a lag for a power-on as long as its time constant."""
 
     def wide(kelvins: float) -> set[str]:
         drop = Temperature(((0.0, 40.0), (900.0, 40.0 - kelvins)))
@@ -240,7 +224,6 @@ def test_long_lags_and_wide_plays_are_tried_where_temperature_goes_far() -> None
 
 
 def test_a_residual_that_is_looked_at_in_parts_is_the_residual() -> None:
-    """One channel, some rows, or some rows of one channel: what the whole array has there, NaN where flagged."""
     run = noisy(500)
     flagged = np.zeros((500, 6), bool)
     flagged[[3, 400], [2, 5]] = True
@@ -252,7 +235,6 @@ def test_a_residual_that_is_looked_at_in_parts_is_the_residual() -> None:
 
 
 def test_blocks_of_many_samples_begin_where_those_of_few_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Edges that are found part by part are those found at once."""
     run = noisy(4000)
     edges = average(run).edges
     monkeypatch.setattr(blocks, "_AT_ONCE", 333)

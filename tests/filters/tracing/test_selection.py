@@ -31,7 +31,6 @@ def names(chosen: Selection) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def test_each_of_what_was_accepted_still_scores_beside_the_others() -> None:
-    """ChannelEffect scores above the limit of acceptance, gain on unseen cells above half of it, no drift left over."""
     made = design(
         Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), Effect("warmup", ("ax",), {"mg": 4.0, "tau_s": 120.0})
     )
@@ -45,7 +44,6 @@ def test_each_of_what_was_accepted_still_scores_beside_the_others() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_two_slow_effects_of_one_channel_are_both_named(seed: int) -> None:
-    """Temperature and warm-up on one gyro: one by one neither beats a random walk, together they leave no drift."""
     made = design(
         Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}),
         Effect("warmup", ("gy",), {"dps": 0.2, "tau_s": 70.0}),
@@ -64,7 +62,6 @@ def test_a_curve_in_time_gives_way_to_temperature() -> None:
 
 
 def test_drift_is_called_drift() -> None:
-    """A random walk and a Gauss-Markov process are processes of their channels, and no effect is found beside them."""
     made = design(
         Effect("random_walk", ("gx",), {"dps_per_sqrt_s": 0.004}),
         Effect("gauss_markov", ("az",), {"mg": 2.0, "tau_s": 40.0}),
@@ -79,7 +76,6 @@ def test_drift_is_called_drift() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_the_guard_keeps_flicker_from_being_an_effect(seed: int) -> None:
-    """Drift on all time scales at once, on two channels: no deterministic finding, weak at most."""
     flicker = [
         Effect("gauss_markov", (c,), {unit: size, "tau_s": tau})
         for c, unit, size in (("gy", "dps", 0.012), ("ax", "mg", 0.35))
@@ -102,7 +98,6 @@ def test_what_happened_once_is_no_law() -> None:
 
 
 def test_gravity_and_a_common_scale_factor_are_rivals() -> None:
-    """No motion tells them apart: each has the other's score."""
     made = tumbled()
     chosen = select(made, [3, 4, 5])
     assert names(chosen) == [("gravity", (3, 4, 5))]
@@ -113,7 +108,6 @@ def test_gravity_and_a_common_scale_factor_are_rivals() -> None:
 
 
 def test_a_wider_form_of_a_finding_is_no_rival() -> None:
-    """A polynomial with the line in it, all axes with the one axis: they contain what was found."""
     made = design(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.03}))
     chosen = select(made, [1])
     assert names(chosen) == [("thermal_lin", (1,))]
@@ -134,7 +128,6 @@ def test_a_cold_start_alone_leaves_its_causes_rivals() -> None:
 
 
 def test_events_are_found_where_they_are() -> None:
-    """A step's time to a few seconds, a tone's frequency to a thousandth, a telegraph's levels to a fifth."""
     made = design(
         Effect("step", ("gz",), {"dps": 0.15, "at_s": 350.0}),
         Effect("tone", ("ay",), {"mg": 3.0, "hz": 0.31}),
@@ -167,7 +160,6 @@ def test_what_channels_share_is_not_found_in_their_drift(seed: int) -> None:
 
 
 def test_what_channels_share_scores_beside_drift_as_it_does_alone() -> None:
-    """Where nothing drifts, the guard takes nothing from a true effect; where a walk is fitted beside it, not all."""
     chosen = select(tumbled(), [3, 4, 5])
     (term,) = [a for a in chosen.terms if a.hypothesis.effect == "gravity"]
     alone = chosen.own_gain(term) - chosen.price(term)

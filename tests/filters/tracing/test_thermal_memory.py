@@ -49,7 +49,6 @@ def _after_hold(r: np.ndarray) -> float:
 
 
 def test_a_third_leg_is_foretold_from_two() -> None:
-    """Over cycles with and without memory the error left is a third of holding the bias, half that of a cubic."""
     legs = [third_leg(seed) for seed in SEEDS]
     held, ours, cubic = (np.array([leg[k] for leg in legs]) for k in (2, 3, 4))
     assert np.exp(np.mean(np.log(ours / held))) < 0.33
@@ -64,7 +63,6 @@ def test_errors_at_the_end_of_the_third_leg_are_as_large_as_their_sd() -> None:
 
 
 def test_two_spreads_hold_most_of_what_forms_differ_in_on_the_way_back() -> None:
-    """The variance that the states of the filter have, of that of all columns, on the leg that was not fitted."""
     shares = []
     for seed in SEEDS:
         made, found, *_ = third_leg(seed)
@@ -78,7 +76,6 @@ def test_two_spreads_hold_most_of_what_forms_differ_in_on_the_way_back() -> None
 
 
 def test_weights_are_shares_of_the_evidence() -> None:
-    """They add up to what is not negligible of one, the best form first, and families gather them."""
     for seed in SEEDS:
         found = third_leg(seed)[1]
         weights = [form.weight for form in found.forms]
@@ -91,7 +88,6 @@ def test_weights_are_shares_of_the_evidence() -> None:
 
 
 def test_a_lag_alone_is_found_as_one() -> None:
-    """Of two legs with a lag of 320 s and nothing else, lags near it have the evidence."""
     made = cycle(5, "none", scale=0.0)
     k = LAGS.index(320.0)
     y = 0.5 * made.columns(slice(None))[:, ORDERS + k] + 0.003 * np.random.default_rng(1).standard_normal(made.t.size)
@@ -104,7 +100,6 @@ def test_a_lag_alone_is_found_as_one() -> None:
 
 
 def test_forms_are_all_there_is_once() -> None:
-    """Every order with every lag and every bank; a form has as many columns as parameters."""
     forms = all_forms()
     assert len({(f.order, f.lag, f.bank) for f in forms}) == len(forms)
     assert forms[0].places == []
@@ -113,7 +108,6 @@ def test_forms_are_all_there_is_once() -> None:
 
 
 def test_after_one_way_only_what_hysteresis_may_be_is_not_carried_over() -> None:
-    """A small curve is held back whole, a large one hardly; both ways carry everything over."""
     for seed in (10, 14):
         made = cycle(seed, "none")
         one, two = slice(0, made.ends[0]), slice(0, made.ends[1])
@@ -127,7 +121,6 @@ def test_after_one_way_only_what_hysteresis_may_be_is_not_carried_over() -> None
 
 
 def test_both_ways_is_the_share_that_was_gone_through_twice() -> None:
-    """Noise does not turn temperature round; a way back by a third counts as a third."""
     down = np.linspace(60.0, 0.0, 600)
     back = np.linspace(0.0, 20.0, 200)
     noise = 0.3 * np.random.default_rng(0).standard_normal(800)
@@ -161,7 +154,6 @@ def _e10(made: Trace, channel: str) -> float:
 
 
 def test_a_trace_joins_the_average_and_names_its_forms() -> None:
-    """One finding on the channel, its leading form's name and parameters; others are rivals with their weights."""
     made = chamber()[1]
     (finding,) = made.document["findings"]
     assert finding["effect"] == "thermal_lag"
@@ -177,7 +169,6 @@ def test_a_trace_joins_the_average_and_names_its_forms() -> None:
 
 
 def test_the_filter_takes_the_average_that_was_judged() -> None:
-    """Read back from an effects file, sample by sample, its column is the tracer's on the part that was held out."""
     parts, made = chamber()
     document = effects_file.parse(effects_file.dumps(made, "a test").encode())
     (own,) = [e for e in document.effects if e.include_as == "A"]
@@ -209,7 +200,6 @@ def average_of(own: Included) -> ThermalAverage:
 
 
 def test_little_temperature_leaves_the_selection_alone() -> None:
-    """Below 20 K nothing is averaged."""
     mild = Temperature(((0.0, 20.0), (600.0, 32.0), (1200.0, 18.0)))
     made = trace(power_ons(CURVED, seed=4, count=1, seconds=1200.0, hz=4.0, histories=(mild,)), None)
     assert [f["effect"] for f in made.document["findings"]] == ["thermal_lin"]
@@ -217,7 +207,6 @@ def test_little_temperature_leaves_the_selection_alone() -> None:
 
 
 def test_quiet_channels_have_no_average() -> None:
-    """Noise in a chamber is noise: the other five channels have no finding, over seeds."""
     for seed in (1, 2):
         (run,) = power_ons(seed=seed, count=1, seconds=2000.0, hz=2.0, histories=(CHAMBER,))
         made = trace([run], None)

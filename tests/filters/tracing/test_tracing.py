@@ -49,7 +49,6 @@ def errors(t: Trace, metric: str, channel: str) -> dict[str, Any]:
 
 
 def test_clean_logs_stay_clean() -> None:
-    """Ten units of biases and white noise: at most one finding in all, and one drift, fault, line or noise level."""
     findings, others, states = 0, 0, []
     for seed in range(1, 11):
         runs = power_ons(seed=seed, count=2, seconds=500.0)
@@ -64,7 +63,6 @@ def test_clean_logs_stay_clean() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_several_effects_at_once_are_named_each_on_its_channel(seed: int) -> None:
-    """Names, parameters within 3 sd, statuses; nothing else is found."""
     t = many(seed)
     own = found(t)
     assert set(own) == {("thermal_lin", "gy"), ("warmup", "ax"), ("step", "gz")}
@@ -91,7 +89,6 @@ def test_several_effects_at_once_are_named_each_on_its_channel(seed: int) -> Non
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_held_out_error_comes_down_to_its_floor(seed: int) -> None:
-    """What was found on two power-ons holds on a third: E10 and √NIS of the channels it is on."""
     for channel, before in (("gy", 3.0), ("ax", 1.2)):
         error = errors(many(seed), "e10", channel)
         assert error["before_x_floor"] > before
@@ -108,7 +105,6 @@ def test_the_held_out_error_comes_down_to_its_floor(seed: int) -> None:
     ],
 )
 def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
-    """√NIS of the held-out run is near one over four units, and within its band as often as a fitted level allows."""
     figures = []
     for seed in range(4):
         runs = power_ons(drift, seed=seed, hz=4.0)
@@ -121,7 +117,6 @@ def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
 
 
 def test_one_cold_start_is_never_better_than_confounded() -> None:
-    """With one run a term in time or temperature may be named or called drift, but it is not explained."""
     for seed in range(1, 4):
         runs = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=seed, count=1, histories=(None,))
         document = trace(runs, None).document
@@ -134,7 +129,6 @@ def test_one_cold_start_is_never_better_than_confounded() -> None:
 
 
 def test_the_separating_experiment_is_of_a_finding_and_its_rivals() -> None:
-    """What it tells apart, and what it leaves, are one finding and what would do in its place; it is asked for."""
     runs = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=2, count=1, histories=(None,))
     t = trace(runs, None)
     made = t.experiment
@@ -146,7 +140,6 @@ def test_the_separating_experiment_is_of_a_finding_and_its_rivals() -> None:
 
 
 def test_the_result_ends_with_what_to_do_next() -> None:
-    """Use what holds; show transfer where one run cannot; record more where the held-out run contradicts."""
     assert many(1).document["sentence"].endswith("with --effects of replay and record.")
     with_it = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}))
     contradicted = trace(with_it[:2], power_ons()[2]).document["sentence"]
@@ -154,7 +147,6 @@ def test_the_result_ends_with_what_to_do_next() -> None:
 
 
 def test_a_tone_has_amplitude_and_frequency() -> None:
-    """Not sine and cosine; within three standard deviations of what was put in."""
     runs = power_ons(Effect("tone", ("gx",), {"dps": 0.05, "hz": 0.4}), hz=8.0)
     (tone,) = trace(runs[:2], runs[2]).document["findings"]
     amplitude, frequency = tone["params"]
@@ -188,7 +180,6 @@ def test_a_parameter_that_no_channel_shows_is_correlated_with_none() -> None:
 
 
 def test_a_channel_with_only_faults_is_clean() -> None:
-    """Readings that were lost explain nothing; they are told."""
     runs = power_ons(count=2)
     reading = runs[0].reading.copy()
     reading[[4000, 9000], 1] += 2.0
@@ -198,14 +189,12 @@ def test_a_channel_with_only_faults_is_clean() -> None:
 
 
 def test_one_run_does_not_explain_by_temperature_even_without_a_rival() -> None:
-    """Heating and cooling within one power-on: the term stands alone, and transfer is still not shown."""
     t = trace(power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), count=1), None)
     assert found(t)["thermal_lin", "gy"]["rivals"] == []
     assert t.document["status"]["gy"] == "confounded"
 
 
 def test_a_still_log_says_what_it_cannot_show() -> None:
-    """One attitude, one cold start: all that motion excites, and the thermal family that looks alike."""
     runs = power_ons(count=1, seconds=1800.0, hz=10.0, histories=(None,))
     hidden = trace(runs, None).document["untestable"]
     assert {u["effect"] for u in hidden if u["reason"] != "collinear_with"} == {
@@ -220,7 +209,6 @@ def test_a_still_log_says_what_it_cannot_show() -> None:
 
 
 def test_a_table_that_turns_shows_nearly_all() -> None:
-    """Nothing that motion excites is untestable, a clean unit is clean; gravity is found and its pair named."""
     runs = power_ons(Effect("gravity", (), {"relative": 3e-3}), profile=TUMBLE, seconds=TUMBLE.duration)
     t = trace(runs[:2], runs[2])
     hidden = {u["effect"] for u in t.document["untestable"] if u["reason"] != "collinear_with"}
@@ -233,7 +221,6 @@ def test_a_table_that_turns_shows_nearly_all() -> None:
 
 
 def test_what_the_held_out_run_contradicts_is_refuted() -> None:
-    """A thermal term of the runs that were fitted, not of the third: told with both errors, and not in the filter."""
     with_it = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}))
     without = power_ons()
     t = trace(with_it[:2], without[2])
@@ -251,7 +238,6 @@ def test_what_the_held_out_run_contradicts_is_refuted() -> None:
 
 @pytest.mark.parametrize("axes", [AxisMap(accel_sign=1), AxisMap(np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]))])
 def test_sign_and_mounting_do_not_matter(axes: AxisMap) -> None:
-    """A finding on ax is what ax reads, whatever way the unit sits."""
     runs = power_ons(Effect("thermal_lin", ("ax",), {"mg_per_k": 0.5}), axes=axes, seconds=600.0)
     t = trace(runs[:2], runs[2])
     k = found(t)["thermal_lin", "ax"]["params"][0]
@@ -307,7 +293,6 @@ FIELDS: dict[str, dict[str, Any]] = {
 
 
 def test_a_document_is_what_the_contract_says() -> None:
-    """Every field, of its type, all plain JSON; names of effects, channels and statuses are those that there are."""
     document = many(1).document
     again = json.loads(json.dumps(document, allow_nan=False))
     assert set(again) == {*FIELDS, "limits", "status", "sentence", "seed"} == set(TraceFindings.__annotations__)
@@ -340,7 +325,6 @@ def test_a_document_is_what_the_contract_says() -> None:
 
 
 def test_an_effect_that_was_asked_for_has_its_limit_said() -> None:
-    """On the channels where it was not found: below what this log can show, with the size that would show."""
     limits = {limit["channels"][0]: limit for limit in many(1).document["limits"]}
     assert "gy" not in limits
     assert 0.0 < limits["gx"]["limit"] < 0.02
@@ -348,7 +332,6 @@ def test_an_effect_that_was_asked_for_has_its_limit_said() -> None:
 
 
 def test_what_was_found_joins_the_filter() -> None:
-    """Terms with their fit, drift with its density, the noise level's curve: the filter takes them as they are."""
     t = many(1)
     kinds = {(i.effect, i.channels): i for i in t.included}
     drift = t.document["drift"][0]["kind"]
@@ -361,7 +344,6 @@ def test_what_was_found_joins_the_filter() -> None:
 
 
 def test_series_show_the_residual_before_and_after() -> None:
-    """All runs, the held-out one last; after is smaller where something was found, the same where nothing was."""
     t = many(1)
     assert [s.run for s in t.series] == ["run 1", "run 2", "run 3"]
     held = t.series[-1]
@@ -371,7 +353,6 @@ def test_series_show_the_residual_before_and_after() -> None:
 
 
 def test_what_cannot_be_traced_is_refused() -> None:
-    """No run, or one that is too short; the message says how long it must be."""
     with pytest.raises(ValueError, match="empty"):
         trace([], None)
     (short,) = power_ons(count=1, seconds=50.0)
@@ -380,7 +361,6 @@ def test_what_cannot_be_traced_is_refused() -> None:
 
 
 def test_progress_goes_from_nothing_to_all() -> None:
-    """Shares that never go back."""
     shares: list[float] = []
     runs = power_ons(count=1, seconds=120.0, histories=HISTORIES)
     trace(runs, None, progress=lambda share, text: shares.append(share))
@@ -390,7 +370,6 @@ def test_progress_goes_from_nothing_to_all() -> None:
 
 
 def test_a_run_without_temperature_is_traced_all_the_same() -> None:
-    """Thermal effects are then not excited; nothing is found in noise."""
     runs = [replace(run, temperature=None) for run in power_ons(count=2, seconds=600.0)]
     document = trace(runs[:1], runs[1]).document
     assert document["findings"] == []

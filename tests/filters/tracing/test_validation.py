@@ -40,7 +40,6 @@ def white(seed: int, stack: Stack | None = None, scale: float = 1.0) -> np.ndarr
 
 
 def test_white_noise_is_once_the_floor_within_its_band() -> None:
-    """E10 over sixty seeds: mean square one, and within the 95 % band of this length as often as it should be."""
     figures = [e10(still(), white(k), white(k), 0, WHITE, k) for k in range(60)]
     ratio = np.array([f.after / f.floor for f in figures if f])
     inside = [f.floor_band95[0] <= f.after <= f.floor_band95[1] for f in figures if f]
@@ -53,7 +52,6 @@ def test_white_noise_is_once_the_floor_within_its_band() -> None:
 
 
 def test_an_error_that_is_known_is_what_e10_says() -> None:
-    """A ramp without noise: rms of the ramp at the windows less its mean over the hold."""
     stack = still()
     ramp = 1e-3 * stack.t
     figure = e10(stack, ramp, 0.0 * ramp, 0, WHITE, 0)
@@ -64,7 +62,6 @@ def test_an_error_that_is_known_is_what_e10_says() -> None:
 
 
 def test_a_run_without_a_hold_or_a_rest_has_no_e10() -> None:
-    """No verdict where most of the first minute is missing, or nothing follows it."""
     stack = still()
     weight = stack.weight.copy()
     weight[: round(40.0 / stack.period), 0] = 0.0
@@ -87,7 +84,6 @@ def test_windows_do_not_cross_a_change_of_motion() -> None:
 
 
 def test_nis_is_one_for_the_noise_that_is_believed_and_two_for_twice_it() -> None:
-    """Its root, with the drift that was drawn as with none; a drift that is not believed makes it large."""
     stack = still()
     honest = [nis(stack, white(k), white(k), 0, WHITE, NONE) for k in range(30)]
     values = np.array([f.after for f in honest if f])
@@ -139,7 +135,6 @@ def drawn(drift: Drift, stack: Stack, seed: int) -> np.ndarray:
 
 
 def test_a_correction_that_is_not_quite_known_is_a_state_of_the_filter() -> None:
-    """Its parameter off by what the fit says, over eighty fits: √NIS is one; taken for known it is not."""
     stack = still()
     column = (stack.t / 900.0)[:, None]
     sd = 6.0 * WHITE / np.sqrt(60.0)
@@ -157,7 +152,6 @@ def test_a_correction_that_is_not_quite_known_is_a_state_of_the_filter() -> None
 
 @pytest.mark.parametrize("tau", [5.0, 40.0, np.inf])
 def test_free_navigation_forgets_a_drift_at_its_own_rate(tau: float) -> None:
-    """Over runs of one drift: with its process never worse than with the mean of the past, beyond a percent."""
     stack = still(1800.0)
     drift = Drift(tau, 3.0 * WHITE if np.isfinite(tau) else WHITE)
     figures = []
@@ -175,7 +169,6 @@ def test_free_navigation_forgets_a_drift_at_its_own_rate(tau: float) -> None:
 
 
 def test_the_next_minute_is_foretold_to_its_floor_and_within_three_sigma() -> None:
-    """White noise: rms a little above σ/√60 for the bias is not known either; almost all within 3 sd."""
     made = [prediction(still(), white(k), white(k), 0, WHITE, NONE) for k in range(30)]
     ratio = np.array([m[0].after / m[0].floor for m in made])
     assert 1.0 < np.sqrt(np.mean(ratio**2)) < 1.25
@@ -192,7 +185,6 @@ def test_the_next_minute_is_foretold_to_its_floor_and_within_three_sigma() -> No
 
 
 def test_folds_find_an_effect_and_white_noise_its_floor() -> None:
-    """Within a run: a line is fitted away on unseen cells, all of the excess is its own, noise stays one."""
     stack = still()
     line, other = (stack.t / 900.0)[:, None], np.sin(stack.t / 7.0)[:, None]
     y = white(0) + 0.1 * line[:, 0]
@@ -226,7 +218,6 @@ def test_what_fits_the_noise_of_cells_that_were_seen_is_worse_on_those_that_were
 
 
 def test_a_share_needs_an_excess_to_be_a_share_of() -> None:
-    """From 215 to 40 floors is 97 %; of what chance explains there is none; no more than all, no less than nothing."""
     assert share_of(215.0**2 - 40.0**2, 215.0**2 - 1.0, 90) == pytest.approx(0.9654, abs=1e-3)
     assert share_of(0.1, 0.2, 90) is None
     assert share_of(9.0, 8.0, 90) == 1.0
@@ -252,7 +243,6 @@ def reached(stack: Stack, r: np.ndarray, start: int, seconds: float) -> float:
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(("seconds", "tolerance"), [(10.0, 0.01), (60.0, 0.01)])
 def test_free_inertial_drift_is_that_of_the_mechanisation(sign: int, seconds: float, tolerance: float) -> None:
-    """Errors that grow with time and noise on all six channels: equations (1)-(4) come to the same place."""
     scene = Scenario(spec=QUIET, accel_bias=(0.0,) * 3, gyro_bias=(0.0,) * 3, axes=AxisMap(accel_sign=sign))
     stack = Stack.of([average(run_of(scene, 0, 8.0, 240.0))])
     rng = np.random.default_rng(3)

@@ -64,7 +64,6 @@ def dense(
 @pytest.mark.parametrize("name", list(DRIFTS))
 @pytest.mark.parametrize("gaps", [False, True])
 def test_whitened_columns_have_the_gram_matrix_of_the_dense_gaussian(name: str, gaps: bool) -> None:
-    """Gaps, rows without data and a run's start included; the bias is projected out."""
     columns, t, starts, variance = rows(gaps=gaps)
     out, _ = whiten(columns, t, starts, variance, DRIFTS[name])
     gram, _ = dense(columns, t, starts, variance, DRIFTS[name])
@@ -88,7 +87,6 @@ def test_likelihoods_differ_as_those_of_dense_gaussians(gaps: bool) -> None:
 
 @pytest.mark.parametrize("gaps", [False, True])
 def test_the_closed_form_without_drift_is_the_filter(gaps: bool) -> None:
-    """Weighted means taken off give the same products, G and B, as the recursion."""
     columns, t, starts, variance = rows(2, gaps)
     run = np.repeat([0, 1], [23, 17])
     filtered = whiten(columns, t, starts, variance)[0]
@@ -98,7 +96,6 @@ def test_the_closed_form_without_drift_is_the_filter(gaps: bool) -> None:
 
 @pytest.mark.parametrize("drift", [NONE, Drift(np.inf, 0.2), Drift(4.0, 1.0)])
 def test_a_bias_of_each_run_leaves_nothing(drift: Drift) -> None:
-    """Constants in either run are what the filter takes for granted, however large."""
     columns, t, starts, variance = rows(3)
     run = np.repeat([0, 1], [23, 17])
     shifted = columns + np.array([1e3, -1e3])[run][:, None]
@@ -109,7 +106,6 @@ def test_a_bias_of_each_run_leaves_nothing(drift: Drift) -> None:
 
 @pytest.mark.parametrize("name", list(DRIFTS))
 def test_innovations_of_what_the_model_says_are_white(name: str) -> None:
-    """Drawn from the model itself: unit variance and no correlation from row to row."""
     rng = np.random.default_rng(5)
     t = 0.25 * np.arange(600)
     variance = rng.uniform(0.5, 2.0, t.size)
@@ -121,7 +117,6 @@ def test_innovations_of_what_the_model_says_are_white(name: str) -> None:
 
 
 def test_a_profile_is_a_least_squares_fit() -> None:
-    """Columns of any size, one that is twice another and one of nothing included."""
     rng = np.random.default_rng(6)
     y, X = rng.standard_normal(50), rng.standard_normal((50, 2))
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
@@ -133,7 +128,6 @@ def test_a_profile_is_a_least_squares_fit() -> None:
 
 @pytest.mark.parametrize(("tau", "level"), [(12.0, 0.6), (80.0, 0.6), (np.inf, 0.6)])
 def test_the_drift_that_was_drawn_is_found(tau: float, level: float) -> None:
-    """Kind, time constant and level within a place or two of the grid, and far likelier than none."""
     rng = np.random.default_rng(7)
     t = np.arange(3000.0)
     drift = Drift(tau, level * 1.0 / (10.0 if np.isinf(tau) else 1.0))
@@ -154,7 +148,6 @@ def test_the_drift_that_was_drawn_is_found(tau: float, level: float) -> None:
 
 
 def test_white_noise_asks_for_no_drift() -> None:
-    """Over twenty draws the best drift of white noise rarely gains what two parameters and a grid of twenty cost."""
     rng = np.random.default_rng(8)
     t, gains = np.arange(900.0), []
     for _ in range(20):
@@ -167,7 +160,6 @@ def test_white_noise_asks_for_no_drift() -> None:
 
 @pytest.mark.parametrize("drift", DRIFTS.values(), ids=list(DRIFTS))
 def test_columns_in_parts_are_whitened_as_all_at_once(drift: Drift) -> None:
-    """A day of rows is whitened some after the others: wherever they are cut, to rounding the same comes out."""
     columns, t, starts, variance = rows()
     run = np.searchsorted(starts, np.arange(t.size), side="right") - 1
     whole = unbiased(columns, run, variance) if drift.level == 0.0 else whiten(columns, t, starts, variance, drift)[0]
