@@ -9,7 +9,7 @@ motion         `deterministic` too: errors of the reference, one parameter over 
 run_specific   `run_specific` what each run has its own of (tone, step, telegraph)
 drift          random_walk and gauss_markov have no regressor: they are processes of `filters.tracing.whitening`
 noise          `noise` band limit, correlation, whiteness · `lines` tones at the full rate · `spectra` under both
-fault          `faults` all of them · `spikes`, `saturation` two of its searches · `time_stamps` dropout and jitter ·
+fault          `faults` all of them · `time_stamps` dropout and jitter ·
                `quantisation` steps of readings, size of noise · `fault_records` what the searches share
 
 What they are made of: `hypothesis` what every deterministic effect offers: regressor, parameters, shape · `inputs` what

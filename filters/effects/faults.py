@@ -7,12 +7,14 @@ Every threshold is a bound on what noise does by chance: noise of any colour, fo
 its neighbours, against the differences seen in the 2 s around it and in the whole run.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from filters.channels import CHANNELS
-from filters.effects import quantisation, saturation, spikes, time_stamps
+from filters.effects import quantisation, time_stamps
 from filters.effects.fault_records import (
     FALSE,
     ChannelReadings,
@@ -20,6 +22,7 @@ from filters.effects.fault_records import (
     Flags,
     edges_of_equal,
     noise_scales,
+    runs_of,
     stretches_in_words,
     times_in_words,
 )
@@ -99,16 +102,16 @@ def _of_channel(channel: ChannelReadings) -> tuple[Flags, list[DataFault]]:
         t = channel.t
         where = f"dead: {channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
         return np.ones(t.size, np.bool_), [DataFault("stuck", (channel.name,), 1, where, float(t[-1] - t[0]))]
-    rows, off, sd = spikes.isolated(channel)
+    rows, off, sd = _isolated(channel)
     isolated = np.zeros(channel.t.size, np.bool_)
     isolated[rows] = True
-    saturated, faults = saturation.saturated(channel, isolated)
+    saturated, faults = _saturated(channel, isolated)
     # what is left of a saturated stretch has another distribution than noise
-    width = 2 * spikes.NEAR + 1
+    width = 2 * _NEAR + 1
     share = np.convolve(saturated, np.full(width, 1.0 / width), "same") if saturated.any() else saturated
     isolated &= share < _SATURATED
     kept = isolated[rows]
-    faults += spikes.faults(channel, isolated, off[kept], sd[kept])
+    faults += _spikes_told(channel, isolated, off[kept], sd[kept])
     stuck, more = _stuck(channel, saturated)
     return np.asarray(isolated | saturated | stuck), [*faults, *more, *_coarse(channel, stuck)]
 
@@ -202,3 +205,174 @@ def _of_stamps(t: Array, stamps: StampQuality) -> list[DataFault]:
             where += f", in bursts: median step {1e3 * median:.3g} ms, mean {1e3 * stamps.period:.3g} ms"
         faults.append(DataFault("jitter", CHANNELS, stamps.off.size, where, stamps.jitter))
     return faults
+
+
+# ------------------------------------------------------------------------------------------------------ saturation
+# Readings that piled up at the largest value that there is, or at the smallest.
+
+_LEAST_PILE = 5
+_PILE = 3.0  # times what a smooth distribution has
+
+
+def _saturated(channel: ChannelReadings, spikes: Flags) -> tuple[Flags, list[DataFault]]:
+    """Readings at a limit, shape (N,), and what is told of them; spikes do not count."""
+    out, faults = np.zeros(spikes.size, np.bool_), []
+    for side in (1.0, -1.0):
+        at = _at_extreme(channel, side, spikes)
+        if np.any(at):
+            limit = float(channel.reading[np.argmax(at)])
+            where = f"at {limit:.6g}: " + stretches_in_words(channel.t, runs_of(at))
+            faults.append(DataFault("saturation", (channel.name,), int(np.sum(at)), where, limit))
+            out |= at
+    return out, faults
+
+
+def _at_extreme(channel: ChannelReadings, side: float, spikes: Flags) -> Flags:
+    """Readings that piled up at the largest value there is (`side` 1) or the smallest (-1); none if they did not.
+
+    A smooth distribution has about as many readings at its extreme value as at those just inside it, which are counted
+    over half a standard deviation of the noise.
+    """
+    extreme = _extreme(channel.reading, side, spikes)
+    tolerance = max(0.25 * channel.lattice, 1e-9 * abs(extreme))
+    at = np.zeros(spikes.size, np.bool_)
+    noise = float(np.median(channel.scales))
+    inside = 0
+    for rows in _parts(spikes.size):
+        x = side * channel.reading[rows]
+        at[rows] = (np.abs(x - extreme) <= tolerance) & ~spikes[rows]
+        inside += int(np.sum((x < extreme - tolerance) & (x > extreme - 0.5 * noise - tolerance)))
+    count, none = int(np.sum(at)), np.zeros(at.size, np.bool_)
+    if count < _LEAST_PILE:
+        return none
+    beyond = _beyond(channel, side, extreme, at)
+    if 2.0 * channel.lattice > noise:
+        # a few values make up all the noise, and the last of them may hold much of it: only a known input tells
+        least = 5.0 * noise + 3.0 * channel.lattice + 0.02 * abs(extreme)
+        at[at] = beyond > least
+        return at if np.sum(at) >= _LEAST_PILE else none
+    expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
+    if special.pdtrc(count - 1, expected) > FALSE / 1000.0:
+        return none
+    if len(runs_of(at)) <= 2 and not np.median(beyond) > -noise:
+        return none  # held, and nothing says that there was more to show
+    return at
+
+
+def _extreme(reading: Array, side: float, spikes: Flags) -> float:
+    """The largest reading that is no spike, or the smallest, negative, on side -1."""
+    if side > 0.0:
+        return float(np.max(reading, where=~spikes, initial=-np.inf))
+    return -float(np.min(reading, where=~spikes, initial=np.inf))
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Rows in parts, so that no copy of all is made."""
+    return (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
+
+
+def _beyond(channel: ChannelReadings, side: float, extreme: float, at: Flags) -> Array:
+    """By how much the readings to expect are beyond the extreme one, of those `at` it; NaN where unknown."""
+    known = ~np.isnan(channel.perfect)
+    count = int(np.count_nonzero(at))
+    if not np.any(known):
+        return np.full(count, np.nan)
+    bias = float(np.median(channel.error if known.all() else channel.error[known]))
+    expected = channel.perfect[at] if channel.perfect.size == at.size else np.broadcast_to(channel.perfect, (count,))
+    return np.asarray(side * (expected + bias) - extreme)
+
+
+# ---------------------------------------------------------------------------------------------------------- spikes
+# Isolated readings that are off, told from knocks, which ring and are felt along other axes too.
+
+SPIKE = 7.0  # standard deviations of one reading, from the median of it and its two neighbours
+_FELT = 3.0  # standard deviations
+_NEAR = 8  # readings on each side of a spike that are quiet
+_CHANCE_OF_POWERS = 0.05
+
+
+def _isolated(channel: ChannelReadings) -> tuple[NDArray[np.intp], Array, Array]:
+    """Readings that are off by themselves: their numbers, by how much, and the noise there; shape (spikes,) each.
+
+    What counts is the distance of a reading from the median of it and its neighbours. For white noise
+    P(∣d∣ > h σ) ≈ 0.034 exp(-h²/3), d that distance; 7 is enough up to half a million readings. Correlated noise has
+    less of it.
+    """
+    count = channel.error.size
+    most = max(SPIKE, float(np.sqrt(3.0 * np.log(0.034 * 6.0 * count / FALSE))))
+    s = channel.scales
+    around = np.maximum(s, np.maximum(np.append(s[1:], 0.0), np.append(0.0, s[:-1])))
+    around = np.maximum(around, np.median(s))
+    found = []
+    for first in range(1, count - 1, _AT_ONCE):
+        last = min(first + _AT_ONCE, count - 1)
+        off = _off_neighbours(channel.error[first - 1 : last + 1])
+        sd = quantisation.spread(around, channel.width, np.arange(first, last))
+        rows = np.flatnonzero(off > np.maximum(most * sd, 2.5 * channel.lattice))
+        alone = np.array([_is_isolated(channel, first + k, float(off[k]) / most) for k in rows.tolist()], np.bool_)
+        found.append((first + rows[alone], off[rows][alone], sd[rows][alone]))
+    numbers, sizes, sds = (np.concatenate(own) for own in zip(*found, strict=True))
+    return numbers, sizes, sds
+
+
+def _off_neighbours(e: Array) -> Array:
+    """Distance of each reading but the first and the last from the median of it and its neighbours."""
+    left, middle, right = e[:-2], e[1:-1], e[2:]
+    return np.abs(middle - np.clip(middle, np.minimum(left, right), np.maximum(left, right)))
+
+
+def _spikes_told(channel: ChannelReadings, spikes: Flags, sizes: Array, sd: Array) -> list[DataFault]:
+    """What is told of a channel's spikes.
+
+    `spikes`: which readings they are, shape (N,).
+    `sizes`, `sd`: distance of each spike from its neighbours and the noise there, SI, shape (spikes,).
+    """
+    if not sizes.size:
+        return []
+    where = times_in_words(channel.t[spikes]) + _powers(sizes, sd, channel.lsb or channel.lattice)
+    return [DataFault("spikes", (channel.name,), sizes.size, where, float(np.median(sizes)))]
+
+
+def _is_isolated(channel: ChannelReadings, k: int, sd: float) -> bool:
+    """Whether readings around reading k change by less than noise of `sd` does: a knock rings, a spike does not.
+
+    Where the input is known only the median change counts, for other spikes may be near. Where it is not, a hand may
+    have done it: each change counts, and a knock is felt along other axes too.
+    """
+    near = np.abs(_changes_beside(channel.error, k))
+    if not near.size:
+        return True
+    if not np.isnan(channel.perfect[k % channel.perfect.size]):
+        return bool(np.median(near) / 0.6745 < np.sqrt(2.0) * sd)
+    return bool(_rms(near) < np.sqrt(2.0) * sd) and not any(_is_knocked(x, k) for x in channel.others)
+
+
+def _is_knocked(x: Array, k: int) -> bool:
+    """Whether a channel beside moves at reading k, or next to it, by more than its noise does."""
+    change = np.abs(np.diff(x[max(0, k - 2) : k + 3]))
+    return bool(np.max(change) > _FELT * _rms(_changes_beside(x, k)))
+
+
+def _changes_beside(x: Array, k: int) -> Array:
+    """Differences of the readings before reading k, and of those after it."""
+    return np.concatenate([np.diff(x[max(0, k - _NEAR) : k]), np.diff(x[k + 1 : k + 1 + _NEAR])])
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _powers(sizes: Array, sd: Array, count: float) -> str:
+    """A word on spikes that are all powers of two of a count, where that is not by chance."""
+    if count <= 0.0:
+        return ""
+    power = np.rint(np.log2(sizes / count))
+    near = 3.0 * np.sqrt(1.5) * sd
+    if np.any(power < 1) or np.any(np.abs(sizes - 2.0**power * count) > near):
+        return ""
+    # of sizes spread evenly over an octave
+    chance = np.minimum(1.0, 2.0 * near / (2.0**power * count * np.log(2.0)))
+    if np.sum(np.log(chance)) > np.log(_CHANCE_OF_POWERS):
+        return ""
+    bits = sorted({int(p) for p in power})
+    return f"; bit flip: {', '.join(f'2^{bit}' for bit in bits)} counts"

@@ -127,12 +127,7 @@ def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> Ban
     if score < SIGNIFICANT or max(times, 1.0 / times) < RATIO:
         return None
     return BandLimit(
-        channel=name,
-        hz=hz,
-        sd_hz=_sd(grid, chi2 / scale, best),
-        spec_hz=expected,
-        ratio=ratio,
-        score=float(score),
+        channel=name, hz=hz, sd_hz=_sd(grid, chi2 / scale, best), spec_hz=expected, ratio=ratio, score=float(score)
     )
 
 

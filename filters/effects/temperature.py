@@ -43,11 +43,7 @@ class ThermalMemory:
 
 
 def history(
-    temperature: Array | None,
-    t: Array,
-    period: float,
-    edges: NDArray[np.int_],
-    before: ThermalMemory | None = None,
+    temperature: Array | None, t: Array, period: float, edges: NDArray[np.int_], before: ThermalMemory | None = None
 ) -> TemperatureHistory:
     """Temperature of a run's blocks, its rate, lagged temperatures and plays.
 

@@ -25,21 +25,11 @@ from filters.tracing.result import SeparatingExperiment
 from filters.tracing.screening import Screening
 from filters.tracing.selection import Selection
 from filters.tracing.stack import Stack
-from filters.tracing.trace_document import SEPARATES, LimitEntry, Status
+from filters.tracing.trace_document import SEPARATES, LimitEntry, RemainderEntry, Status
 
 REMAINDER = 1e-4 / 24.0  # probability below which a whitened residual is not white: 1e-4 over all channels and scales
 _SCALES_S = (1.0, 4.0, 16.0, 64.0)
 _DISPUTED, _RIVALS = 3, 4
-
-
-@dataclass(frozen=True, slots=True)
-class Remainder:
-    """A whitened residual that is not white: variance of its sums over a scale, over that of white noise."""
-
-    channel: int
-    scale_s: float
-    ratio: float
-    p: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +44,7 @@ class Assessment:
     heldout: HeldOutRun | None  # what nothing was fitted to
     # before and after, on the held-out run or within the runs, with all that the runs at hand chose
     errors: tuple[ErrorFigure, ...]
-    remainder: tuple[Remainder, ...]  # what is not explained
+    remainder: tuple[RemainderEntry, ...]  # what is not explained
     limits: tuple[LimitEntry, ...]  # of effects that were asked about
     experiment: SeparatingExperiment | None  # the run to make next
     seed: int  # of intervals and bands
@@ -121,15 +111,19 @@ def assess(
     )
 
 
-def _remainder(chosen: Selection, channels: Sequence[int]) -> list[Remainder]:
+def _remainder(chosen: Selection, channels: Sequence[int]) -> list[RemainderEntry]:
     """What white noise does not explain of what is left."""
     design, stack = chosen.design, chosen.design.stack
     scales = [max(1, round(s / stack.period)) for s in _SCALES_S]
-    found = []
+    found: list[RemainderEntry] = []
     for c in channels:
         white = np.where(stack.weight[:, c] > 0.0, design.residual(chosen.terms, c), np.nan)
         ratios = noise.variance_ratio(white, scales)
-        found += [Remainder(c, m * stack.period, ratio, p) for m, ratio, p in ratios if p < REMAINDER]
+        found += [
+            {"channel": CHANNELS[c], "scale_s": m * stack.period, "ratio": ratio, "p": p}
+            for m, ratio, p in ratios
+            if p < REMAINDER
+        ]
     return found
 
 
@@ -169,7 +163,7 @@ def status(assessment: Assessment, channel: int) -> Status:
     if any(channel in x.finding.channels for x in assessment.refuted):
         return "partial" if any(f.confirmed is not False for f in found) else "unexplained"
     drifts = channel in assessment.drifting
-    remains = any(r.channel == channel for r in assessment.remainder)
+    remains = any(r["channel"] == CHANNELS[channel] for r in assessment.remainder)
     if not found:
         if drifts:
             return "stochastic"

@@ -184,9 +184,7 @@ def _again(chosen: Selection, cleaned: Sequence[Blocks], left: Sequence[Blocks],
     """The design with residuals that lack lines, and noise as it is in what effects leave."""
     noisy = [replace(b, rough=own.rough, pairs=own.pairs) for b, own in zip(cleaned, left, strict=True)]
     return Design(
-        Stack.of([noise.counted(b) for b in noisy]),
-        like=chosen.design,
-        left=np.concatenate([own.y for own in left]),
+        Stack.of([noise.counted(b) for b in noisy]), like=chosen.design, left=np.concatenate([own.y for own in left])
     )
 
 
@@ -202,54 +200,35 @@ def _noise_changed(before: Design, after: Design, channels: Sequence[int]) -> bo
 # in what effects leave. What it leaves out: events of one run (tones, steps), which have no columns at the samples.
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """One effect on one channel with its parameters."""
-
-    hypothesis: Hypothesis
-    channel: int
-    theta: Array
-
-    def __call__(self, inputs: Inputs) -> Array:
-        return np.asarray(np.nan_to_num(self.hypothesis.columns(inputs, self.channel)) @ self.theta)
+_Said = Callable[[Inputs], Array]  # what one effect says of a channel at the instants of inputs, SI, shape (n,)
 
 
 def explained(blocks: Blocks, chosen: Selection) -> Array:
-    """What the selected effects add to a run's readings, SI, shape (N, 6).
-
-    `blocks`: of the run; any run, also one that nothing was fitted to.
-    """
-    parts = _parts(chosen)
+    """What the selected effects add to a run's readings, also one that nothing was fitted to; SI, shape (N, 6)."""
     out = np.zeros((blocks.run.t.size, len(CHANNELS)))
-    fast = [p for p in parts if not p.hypothesis.is_slow]
+    slow, fast = blocks.slow(), dict[int, list[_Said]]()
+    fit = chosen.fit()
+    for term, theta in zip(fit.terms, fit.theta, strict=True):
+        h = term.hypothesis
+        for c in () if isinstance(h, RunSpecific) else term.places:
+            said = _said(h, c, theta)
+            if h.is_slow:
+                out[:, c] += np.interp(blocks.run.begins + blocks.run.t, blocks.t, said(slow))
+            else:
+                fast.setdefault(c, []).append(said)
     if fast:
-        blocks.at_samples([(_on(fast, c), c) for c in sorted({p.channel for p in fast})], out)
-    slow = blocks.slow()
-    for p in parts:
-        if p.hypothesis.is_slow:
-            out[:, p.channel] += np.interp(blocks.run.begins + blocks.run.t, blocks.t, p(slow))
+        blocks.at_samples([(_total(fast[c]), c) for c in sorted(fast)], out)
     return out
+
+
+def _said(h: Hypothesis, channel: int, theta: Array) -> _Said:
+    return lambda inputs: np.asarray(np.nan_to_num(h.columns(inputs, channel)) @ theta)
+
+
+def _total(parts: Sequence[_Said]) -> _Said:
+    return lambda inputs: np.asarray(np.sum([said(inputs) for said in parts], axis=0))
 
 
 def without(run: Run, said: Array) -> Run:
     """A run whose readings lack what is said of them."""
     return replace(run, reading=run.reading - said)
-
-
-def _parts(chosen: Selection) -> list[_Part]:
-    fit = chosen.fit()
-    return [
-        _Part(term.hypothesis, c, theta)
-        for term, theta in zip(fit.terms, fit.theta, strict=True)
-        if not isinstance(term.hypothesis, RunSpecific)
-        for c in term.places
-    ]
-
-
-def _on(parts: Sequence[_Part], channel: int) -> Callable[[Inputs], Array]:
-    own = [p for p in parts if p.channel == channel]
-
-    def total(inputs: Inputs) -> Array:
-        return np.asarray(np.sum([p(inputs) for p in own], axis=0))
-
-    return total

@@ -1,29 +1,17 @@
 """The curve of a driver that was found, and the form that it proposes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
 
 from filters.channels import error_unit
 from filters.effects.drivers import Driver
+from filters.tracing.trace_document import DriverCurveEntry
 from filters.types import Array
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """Error over driver: x in the driver's unit, y and sd in deg/s or mg; relative to the first knot."""
-
-    driver: str
-    unit: str
-    x: Array
-    y: Array
-    sd: Array
-    y_unit: str
-
-
-def curve(driver: Driver, theta: Array, covariance: Array) -> Curve | None:
+def curve(driver: Driver, theta: Array, covariance: Array) -> DriverCurveEntry | None:
     """Curve with its standard deviations at the knots, or over the turn; None for a driver with one slope only."""
     y_unit, si = error_unit(driver.channel)
     if driver.kind == "hat":
@@ -39,10 +27,12 @@ def curve(driver: Driver, theta: Array, covariance: Array) -> Curve | None:
     else:
         return None
     sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", B, covariance, B), 0.0))
-    return Curve(driver.name, unit, x, B @ theta / si, sd / si, y_unit)
+    return {
+        "driver": driver.name, "unit": unit, "x": x.tolist(), "y": (B @ theta / si).tolist(), "sd": (sd / si).tolist(),
+        "y_unit": y_unit,
+    }  # fmt: skip
 
 
-Form = tuple[str, Callable[..., Array], int]
 _SHAPES: dict[str, tuple[Callable[[Array, float, float], Array], int]] = {
     "line": (lambda u, a, b: u, 1),
     "absolute value": (lambda u, a, b: np.abs(u - a), 2),
@@ -56,17 +46,17 @@ _SHAPES: dict[str, tuple[Callable[[Array, float, float], Array], int]] = {
 }
 
 
-def proposed_form(found: Curve) -> str:
+def proposed_form(found: DriverCurveEntry) -> str:
     """The simplest form that fits a curve, by BIC.
 
     Returns one of line, absolute value, quadratic, cubic, tanh, exponential, threshold, Gaussian bump, sine.
     """
-    span = max(float(np.ptp(found.x)), 1e-12)
-    u = 2.0 * (found.x - found.x.min()) / span - 1.0
-    sd = np.maximum(found.sd, 0.02 * max(float(np.ptp(found.y)), 1e-12))
+    x, y = np.array(found["x"]), np.array(found["y"])
+    u = 2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-12) - 1.0
+    sd = np.maximum(found["sd"], 0.02 * max(float(np.ptp(y)), 1e-12))
     best, name = np.inf, "line"
     for form, (shape, parameters) in _SHAPES.items():
-        chi2 = _least(shape, u, found.y, sd)
+        chi2 = _least(shape, u, y, sd)
         bic = chi2 + (parameters + 1) * np.log(u.size)
         if bic < best - 1e-9:
             best, name = bic, form

@@ -37,7 +37,9 @@ def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]
     if design.stack.begins.size < LEAST or not lasting:
         return {}
     own = [a for a in terms if isinstance(a.hypothesis, RunSpecific)]
-    parts = [_without(part, sum(a.size for a in lasting)) for part in _by_power_on(design, [*lasting, *own])]
+    # what is a power-on's own is fitted there
+    shared, theirs = np.split(np.arange(sum(a.size for a in (*lasting, *own))), [sum(a.size for a in lasting)])
+    parts = [_without(part, shared, theirs) for part in _by_power_on(design, [*lasting, *own])]
     whole = np.sum([A for A, _ in parts], axis=0), np.sum([b for _, b in parts], axis=0)
     rows = np.split(np.arange(len(whole[1])), first_parameters(lasting)[1:])
     everything = inverse_of(whole[0]) @ whole[1]
@@ -48,7 +50,7 @@ def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]
         left = _loss((A, b), inverse @ others[1])
         for a, mine in zip(lasting, rows, strict=True):
             rest = np.setdiff1d(np.arange(len(b)), mine)
-            told, theta = _own(A, mine, rest), everything[mine]
+            told, theta = _without((A, b), mine, rest)[0], everything[mine]
             if np.trace(inverse[np.ix_(mine, mine)] @ told) <= _UNKNOWN * a.size:
                 expected = float(theta @ told @ theta)
                 theta = np.zeros(len(b))
@@ -71,11 +73,11 @@ def _by_power_on(design: Design, terms: Sequence[Term]) -> list[_Normal]:
     return list(zip(A, b, strict=True))
 
 
-def _without(part: _Normal, first: int) -> _Normal:
-    """Normal equations without the parameters from one on, which are a power-on's own and are fitted there."""
+def _without(part: _Normal, kept: NDArray[np.int_], others: NDArray[np.int_]) -> _Normal:
+    """Normal equations of some parameters, the others fitted there."""
     A, b = part
-    cross = A[:first, first:] @ inverse_of(A[first:, first:])
-    return A[:first, :first] - cross @ A[first:, :first], b[:first] - cross @ b[first:]
+    cross = A[np.ix_(kept, others)] @ inverse_of(A[np.ix_(others, others)])
+    return A[np.ix_(kept, kept)] - cross @ A[np.ix_(others, kept)], b[kept] - cross @ b[others]
 
 
 def _difference(whole: _Normal, part: _Normal) -> _Normal:
@@ -84,12 +86,6 @@ def _difference(whole: _Normal, part: _Normal) -> _Normal:
     silent = np.diag(A) <= _ROUNDING * np.diag(whole[0])
     A[silent], A[:, silent], b[silent] = 0.0, 0.0, 0.0
     return A, b
-
-
-def _own(A: Array, mine: NDArray[np.int_], rest: NDArray[np.int_]) -> Array:
-    """What a power-on says of some parameters beside the rest."""
-    cross = A[np.ix_(mine, rest)]
-    return np.asarray(A[np.ix_(mine, mine)] - cross @ inverse_of(A[np.ix_(rest, rest)]) @ cross.T)
 
 
 def _loss(part: _Normal, theta: Array) -> float:

@@ -6,6 +6,7 @@ stays there in stretches without motion.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,17 +168,9 @@ def rests_of(run: Run) -> list[Run]:
 
 def _part(run: Run, first: int, last: int) -> Run:
     """Some samples of a run, with what it has for each of them."""
-    rows = slice(first, last)
-    return replace(
-        run,
-        t=run.t[rows],
-        reading=run.reading[rows],
-        temperature=None if run.temperature is None else run.temperature[rows],
-        angles=run.angles[rows],
-        rates=run.rates[rows],
-        flagged=None if run.flagged is None else run.flagged[rows],
-        attitude=None if run.attitude is None else run.attitude[rows],
-    )
+    own = ("t", "reading", "temperature", "angles", "rates", "flagged", "attitude")
+    parts: dict[str, Any] = {name: None if (x := getattr(run, name)) is None else x[first:last] for name in own}
+    return replace(run, **parts)
 
 
 def _quiet(run: Run) -> list[tuple[int, int]]:

@@ -8,8 +8,7 @@ from filters.effects.hypothesis import Hypothesis
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Step, Tone
 from filters.tracing import common_causes, driver_curve, sentence
-from filters.tracing.assessment import Assessment, Remainder, statuses
-from filters.tracing.driver_curve import Curve
+from filters.tracing.assessment import Assessment, statuses
 from filters.tracing.findings import Finding, Rival, fitted, fixed, parameters_of
 from filters.tracing.held_out_run import correction
 from filters.tracing.inclusion import included_effects
@@ -20,7 +19,6 @@ from filters.tracing.selection import Weak
 from filters.tracing.stack import Stack
 from filters.tracing.trace_document import (
     DriftEntry,
-    DriverCurveEntry,
     FindingEntry,
     IntegrityEntry,
     LineEntry,
@@ -141,7 +139,7 @@ def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntr
         "gain": f.gain,
         "heldout_gain": unseen_gain,
         "share_of_excess": f.share,
-        "driver_curve": None if curve is None else _driver_curve(curve),
+        "driver_curve": curve,
         "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
         "rivals": [_rival(r) for r in f.rivals],
         "include_as": "S" if isinstance(h, RunSpecific) else "A",
@@ -193,17 +191,6 @@ def _shape(name: str, value: float) -> ParameterEntry:
     return (
         fixed(base, value, units[unit]) if unit in units and base else fixed(name, value, "Hz" if name == "hz" else "1")
     )
-
-
-def _driver_curve(curve: Curve) -> DriverCurveEntry:
-    return {
-        "driver": curve.driver,
-        "unit": curve.unit,
-        "x": curve.x.tolist(),
-        "y": curve.y.tolist(),
-        "sd": curve.sd.tolist(),
-        "y_unit": curve.y_unit,
-    }
 
 
 def _same_band(a: Tone, b: Tone) -> bool:
@@ -292,8 +279,6 @@ def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:
     return entry
 
 
-def _remainder(x: Remainder, assessment: Assessment) -> RemainderEntry:
-    entry: RemainderEntry = {"channel": CHANNELS[x.channel], "scale_s": x.scale_s, "ratio": x.ratio, "p": x.p}
-    if (number := common_causes.number_of_drift(assessment.common, x.channel)) is not None:
-        entry["common"] = number
-    return entry
+def _remainder(x: RemainderEntry, assessment: Assessment) -> RemainderEntry:
+    number = common_causes.number_of_drift(assessment.common, CHANNELS.index(x["channel"]))
+    return x if number is None else {**x, "common": number}

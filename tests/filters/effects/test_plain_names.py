@@ -22,10 +22,7 @@ def test_no_code_name_stands_for_words_but_where_it_is_one() -> None:
         (plain_names.effect("nonlinearity_cubic"), "cubic nonlinearity"),
         (plain_names.driver("wy*fz"), "the rate about y times the specific force along z"),
         (plain_names.driver("angle_inner"), "the inner angle"),
-        (
-            plain_names.effect("driver:temperature*wx"),
-            "error is a function of temperature times the rate about x",
-        ),
+        (plain_names.effect("driver:temperature*wx"), "error is a function of temperature times the rate about x"),
     ],
 )
 def test_states_effects_and_drivers_have_words(made: str, words: str) -> None:

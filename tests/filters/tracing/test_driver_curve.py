@@ -7,7 +7,7 @@ import pytest
 
 from filters.channels import DPS, MG
 from filters.effects import drivers
-from filters.tracing.driver_curve import Curve, curve, proposed_form
+from filters.tracing.driver_curve import curve, proposed_form
 
 FORMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "line": lambda x: 0.3 * x,
@@ -26,7 +26,8 @@ def test_the_form_that_made_a_curve_is_proposed(form: str) -> None:
     sd = 0.02 * np.ptp(y)
     for seed in range(3):
         noise = np.random.default_rng(seed).standard_normal(x.size)
-        assert proposed_form(Curve("d", "K", x, y + sd * noise, np.full(x.size, sd), "mg")) == form
+        values = {"x": x.tolist(), "y": (y + sd * noise).tolist(), "sd": [sd] * x.size}
+        assert proposed_form({"driver": "d", "unit": "K", "y_unit": "mg", **values}) == form
 
 
 def basis(name: str, kind: str) -> drivers.Driver:
@@ -40,10 +41,10 @@ def test_a_curve_is_its_parameters_at_the_knots() -> None:
     covariance = np.diag((MG * 0.1 * np.arange(1.0, 8.0)) ** 2)
     made = curve(driver, theta, covariance)
     assert made is not None
-    assert made.y.tolist() == pytest.approx([0.0, 1, 2, 3, 4, 5, 6, 7])
-    assert made.sd.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
-    assert made.x.tolist() == pytest.approx(np.linspace(0.0, 8.0, 8).tolist())
-    assert (made.driver, made.unit, made.y_unit) == ("temperature", "degC", "mg")
+    assert made["y"] == pytest.approx([0.0, 1, 2, 3, 4, 5, 6, 7])
+    assert made["sd"] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+    assert made["x"] == pytest.approx(np.linspace(0.0, 8.0, 8).tolist())
+    assert (made["driver"], made["unit"], made["y_unit"]) == ("temperature", "degC", "mg")
 
 
 def test_a_curve_over_a_turn_is_its_harmonics() -> None:
@@ -52,9 +53,9 @@ def test_a_curve_over_a_turn_is_its_harmonics() -> None:
     theta[0], theta[len(driver.parameters) // 2 + 1] = 2.0 * DPS, 1.0 * DPS
     made = curve(driver, theta, np.zeros((len(driver.parameters),) * 2))
     assert made is not None
-    x = np.deg2rad(made.x)
-    assert np.allclose(made.y, 2.0 * np.sin(x) + np.cos(2.0 * x))
-    assert (made.x[0], made.x[-1]) == (-180.0, 180.0)
+    x = np.deg2rad(made["x"])
+    assert np.allclose(made["y"], 2.0 * np.sin(x) + np.cos(2.0 * x))
+    assert (made["x"][0], made["x"][-1]) == (-180.0, 180.0)
 
 
 def test_a_slope_has_no_curve() -> None:

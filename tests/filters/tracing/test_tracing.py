@@ -18,9 +18,9 @@ from filters.state import PAPER_SITE
 from filters.tracing.result import Trace
 from filters.tracing.trace import trace
 from filters.tracing.trace_document import TraceFindings
+from imutui.jobs.document_shape import problem
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-STATUSES = {"clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained"}
 METRICS = {"e10", "nis", "drift_10s", "drift_60s", "bias_prediction", "coverage", "gravity_norm", "gravity_direction"}
 
 
@@ -244,84 +244,20 @@ def test_sign_and_mounting_do_not_matter(axes: AxisMap) -> None:
     assert abs(k["value"] - 0.5) < 3.0 * k["sd"]
 
 
-NUMBER = (int, float)
-FIELDS: dict[str, dict[str, Any]] = {
-    "untestable": {"effect": str, "reason": str, "with": (str, type(None)), "rho": (float, type(None))},
-    "integrity": {"effect": str, "channels": list, "count": int, "where": str},
-    "lines": {"channels": list, "hz": float, "width_hz": float, "rms": float, "unit": str},
-    "noise_level": {"channels": list, "driver": str, "ratio": float},
-    "findings": {
-        "effect": str,
-        "label": str,
-        "channels": list,
-        "params": list,
-        "score": float,
-        "gain": float,
-        "heldout_gain": (float, type(None)),
-        "share_of_excess": (float, type(None)),
-        "driver_curve": (dict, type(None)),
-        "proposed_form": (str, type(None)),
-        "rivals": list,
-        "include_as": str,
-        "confirmed": (bool, type(None)),
-    },
-    "refuted": {
-        **dict.fromkeys(("effect", "label", "metric", "unit"), str),
-        "channels": list,
-        **dict.fromkeys(("after_with", "after_without"), float),
-    },
-    "common": {
-        **dict.fromkeys(("kind", "unit"), str),
-        "channels": list,
-        **dict.fromkeys(("coherence", "t_start_s", "t_end_s"), float),
-        "curve": dict,
-    },
-    "weak": {"effect": str, "channels": list, "params": list, "score": float, "limit": (float, type(None))},
-    "drift": {"channels": list, "kind": str, "tau_s": (float, type(None)), "level": float, "unit": str},
-    "remainder": {"channel": str, "scale_s": float, "ratio": float, "p": float},
-    "error": {
-        "metric": str,
-        "channel": str,
-        "unit": str,
-        **dict.fromkeys(("before", "after", "floor", "before_x_floor", "after_x_floor"), float),
-        "ci95": list,
-        "floor_band95": list,
-        "n": int,
-        "heldout": str,
-    },
-}
-
-
 def test_a_document_is_what_the_contract_says() -> None:
-    document = many(1).document
-    again = json.loads(json.dumps(document, allow_nan=False))
-    assert set(again) == {*FIELDS, "limits", "status", "sentence", "seed"} == set(TraceFindings.__annotations__)
-    for name, fields in FIELDS.items():
-        for entry in again[name]:
-            for field, kind in fields.items():
-                assert isinstance(entry[field], kind), (name, field, entry[field])
+    again = json.loads(json.dumps(many(1).document, allow_nan=False))
+    assert problem(again, TraceFindings, "trace", exact=True) == ""
     assert set(again["status"]) == set(CHANNELS)
-    assert set(again["status"].values()) <= STATUSES
     for f in again["findings"]:
         assert f["effect"] in catalogue.EFFECTS or f["effect"].startswith("driver:")
         assert set(f["channels"]) <= set(CHANNELS)
         assert f["include_as"] in "ANSP"
-        for p in f["params"]:
-            assert isinstance(p["name"], str)
-            assert isinstance(p["value"], NUMBER)
-            assert isinstance(p["sd"], (float, type(None)))
-            assert isinstance(p["unit"], str)
-            assert isinstance(p["plausible"], bool)
-        for r in f["rivals"]:
-            assert set(r) - {"weight"} == {"effect", "label", "score_difference"}
     for e in again["error"]:
         assert e["metric"] in METRICS
         assert len(e["ci95"]) == len(e["floor_band95"]) == 2
         assert e["floor_band95"][0] <= e["floor_band95"][1]
         assert e["after_x_floor"] == pytest.approx(e["after"] / e["floor"])
-    assert {"e10", "nis", "drift_10s", "drift_60s", "bias_prediction", "coverage"} <= {
-        e["metric"] for e in again["error"]
-    }
+    assert METRICS - {e["metric"] for e in again["error"]} == {"gravity_norm", "gravity_direction"}
 
 
 def test_an_effect_that_was_asked_for_has_its_limit_said() -> None:
