@@ -99,7 +99,9 @@ def _started(plan: Plan) -> Client:
 
 def _say_begun(plan: Plan, connection: Client) -> None:
     seen = connection.snapshot(since=NO_SERIES)
-    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(seen)}")
+    unit, rec = unit_in_words(seen["instrument"], seen["serial_number"]), seen["recording"]
+    to = rec["path"] if rec else "nothing"
+    say(f"acquisition {plan.name}, pid {connection.pid}, {unit} on {seen['port']}, recording to {to}")
     unsaid = not_said(seen["serial_number"], seen["firmware"])
     if unsaid is not None:
         say(unsaid)
@@ -173,11 +175,6 @@ def _line(s: Snapshot) -> str:
         seen = sum(b["observable"] for b in fit["biases"])
         parts.append(fit["waiting"] or f"{done} of {seen} biases converged")
     return " · ".join(parts) + "   (Ctrl+C finishes)"
-
-
-def _where(s: Snapshot) -> str:
-    unit, rec = unit_in_words(s["instrument"], s["serial_number"]), s["recording"]
-    return f"{unit} on {s['port']}, recording to {rec['path'] if rec else 'nothing'}"
 
 
 @contextlib.contextmanager

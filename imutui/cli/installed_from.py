@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 NAME = "imutui"
+SOURCE = Path(__file__).parents[2]
 
 
 def command_for(extra: str) -> str:
@@ -17,7 +18,7 @@ def command_for(extra: str) -> str:
     try:
         distribution = importlib.metadata.distribution(NAME)
     except importlib.metadata.PackageNotFoundError:  # run from a source folder that nothing was installed from
-        return shlex.join([*_installer(), f"{_source_folder()}[{extra}]"])
+        return shlex.join([*_installer(), f"{SOURCE}[{extra}]"])
     origin = json.loads(distribution.read_text("direct_url.json") or "{}")
     return shlex.join([*_installer(), *_what(origin, extra, _needed(distribution, extra))])
 
@@ -56,7 +57,3 @@ def _what(origin: dict[str, Any], extra: str, needed: list[str]) -> list[str]:
 def _needed(distribution: importlib.metadata.Distribution, extra: str) -> list[str]:
     marked = (requirement.partition(";") for requirement in distribution.requires or [])
     return [what.strip() for what, _, marker in marked if marker.replace('"', "'").strip() == f"extra == '{extra}'"]
-
-
-def _source_folder() -> Path:
-    return Path(__file__).parents[2]

@@ -37,7 +37,9 @@ def command(
     if file is None:
         if output is not None:
             raise fail(USAGE, '-o needs a profile to write: imutui profile "six positions, 30 s each" -o six.toml')
-        found = operator_steps.offers(_folders())
+        from imutui.config import load
+
+        found = operator_steps.offers([Path(), Path(load().text("paths.logs"))])
         answer([_row(offer) for offer in found], lambda: _listed(found), json=json)
         return
     offer = operator_steps.offer_of(file)
@@ -60,12 +62,6 @@ def _export(offer: "Offer", output: Path, force: bool) -> None:
     check_output(output, force)
     atomic_file.write(output, offer.text, overwrite=force)
     say(f"imutui: {output}: {offer.name}, {offer.segments} segments, joined by {offer.align}")
-
-
-def _folders() -> list[Path]:
-    from imutui.config import load
-
-    return [Path(), Path(load().text("paths.logs"))]
 
 
 def _row(offer: "Offer") -> dict[str, object]:

@@ -112,7 +112,9 @@ def _room(s: "Snapshot") -> str:
     parts = [f"free {s['free_bytes'] / 1e9:.1f} GB"] if s["free_bytes"] is not None else []
     rec = s["recording"]
     if rec is not None and rec["to_full_s"] is not None and rec["bytes_per_s"] is not None:
-        parts.append(f"full in {_until(rec['to_full_s'])} at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
+        left = rec["to_full_s"]
+        until = f"{left / 60.0:.0f} min" if left < _HOUR_S else f"{left / _HOUR_S:.1f} h"
+        parts.append(f"full in {until} at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
     if s["min_free_bytes"]:
         parts.append(f"recording leaves {s['min_free_bytes'] / 1e6:g} MB")
     if rec is not None and rec["part"] > 1:
@@ -122,10 +124,6 @@ def _room(s: "Snapshot") -> str:
     if limits:
         parts.append(f"another file after {' or '.join(limits)}")
     return ", ".join(parts)
-
-
-def _until(seconds: float) -> str:
-    return f"{seconds / 60.0:.0f} min" if seconds < _HOUR_S else f"{seconds / _HOUR_S:.1f} h"
 
 
 def _filter(s: "Snapshot") -> str:

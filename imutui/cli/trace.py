@@ -45,7 +45,11 @@ def command(
 
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
-    _check_outputs(output, report, logs, force)
+    # before minutes are spent on it
+    if output is not None:
+        check_output(output, force, *logs)
+    if report is not None:
+        check_folder(report, force, "--report")
     file, name = reference_of(reference)
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
@@ -66,14 +70,6 @@ def command(
     if report is not None:
         write_page(report, [traced.document])
     raise typer.Exit(FINDINGS if traced.damage else FINE)
-
-
-def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], force: bool) -> None:
-    """Refuse what cannot be written before minutes are spent on it."""
-    if output is not None:
-        check_output(output, force, *logs)
-    if report is not None:
-        check_folder(report, force, "--report")
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:

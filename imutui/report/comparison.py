@@ -17,6 +17,7 @@ from imutui.report.blocks import Article, Block, Column, Paragraph, Section, Tab
 from imutui.report.comparison_figures import Compared, Estimate, difference
 from imutui.report.identity import NOT_STATED, LogFacts
 from imutui.report.numbers import NOTHING, ORIGIN, plus_minus, three_digits
+from imutui.report.trace_glance import METRICS, status_words
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -83,7 +84,13 @@ def _who(names: Sequence[Compared], more: Sequence[tuple[str, ...]], headings: t
 
 def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Iterator[Section]:
     more = [
-        (d["filter"], d["reference"], _effects(d, c), sources.of_document(d).word)
+        # how many states of effects the filter had, and whether effects were taken out of the log before
+        (
+            d["filter"],
+            d["reference"],
+            str(len(d["effects"])) + ("; taken out of the log" if c.log.corrected_from else ""),
+            sources.of_document(d).word,
+        )
         for d, c in zip(documents, names, strict=True)
     ]
     blocks: list[Block] = [_who(names, more, ("Filter", "Reference", "States of effects", "Verdict"))]
@@ -100,11 +107,6 @@ def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
         (_bias_table(documents, names, related), *comparison_figures.of_replays(documents, names, related)),
     )
     yield Section("Noise beside each other", (_noise_table(documents, names),))
-
-
-def _effects(d: "ResultDocument", name: Compared) -> str:
-    """How many states the filter had, and whether effects were taken out of the log before."""
-    return str(len(d["effects"])) + ("; taken out of the log" if name.log.corrected_from else "")
 
 
 def _readings(d: "ResultDocument", name: Compared) -> str:
@@ -212,32 +214,22 @@ def _error_table(documents: Sequence[TraceDocument], names: Sequence[Compared]) 
     columns = (Column("Of"), Column("Result", "code"), Column("Status"), Column("Before", "number"),
                Column("After", "number"), Column("After / floor", "number"))  # fmt: skip
     rows = []
-    for metric, channel, label in _error_rows(documents):
+    metrics = {e["metric"] for d in documents for e in d["error"]}
+    # gravity where units were turned by hand
+    of: list[tuple[str, str | None]] = [*(("e10", channel) for channel in CHANNELS)]
+    of += [(metric, None) for metric in ("gravity_norm", "gravity_direction") if metric in metrics]
+    for metric, channel in of:
         for d, name in zip(documents, names, strict=True):
             error = next((e for e in d["error"] if e["metric"] == metric and e["channel"] == channel), None)
-            status = NOTHING if channel is None else str(d["status"].get(channel, NOTHING)).replace("_", " ")
-            figures = (
-                (NOTHING, NOTHING, NOTHING)
-                if error is None
-                else (
-                    _with_interval(error["before"], error["before_ci95"], error["unit"]),
-                    _with_interval(error["after"], error["ci95"], error["unit"]),
-                    three_digits(error["after_x_floor"]),
-                )
-            )
-            rows.append((label, name.mark, status, *figures))
+            status = NOTHING if channel is None else status_words(d["status"].get(channel, NOTHING))
+            figures = (NOTHING, NOTHING, NOTHING) if error is None else (
+                _with_interval(error["before"], error["before_ci95"], error["unit"]),
+                _with_interval(error["after"], error["ci95"], error["unit"]),
+                three_digits(error["after_x_floor"]),
+            )  # fmt: skip
+            rows.append((channel or METRICS[metric], name.mark, status, *figures))
     caption = "Error of 10 s means after the bias was taken over 60 s, with 95 % intervals."
     return Table(columns, tuple(rows), caption)
-
-
-def _error_rows(documents: Sequence[TraceDocument]) -> list[tuple[str, str | None, str]]:
-    """Metric, channel and heading: every channel, and gravity where units were turned by hand."""
-    metrics = {e["metric"] for d in documents for e in d["error"]}
-    gravity = (("gravity_norm", "magnitude of gravity"), ("gravity_direction", "direction of gravity"))
-    return [
-        *(("e10", channel, channel) for channel in CHANNELS),
-        *((metric, None, label) for metric, label in gravity if metric in metrics),
-    ]
 
 
 def _with_interval(value: float | None, interval: Sequence[float], unit: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from filters import specification
-from imutui.jobs.campaign.summary_document import ChannelField, GroupField, SummaryDocument
+from imutui.jobs.campaign.summary_document import GroupField, SummaryDocument
 from imutui.jobs.quantities import plural
 from imutui.logbook import json_text
 from imutui.report import figures, fleet_figures, fleet_sentences, html, identity, plain, wrapping
@@ -83,24 +83,16 @@ def _fleet(group: GroupField, document: SummaryDocument, extent: Extent) -> Iter
     if told := [*told, *fleet_sentences.omissions(group)]:
         yield Items(tuple(told))
     rows = tuple(
-        (
-            str(n),
-            unit["serial_number"],
-            str(unit["power_ons"]),
-            str(unit["logs"]),
-            _from_to(unit["first_utc"], unit["last_utc"]),
-        )
+        (str(n), unit["serial_number"], str(unit["power_ons"]), str(unit["logs"]),
+         fleet_sentences.from_to(first, last) if (first := unit["first_utc"]) and (last := unit["last_utc"])
+         else identity.NOT_STATED)
         for n, unit in enumerate(group["units"][: extent.most], 1)
-    )
+    )  # fmt: skip
     if rows and extent.is_page:
         columns = (Column("No.", "number"), Column("Unit", "code"), Column("Power-ons", "number"),
                    Column("Logs", "number"), Column("Recorded, UTC"))  # fmt: skip
         more = f" The first {len(rows)} of {len(group['units'])}. {extent.others}"
         yield Table(columns, rows, "Units by serial number." + (more if len(group["units"]) > len(rows) else ""))
-
-
-def _from_to(first: str | None, last: str | None) -> str:
-    return fleet_sentences.from_to(first, last) if first and last else identity.NOT_STATED
 
 
 def _days(group: GroupField, extent: Extent) -> Iterator[Block]:
@@ -120,8 +112,12 @@ def _parts(group: GroupField, extent: Extent) -> Iterator[Block]:
         else (Column("Between units", "number"), Column("Between days", "number"))
     )
     columns = (Column("Channel", "code"), Column("Unit"), Column("Mean of the model", "number"), *between)
-    rows = tuple((one["channel"], one["unit"], fleet_sentences.value(one["model"]), *_spreads(one, together))
-                 for one in group["channels"])  # fmt: skip
+    parts = ("together",) if together else ("between_units", "between_power_ons")
+    rows = tuple(
+        (one["channel"], one["unit"], fleet_sentences.value(one["model"]),
+         *(fleet_sentences.component(one[part]) for part in parts))  # type: ignore[literal-required]
+        for one in group["channels"]
+    )  # fmt: skip
     caption = (
         "Mean ± sd of the model's biases, and the standard deviations of units about the model and of power-ons about"
         " their unit, each with its interval of 95 %. An interval that begins at 0 does not tell a part from none."
@@ -132,11 +128,6 @@ def _parts(group: GroupField, extent: Extent) -> Iterator[Block]:
     if extent.is_page and (figure := fleet_figures.units(group)):
         yield figure
         yield _own(group)
-
-
-def _spreads(one: ChannelField, together: bool) -> tuple[str, ...]:
-    parts = (one["together"],) if together else (one["between_units"], one["between_power_ons"])
-    return tuple(fleet_sentences.component(part) for part in parts)
 
 
 def _own(group: GroupField) -> Table:

@@ -4,7 +4,7 @@ import textwrap
 
 from imutui.jobs.info import Brief
 from imutui.jobs.quantities import plural
-from imutui.plain_text import in_line
+from imutui.plain_text import cut, in_line
 from imutui.report.numbers import NOTHING, ORIGIN
 
 _HEADS = ("name", "start, UTC", "length", "unit", "Hz", "lost", "kind", "state")
@@ -31,8 +31,9 @@ def text(folder: str, logs: list[Brief], width: int | None) -> str:
     lines = [f"{in_line(folder)}: {plural(len(logs), 'log')}, newest first", ""]
     lines.append((_line([*_HEADS], widths, between) + (f"{between}note" if beside else "")).rstrip())
     for log, line in zip(logs, cells, strict=True):
-        note = _note(log)
-        lines.append((_line(line, widths, between) + (between + _cut(note, left) if beside and note else "")).rstrip())
+        # the note as it was said last
+        note = log.note if log.added_note is None else f"{log.added_note or 'none'} (added later)"
+        lines.append((_line(line, widths, between) + (between + cut(note, left) if beside and note else "")).rstrip())
         if note and not beside:
             lines += textwrap.wrap(note, room, initial_indent="    ", subsequent_indent="    ")
     return "\n".join(lines)
@@ -59,21 +60,12 @@ def unit(instrument: str, serial_number: str) -> str:
     return in_line(f"{model} {serial_number}".strip())
 
 
-def _note(log: Brief) -> str:
-    """The note as it was said last."""
-    return log.note if log.added_note is None else f"{log.added_note or 'none'} (added later)"
-
-
 def _line(cells: list[str], widths: list[int], between: str) -> str:
     made = []
     for head, cell, width in zip(_HEADS, cells, widths, strict=True):
         cell = cell if len(cell) <= width else "…" + cell[1 - width :]
         made.append(cell.rjust(width) if head in _RIGHT else cell.ljust(width))
     return between.join(made)
-
-
-def _cut(note: str, width: int) -> str:
-    return note if len(note) <= width else note[: width - 1] + "…"
 
 
 def _clock(seconds: float | None) -> str:

@@ -204,9 +204,9 @@ def after_replay(d: "ResultDocument") -> list[str]:
             "Do not use a bias that has not converged: record longer, with the unit warmed up. A bias that keeps moving"
             f" follows something; `imutui trace {log}` looks for what it is."
         )
-    if d.get("unobservable"):
+    if hidden := ", ".join(d.get("unobservable", [])).replace("_bias", " bias").replace("_", " "):
         told.append(
-            f"To see {', '.join(_plain(name) for name in d['unobservable'])} as well, record on a table whose attitude"
+            f"To see {hidden} as well, record on a table whose attitude"
             " is known (`--reference level`, or a table profile)."
         )
     told += [f"{sentence}: another motion tells them apart." for sentence in d.get("confounded", [])]
@@ -216,7 +216,3 @@ def after_replay(d: "ResultDocument") -> list[str]:
             " and supply."
         )
     return told
-
-
-def _plain(name: str) -> str:
-    return name.replace("_bias", " bias").replace("_", " ")

@@ -203,18 +203,15 @@ def of_drivers(curves: Sequence[DriverCurve]) -> list[Figure]:
             label: dict.fromkeys(c.channel for c in own if c.label == label) for label in (c.label for c in own)
         }
         which = "; ".join(f"{' '.join(of)}: {label}" for label, of in channels.items())
+        has_past = any((np.diff(line.x) < 0.0).any() for c in own for line in c.lines)
         caption = (
             f"{which}. A line is what was fitted, the band two standard deviations wide on each side, both relative to"
             " the mean. Points are the residual before correction, but without the channel's other effects; a run's"
-            f" bias is free.{_REMEMBERED if any(_has_past(c) for c in own) else ''}"
+            f" bias is free.{_REMEMBERED if has_past else ''}"
             f"{'' if name == 'temperature' else _NOT_CHANGING}"
         )
         made.append(Figure(name, title, caption, tuple(Panel(c.channel, partial(_curve, c=c)) for c in own)))
     return made
-
-
-def _has_past(c: DriverCurve) -> bool:
-    return any((np.diff(line.x) < 0.0).any() for line in c.lines)
 
 
 def _curve(ax: "Axes", c: DriverCurve) -> None:

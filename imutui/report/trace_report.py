@@ -50,7 +50,7 @@ def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield from (Paragraph(sentence) for sentence in log.missing)
-    if _by_hand(d):
+    if all(run.get("reference") == "turned" for run in d["runs"]):
         yield Paragraph(
             "There is no residual over time: of a unit that was turned by hand the motion between rests is not known."
             " The errors above are those of its rests and turns."
@@ -60,10 +60,6 @@ def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
             "This result has no curves of the residual: it was made by an older imutui. `imutui trace` with the same"
             " logs makes them."
         )
-
-
-def _by_hand(d: TraceDocument) -> bool:
-    return all(run.get("reference") == "turned" for run in d["runs"])
 
 
 def _method(d: TraceDocument) -> Iterator[Block]:
