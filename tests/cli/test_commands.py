@@ -109,14 +109,6 @@ def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable
     assert all(1.0 < n < 4.5 for n in result["noise"]["gyro_arw_deg_sqrt_h"])
 
 
-def test_the_wrong_sign_of_a_level_recording_is_refused_with_both_cures(home: Path) -> None:
-    source = still(home / "a.npz", 5.0)
-    done = imutui("import", str(source), "-o", "a.mcap", "--accel-sign", "+1", check=3)
-    assert "--accel-sign -1" in done.stderr
-    assert "--mount x,-y,-z" in done.stderr
-    assert not (home / "a.mcap").exists()
-
-
 def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
     result = replayed(home / "a.mcap", "-o", "est.mcap", "--estimates", "10")

@@ -217,31 +217,3 @@ def test_no_sample_is_left_out(tracer: Tracer, home: Path) -> None:
     imported(home / "a.mcap", given)
     run("a.mcap")
     assert np.array_equal(seen[0].t, given["t"])
-
-
-FIELDS = (
-    "version runs untestable integrity lines noise_level findings weak drift remainder status separating_experiment"
-    " error sentence seed library"
-)
-
-
-def test_a_thermal_slope_is_found_from_recordings_to_effects(home: Path) -> None:
-    for n, (start, change) in enumerate([(20.0, 12.0), (33.0, -10.0), (24.0, 8.0)]):
-        given = arrays(420.0, 10.0, moving=False, seed=n)
-        t = given["t"]
-        given["temp"] = start + change * (1.0 - np.exp(-t / 120.0)) * (1.0 + 0.3 * np.sin(t / 50.0))
-        given["gyro"][:, 1] += 0.02 * (given["temp"] - 25.0)
-        imported(home / f"{n}.mcap", given, kind="simulated")
-    done = run("0.mcap", "1.mcap", "2.mcap", "--json", "-o", "effects.toml")
-    result = json.loads(done.stdout)
-    assert set(FIELDS.split()) <= set(result)
-    assert result["status"]["gy"] in ("explained", "confounded")
-    (found,) = (f for f in result["findings"] if f["channels"] == ["gy"])
-    assert found["effect"] == "thermal_lin"
-    assert found["params"][0]["value"] == pytest.approx(0.02, rel=0.05)
-    assert found["params"][0]["unit"] == "deg/s/K"
-    effects = tomllib.loads((home / "effects.toml").read_text())["effect"]
-    assert [(e["effect"], e["channels"], e["include_as"]) for e in effects] == [("thermal_lin", ["gy"], "A")]
-    text = run("0.mcap", "1.mcap", "2.mcap").stdout
-    assert "follows temperature" in text
-    assert "to which nothing was fitted" in " ".join(text.split())
