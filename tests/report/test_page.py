@@ -16,11 +16,13 @@ from filters.multiposition import choice
 from filters.tracing import selection
 from filters.tracing.result import RunSeries
 from imutui.jobs import driver_curves, residuals
-from imutui.jobs.driver_curves import DriverCourse
+from imutui.jobs.driver_curves import DriverCourse, DriverCurve
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     axes,
     figures,
+    filter_figures,
+    fleet_figures,
     how_to_apply,
     html,
     identity,
@@ -422,3 +424,33 @@ def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
     table = made.sections[2].blocks[0]
     assert isinstance(table, Table)
     assert {row[2] for row in table.rows if row[1].startswith("B")} == {"not found"}
+
+
+@pytest.fixture
+def ax() -> Any:
+    """A pair of axes, to see what is drawn on it."""
+    return pytest.importorskip("matplotlib.figure").Figure().add_subplot()
+
+
+def test_a_band_is_cut_where_its_line_turns_back(ax: Any) -> None:
+    """It would lie over itself there."""
+    line = driver_curves.Line(np.array([0.0, 1.0, 2.0, 1.0, 0.0]), np.arange(5.0), np.full(5, 0.1))
+    trace_figures._curve(ax, DriverCurve("ax", "lags", "mg", "temperature", "°C", (line,), ()))
+    bands = [band.get_paths()[0].vertices[:, 0] for band in ax.collections]
+    assert [(band.min(), band.max()) for band in bands] == [(0.0, 2.0)] * 2
+    assert {len(band) for band in bands} == {9}, "three points there and back"
+
+
+@pytest.mark.parametrize(("days", "sign"), [(2.5, ":"), (3.5, "2026-")])
+def test_a_control_chart_has_times_of_a_day_where_dates_would_be_few(ax: Any, days: float, sign: str) -> None:
+    fleet_figures._dates(ax, 20500.0 + np.array([0.0, days]))
+    assert all(sign in label.get_text() for label in ax.get_xticklabels())
+
+
+def test_limits_show_estimates_and_the_bands_that_are_not_of_the_beginning() -> None:
+    value, half = np.linspace(0.0, 1.0, 20)[:, None], np.full((20, 1), 2.0)
+    half[0] = 100.0
+    low, high = filter_figures._room(value, half) or (0.0, 0.0)
+    assert (low, high) == pytest.approx(
+        (-2.0 + 2.0 / 19.0 - 0.05 * (5.0 - 2.0 / 19.0), 3.0 + 0.05 * (5.0 - 2.0 / 19.0))
+    )
