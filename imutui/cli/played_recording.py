@@ -55,6 +55,7 @@ class PlayedReadings:
     Slower recordings are held between samples, so that every reading was really made; faster ones are averaged
     over the unit's period. The recording ends; the unit is then silent.
 
+    `t`: s, shape (N,), increasing.
     `values`: deg/s and g, instrument axes, shape (N, 6).
     `degc`: shape (N,).
     `rate_hz`: rate of the unit's loop.

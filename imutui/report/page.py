@@ -69,11 +69,12 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
     results = [story.result for story in stories]
     contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else results) + "\n").encode()
-    for prefix, article in _prefixed(made, len(results)):
+    articles = list(_prefixed(made, len(results)))
+    for prefix, article in articles:
         contents |= figures.files(article, prefix)
-    for number, story in enumerate(stories, 1):
-        prefix = "" if len(stories) == 1 else f"{number}-"
-        contents |= {prefix + name: text.encode("utf-8", "replace") for name, text in _beside(story).items()}
+    for (prefix, article), result in zip(articles[-len(results) :], results, strict=True):
+        texts = {prefix + name: text for name, text in _beside(article, result).items()}
+        contents |= {name: text.encode("utf-8", "replace") for name, text in texts.items()}
     contents[REPORT] = b""
     contents[REPORT] = (json_text.dumps(_document(made, len(results), list(contents))) + "\n").encode()
     folder.mkdir(parents=True, exist_ok=True)
@@ -139,20 +140,14 @@ def _article(story: Story) -> Article:
     return replay_report.article(story.result, story.log)
 
 
-def _beside(story: Story) -> dict[str, str]:
-    d = story.result
+def _beside(article: Article, result: Any) -> dict[str, str]:
+    """Texts of the files of a result by name: how to apply it, courses of common causes, the separating experiment."""
     made: dict[str, str] = {}
-    for section in _article(story).sections:
+    for section in article.sections:
         if section.title == how_to_apply.TITLE:
             made |= how_to_apply.files(section.blocks)
-    if "findings" in d:
-        made |= _of_trace(cast("TraceDocument", d))
-    return made
-
-
-def _of_trace(d: TraceDocument) -> dict[str, str]:
-    made = {trace_tables.common_file(n): course(entry) for n, entry in enumerate(d.get("common", []), 1)}
-    experiment = d.get("separating_experiment")
+    made |= {trace_tables.common_file(n): course(entry) for n, entry in enumerate(result.get("common", []), 1)}
+    experiment = result.get("separating_experiment")
     if experiment and experiment.get("profile"):
         made[trace_report.EXPERIMENT] = experiment["profile"]
     return made
