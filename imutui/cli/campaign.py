@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, say, show_progress
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, lacking, say, show_progress
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
 from imutui.cli.report import check_folder
 
@@ -121,16 +121,12 @@ def _rows_in(results: Path) -> str:
 
 
 def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
-    from imutui.cli.installed_from import command_for
     from imutui.jobs.campaign import cluster, local
 
     if address is None:
         return local.Processes(workers or len(os.sched_getaffinity(0)))
     if not cluster.available():
-        how = command_for("cluster")
-        raise fail(
-            USAGE, f"--cluster takes dask.distributed, which is not installed here. Type this, then again: {how}"
-        )
+        raise lacking("--cluster takes dask.distributed", "cluster")
     return cluster.Cluster(address, found.root, lambda text: say(f"imutui: {text}"))
 
 

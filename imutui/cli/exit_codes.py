@@ -73,6 +73,18 @@ def fail(code: int, message: str) -> typer.Exit:
     return typer.Exit(code)
 
 
+def lacking(what: str, extra: str) -> typer.Exit:
+    """Print that a library is not installed, and what to type; returns what to raise.
+
+    `what`: what needs which library, in words.
+    `extra`: of pyproject.toml, that has it.
+    """
+    from imutui.cli.installed_from import command_for
+
+    how = f"Type this, then the same command again:\n\n    {command_for(extra)}\n"
+    return fail(USAGE, f"{what}, which is not installed here. {how}")
+
+
 def refuse_existing(path: Path, force: bool, other: str = "name another file with -o") -> None:
     """Raise the exit for a file that exists and may not be replaced; `other` is what else the user can do."""
     if path.is_dir():

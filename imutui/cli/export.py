@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, say, show_progress
+from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, lacking, say, show_progress
 from imutui.cli.options import End, Force, Json, Start
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ def command(
         said = f'--format is "{form}"' if form else f"{output} does not say the format, and --format is not given"
         raise fail(USAGE, f"{said}; it is one of {', '.join(job.FORMATS)}.")
     if (extra := job.lacks(kind)) is not None:
-        from imutui.cli.installed_from import command_for
-
-        raise fail(USAGE, f"Parquet needs pyarrow, which is not installed. Type: {command_for(extra)}")
+        raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
     wanted = job.Export(log, output, kind, topic, start, end, force)
     try:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.exit_codes import USAGE, fail, print_json, refuse_existing, say, show_progress
+from imutui.cli.exit_codes import USAGE, fail, lacking, print_json, refuse_existing, say, show_progress
 from imutui.cli.options import Force, Json
 
 if TYPE_CHECKING:
@@ -73,15 +73,10 @@ def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path],
 
 def check_folder(folder: Path, force: bool, option: str) -> None:
     """Refuse what cannot be made before minutes are spent on it: no library to draw with, a folder that is taken."""
-    from imutui.cli.installed_from import command_for
     from imutui.report import figures
 
     if not figures.available():
-        raise fail(
-            USAGE,
-            "a page has figures, which are drawn with matplotlib, and that is not installed here. Type this, then the"
-            f" same command again:\n\n    {command_for('report')}\n",
-        )
+        raise lacking("a page has figures, drawn with matplotlib", "report")
     if folder.exists() and not folder.is_dir():
         raise fail(USAGE, f"{folder} is a file; {option} names a folder.")
     from imutui.report import page

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.cli.exit_codes import USAGE, fail, say
+from imutui.cli.exit_codes import lacking, say
 from imutui.config import DEFAULTS, Config
 from imutui.session.plan import Plan
 
@@ -88,16 +88,10 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
 
 def check_stream(plan: Plan) -> None:
     """Refuse a stream that lacks its library, and say of one that others than this computer can reach that it is so."""
-    from imutui.cli.installed_from import command_for
-
     if not plan.foxglove_port:
         return
     if importlib.util.find_spec("foxglove") is None:
-        raise fail(
-            USAGE,
-            "a stream for Foxglove needs foxglove-sdk, which is not installed here. Type this, then the same command"
-            f" again:\n\n    {command_for('live')}\n",
-        )
+        raise lacking("a stream for Foxglove needs foxglove-sdk", "live")
     if not _is_loopback(plan.foxglove_host):
         say(
             f"imutui: the stream for Foxglove is served at {plan.foxglove_host}, port {plan.foxglove_port}: whoever"
