@@ -38,13 +38,10 @@ def command(
     check_output(output, force, log)
     content = effects_file.from_file(effects)
     file, kind = reference_of(reference)
-    try:
-        made = job.apply(
-            log, content, output, reference=file, kind=kind if file is None else None, overwrite=force,
-            mode=config.load().file_mode, progress=lambda share: progress(share, str(log)),
-        )  # fmt: skip
-    finally:
-        progress(1.0, "")
+    made = job.apply(
+        log, content, output, reference=file, kind=kind if file is None else None, overwrite=force,
+        mode=config.load().file_mode, progress=lambda share: progress(share, str(log)),
+    )  # fmt: skip
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is corrected.")
     if made.other_unit:

@@ -1,15 +1,11 @@
 """`imutui devices`."""
 
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 from imutui.cli.exit_codes import FINDINGS, FINE, answer, show_progress
 from imutui.cli.options import Json
-
-if TYPE_CHECKING:
-    from imutui.session.snapshot import ProbeAnswer
-
 
 Entry: TypeAlias = dict[str, Any]
 """Of the JSON: a port, and what answers there if it was asked (`session.snapshot.ProbeAnswer`); or an acquisition."""
@@ -38,19 +34,11 @@ def command(
     found: list[Entry] = [{"port": name, "description": known[name]} for name in known if not ports or name in ports]
     found += [{"port": name, "description": ""} for name in ports or () if name not in known]
     if probe or ports:
-        found = [entry | _probed(entry["port"]) for entry in found]
+        for entry in found:
+            show_progress(f"asking {entry['port']}")
+            entry.update(client.probe(entry["port"]))
     answer({"version": 1, "ports": found, "acquisitions": running}, lambda: _text(found, running), json=json)
     raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)
-
-
-def _probed(port: str) -> "ProbeAnswer":
-    from imutui.session import client
-
-    show_progress(f"asking {port}")
-    try:
-        return client.probe(port)
-    finally:
-        show_progress("")
 
 
 def _running() -> list[Entry]:

@@ -35,11 +35,9 @@ def over(
             document = job(log, progress)
         except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
             wrong, words = in_words(error)
-            progress(1.0, "")
             say(f"imutui: {words}")
             code = max(code, wrong)
             continue
-        progress(1.0, "")
         code = max(code, FINE if fine(document) else FINDINGS)
         if not json:
             tell(("\n" if documents else "") + text(document, width()))

@@ -51,8 +51,6 @@ def command(
         raise fail(
             USAGE, f"{error.filename} exists and is left as it is. --force replaces it, or name another file with -o."
         ) from None
-    finally:
-        show_progress("")
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
     reference = None if made.reference is None else str(made.reference)

@@ -30,10 +30,6 @@ def command(
     from imutui.report.logs import recover_text
 
     check_output(output, force, log)
-    mode = config.load().file_mode
-    try:
-        document = recover(log, output, force, progress, mode)
-    finally:
-        progress(1.0, "")
+    document = recover(log, output, force, progress, config.load().file_mode)
     answer(document, lambda: recover_text(document, width()), json=json)
     raise typer.Exit(FINE if document["complete"] else FINDINGS)

@@ -99,7 +99,6 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     for number, outcome in enumerate(each(partial(_one, options=options), logs), 1):
         show_progress(f"{number} of {len(logs)} logs")
         yield outcome
-    show_progress("")
 
 
 def _one(log: Path, options: Any, show: Any = None) -> Any:

@@ -63,8 +63,6 @@ def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path],
         written.append(page.print_page(written[0], folder / page.PRINT))
     except page.PrintError as error:
         notes.append(f"no PDF: {error}")
-    finally:
-        show_progress("")
     for note in notes:
         say(f"imutui: {note}")
     say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")

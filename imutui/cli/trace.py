@@ -54,10 +54,7 @@ def command(
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
     )
-    try:
-        traced = trace(logs, options, progress)
-    finally:
-        progress(1.0, "")
+    traced = trace(logs, options, progress)
     for sentence in traced.damage:
         say(f"imutui: {sentence}")
     answer(

@@ -19,7 +19,7 @@ from helpers.paths import SAMPLE
 from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
-from imutui.cli import COMMANDS, each_log, status
+from imutui.cli import COMMANDS, each_log, exit_codes, status
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields, encode
 from imutui.logbook import schemas
@@ -68,13 +68,17 @@ def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) ->
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+def test_progress_is_shown_on_a_terminal_until_something_is_said_and_nowhere_else(
+    monkeypatch: pytest.MonkeyPatch, is_terminal: bool
+) -> None:
     screen = StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: is_terminal)
     monkeypatch.setattr(sys, "stderr", screen)
     each_log.progress(0.25, "sample.mcap")
-    assert (" 25 %  sample.mcap" in screen.getvalue()) == is_terminal
-    assert bool(screen.getvalue()) is is_terminal
+    exit_codes.say("done")
+    exit_codes.say("and more")
+    shown = "\r\x1b[K 25 %  sample.mcap\r\x1b[K" if is_terminal else ""
+    assert screen.getvalue() == f"{shown}done\nand more\n"
 
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
