@@ -68,7 +68,7 @@ def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) ->
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_progress_is_shown_on_a_terminal_until_something_is_said_and_nowhere_else(
+def test_progress_is_shown_on_a_terminal_until_the_next_word(
     monkeypatch: pytest.MonkeyPatch, is_terminal: bool
 ) -> None:
     screen = StringIO()
