@@ -24,7 +24,7 @@ def say(text: str) -> None:
     """Print a message on stderr; what it quotes from outside does nothing to the terminal, and is not endless."""
     from imutui.plain_text import MESSAGE_LIMIT, cut, visible
 
-    _end_progress()
+    show_progress("")
     print(visible(cut(text, MESSAGE_LIMIT)), file=sys.stderr, flush=True)
 
 
@@ -32,7 +32,7 @@ def tell(text: str) -> None:
     """Print text for people on stdout; what it quotes from outside does nothing to the terminal."""
     from imutui.plain_text import visible
 
-    _end_progress()
+    show_progress("")
     print(in_signs(visible(text)))
 
 
@@ -58,26 +58,21 @@ def print_json(document: Document) -> None:
     """Print a document on stdout."""
     from imutui.logbook.json_text import dumps
 
-    _end_progress()
+    show_progress("")
     print(dumps(document))
 
 
-_is_shown = False  # whether the cursor is behind a text of `show_progress`
+_shown = ""  # what `show_progress` has put into the line that the cursor is in
 
 
 def show_progress(text: str) -> None:
     """Replace the line that the cursor is in, until something else is said; on a terminal only."""
-    global _is_shown
+    global _shown
     from imutui.plain_text import in_line
 
-    if sys.stderr.isatty():
+    if text != _shown and sys.stderr.isatty():
         print(f"\r\x1b[K{in_line(text)}", end="", file=sys.stderr, flush=True)
-        _is_shown = bool(text)
-
-
-def _end_progress() -> None:
-    if _is_shown:
-        show_progress("")
+        _shown = text
 
 
 def fail(code: int, message: str) -> typer.Exit:
@@ -135,7 +130,7 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
                     _refuse_line_breaks([*args, *kwargs.values()])
                     return command(*args, **kwargs)
                 finally:
-                    _end_progress()
+                    show_progress("")
                     flush()
         except (typer.Exit, typer.Abort):
             raise
