@@ -13,16 +13,16 @@ KEPT = """
 import os, sys
 {first}
 import imutui
-from imutui.logbook import mcap_kernels
 from filters.kalman.kernels import step
-folders = {{mcap_kernels.tally._cache.cache_path, step.advance._cache.cache_path}}
+from filters.tracing import whitening
+folders = {{whitening._whiten._cache.cache_path, step.advance._cache.cache_path}}
 print(*sorted(folders), sep="\\n")
 print(os.environ["NUMBA_CACHE_DIR"])
 """
 
 
 def places(tmp_path: Path, first: str = "", **environment: str) -> list[str]:
-    """Cache folders of the compiled walk over logs and of the filter's step, and what child processes are told."""
+    """Cache folders of a tracer's loop and of the filter's step, and what child processes are told."""
     mine = {name: value for name, value in os.environ.items() if name != compile_cache.VARIABLE}
     mine |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), **environment}
     done = subprocess.run(

@@ -91,7 +91,7 @@ DOORS = {
     "pyarrow": {"imutui.logbook.parquet"},
     "dask": {"imutui.jobs.campaign.cluster"},
     "distributed": {"imutui.jobs.campaign.cluster"},
-    "numba": {"filters", "imutui.logbook.mcap_kernels", "imutui.compile_cache"},
+    "numba": {"filters", "imutui.compile_cache"},
 }
 
 # what is said, and what is judged: pure functions, which a command may use as well as a page

@@ -14,7 +14,7 @@ from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument, FindingField
 from imutui.jobs.info import lacking_channels, status_words
 from imutui.jobs.quantities import plural
-from imutui.logbook import audit, checksum_file, message_arrays, reader, scan, summary
+from imutui.logbook import audit, checksum_file, reader, scan, summary
 from imutui.logbook.audit import Audit
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import Scan
@@ -37,7 +37,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     content = audit.belongings(found)
     rules = [rule(content) for rule in _DATA_RULES]
     looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
-    for part in message_arrays.parts(found, content, looked):
+    for part in audit.parts(found, content, looked):
         for rule in rules:
             rule.take(part)
     if content.imu_topic is None and not found.damages:

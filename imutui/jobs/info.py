@@ -167,8 +167,8 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
     Returns JSON-ready; None or "" where the log does not say.
     Raises UnreadableLogError if there is no such file, or it is no MCAP file.
     """
-    # reading all of a log takes the compiled walks; a list of logs does without
-    from imutui.logbook.message_arrays import audit
+    # a list of logs does without
+    from imutui.logbook.audit import audit
     from imutui.logbook.scan import scan
 
     found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))

@@ -123,7 +123,7 @@ def _compare(path: Path, rebuilt: Path, known: Outline) -> None:
 
 def _rows(path: Path) -> Iterator[np.ndarray]:
     """Stamps of a log's samples and the bits of their readings, int64, shape (N, 7), in parts."""
-    for part in pieces.parts(path, pieces.ROWS):
+    for part in reader.parts(path, pieces.ROWS):
         yield np.column_stack([part.stamp_ns, part.gyro.view(np.int64), part.accel.view(np.int64)])
 
 

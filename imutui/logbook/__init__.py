@@ -2,9 +2,8 @@
 
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes ·
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
-`audit` what is known of a whole log, `message_arrays`, `columns` all its messages as arrays,
-`record_walk` how messages are found in bytes
-(plainly, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory,
+`columns` messages as arrays, `audit` all of them and what is known of a whole log ·
+`pieces` a log of any length in bounded memory,
 `sample_check` whether its samples can be used, `export` it as CSV, NPZ or Parquet, `parquet` the library of the last ·
 `recover` a whole file made of what is left · `importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what

@@ -1,23 +1,32 @@
-"""What is known of a scanned log as a whole, and the parts of it that tell; see `message_arrays`."""
+"""Every message of a scanned log, to be judged: a bounded part of it at a time as arrays, and what all of them say.
 
+Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import quality_summary, summary, unread_channels
-from imutui.logbook.mcap_format import parse
+from imutui.logbook import mcap_format, quality_summary, schemas, summary, unread_channels
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.file_index import Index
+from imutui.logbook.mcap_format import HEAD, parse
+from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, RecordTable, joined, records_of, tabulate
 from imutui.logbook.scan import Scan
-from imutui.logbook.schemas import LogEvent
+from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
+
+MESSAGES = 2**18
+"""Messages in a part: a quarter of an hour at 133 Hz."""
+_PLAIN = {schemas.RAW: RAW, schemas.IMU: IMU, schemas.TEMPERATURE: TEMPERATURE, schemas.REFERENCE: TABLE}
+_SHOWN = 20
 
 # ------------------------------------------------------------------------------------------------------- message runs
 # What the heads of a channel's messages say of their numbers and times, without keeping the messages.
-
-MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
-"""What the format has of each message besides its data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +57,7 @@ class HeadRun:
 def run_of(heads: np.ndarray) -> HeadRun:
     """Numbers and times of messages.
 
-    `heads`: records of `MESSAGE`, shape (N,), N > 0.
+    `heads`: records of `MESSAGE_HEAD`, shape (N,), N > 0.
     """
     times, numbers = heads["log_ns"], heads["sequence"].astype(np.int64)
     back, steps = np.flatnonzero(np.diff(times) < 0), np.diff(numbers)
@@ -67,7 +76,7 @@ def run_of(heads: np.ndarray) -> HeadRun:
     )
 
 
-def joined(a: HeadRun | None, b: HeadRun) -> HeadRun:
+def joined_runs(a: HeadRun | None, b: HeadRun) -> HeadRun:
     """Messages, and those that follow them."""
     if a is None:
         return b
@@ -92,8 +101,7 @@ def _first(*found: int | None) -> int | None:
 
 # -------------------------------------------------------------------------------------------------------------- audit
 
-BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
-"""Records of what a log has besides messages."""
+_BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +115,7 @@ class Part:
     valid: np.ndarray
     temperature_degc: np.ndarray  # temperatures, shape (M,)
     packets: np.ndarray  # records of `schemas.RAW_DTYPE`, shape (K,)
-    # sample_heads, packet_heads: records of `MESSAGE`, one a sample, one a packet; None where some of
+    # sample_heads, packet_heads: records of `MESSAGE_HEAD`, one a sample, one a packet; None where some of
     # these cannot be decoded
     sample_heads: np.ndarray | None
     packet_heads: np.ndarray | None
@@ -171,7 +179,7 @@ def belongings(found: Scan) -> Audit:
     known = Audit()
     with found.path.open("rb") as stream:
         for piece in found.pieces:
-            if piece.opcode in BELONGINGS:
+            if piece.opcode in _BELONGINGS:
                 stream.seek(piece.at)
                 _take_belonging(known, piece.opcode, stream.read(piece.length))
     if summary.SUMMARY in known.attachments:
@@ -196,7 +204,7 @@ def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
             known.session_trouble = str(error)
 
 
-def take_note(known: Audit, part: Part) -> None:
+def _take_note(known: Audit, part: Part) -> None:
     """Add what a part tells of the whole."""
     if part.stamp_ns.size:
         first, last, latest = int(part.stamp_ns[0]), int(part.stamp_ns[-1]), int(part.stamp_ns.max())
@@ -214,3 +222,127 @@ def take_note(known: Audit, part: Part) -> None:
         before = known.temperatures or Temperatures(float(degc[0]), 0.0, np.inf, -np.inf)
         least, greatest = min(before.least, float(degc.min())), max(before.greatest, float(degc.max()))
         known.temperatures = Temperatures(before.first, float(degc[-1]), least, greatest)
+
+
+# -------------------------------------------------------------------------------------------------------------- parts
+
+
+def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
+    """What is known of a scanned log as a whole; see `parts`."""
+    known = belongings(found)
+    for _ in parts(found, known, progress):
+        pass
+    return known
+
+
+def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
+    """Every message that a scan found whole, `MESSAGES` at a time or a few more.
+
+    `found`: of a log.
+    `known`: its `belongings`; what is known of the messages is put into it, and is whole after the last part.
+    `progress`: told the share done, 0 to 1.
+    """
+    work = _Work(known)
+    index = found.index or Index()
+    for schema in index.schemas.values():
+        work.declare(schema)
+    for channel in index.channels.values():
+        work.declare(channel)
+    for item in joined(_records(found, work, progress), min(JOINED, MESSAGES)):
+        if isinstance(item, Schema | Channel):
+            work.declare(item)
+        elif isinstance(item, Batch) and work.take(item) >= MESSAGES:
+            yield work.part()
+    yield work.part()
+    work.close()
+    progress(1.0)
+
+
+def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
+    """Schemas, channels, and messages in batches, of all whole pieces."""
+    inflater = mcap_format.Inflater(found.size)
+    with found.path.open("rb") as stream:
+        for number, piece in enumerate(found.pieces):
+            if piece.opcode not in _BELONGINGS:
+                stream.seek(piece.at)
+                body = stream.read(piece.length)
+                is_chunk = piece.opcode == Opcode.CHUNK
+                whole = HEAD.pack(piece.opcode, piece.length) + body
+                content = inflater.content(mcap_format.chunk_of(body)) if is_chunk else whole
+                yield from records_of(content, work.meet(tabulate(content)))
+            progress(number / len(found.pieces))
+
+
+class _Work(Channels):
+    """Makes parts of a file's messages, and notes what is known of all in an `Audit`."""
+
+    def __init__(self, known: Audit) -> None:
+        super().__init__()
+        self.audit = known
+        self._heads: list[tuple[np.ndarray, np.ndarray]] = []
+        self._runs: dict[int, HeadRun | None] = {}
+
+    def meet(self, found: RecordTable) -> np.ndarray:
+        """The rows that can be used, of a chunk that comes next; keeps the order in which channels have messages."""
+        rows: np.ndarray = found.rows[~found.short]
+        for channel in np.flatnonzero(np.bincount(rows[rows[:, CHANNEL] >= 0, CHANNEL])).tolist():
+            self._runs.setdefault(channel, None)
+        self.audit.undecodable_count += len(found.rows) - len(rows)
+        return rows
+
+    def take(self, batch: Batch) -> int:
+        """Take messages; returns how many wait to be a part."""
+        self._heads.append((batch.heads, self.messages(batch)))
+        return sum(len(roles) for _, roles in self._heads)
+
+    def _assign(self, channel: Channel, typename: str) -> None:
+        self.audit.types[channel.topic] = typename
+        self.audit.encodings[channel.topic] = channel.message_encoding
+        cdr = channel.message_encoding == "cdr"
+        ours = cdr and schemas.is_own(channel.topic, typename)
+        imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
+        self._roles[channel.id] = IMU if imu else _PLAIN.get(channel.topic, OTHER) if ours else IGNORED
+
+    def _other(self, topic: str, message: Message) -> None:
+        data = message.data
+        if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
+            return
+        if topic == schemas.EVENTS:
+            self.audit.events.append(schemas.decode_event(data))
+        elif topic == schemas.DIAGNOSTICS:
+            values = schemas.decode_diagnostics(data)
+            self.audit.diagnostics = self.audit.diagnostics if values is None else values
+        else:
+            schemas.decode(schemas.TYPES[topic], data)
+
+    def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
+        self.audit.undecodable_count += 1
+        if len(self.audit.undecodable) < _SHOWN:
+            reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+            self.audit.undecodable.append((topic, message.log_time, reason))
+        return True
+
+    def part(self) -> Part:
+        """What was collected since the last time, as arrays."""
+        heads = np.concatenate([np.empty(0, MESSAGE_HEAD), *(heads for heads, _ in self._heads)])
+        roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
+        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
+            self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
+        samples, packets = self.columns.imu(), self.columns.packets()
+        _, degc = self.columns.temperatures()
+        each = [heads[roles == role] for role in (IMU, RAW)]
+        paired = [own if own.size == rows.size else None for own, rows in zip(each, (samples[0], packets), strict=True)]
+        self._heads, self.columns = [], Columns()
+        part = Part(*samples, degc, packets, *paired)
+        _take_note(self.audit, part)
+        return part
+
+    def close(self) -> None:
+        """Say of each topic what is known of its channels."""
+        for number, run in self._runs.items():
+            assert run is not None
+            if number in self.channels:
+                topic = self.channels[number].topic
+                self.audit.messages[topic] = joined_runs(self.audit.messages.get(topic), run)
+            else:
+                self.audit.homeless += run.count

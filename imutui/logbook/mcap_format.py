@@ -1,7 +1,6 @@
 """The MCAP format, once: magic, opcodes, layout of records, and the decompression of chunks within bounds.
 
-Knows bytes, no files: `record_walk` finds records in bytes, `mcap_stream` reads a file in order, `scan` goes on behind
-damage, `summary` looks at a file's ends.
+Knows bytes, no files: `mcap_stream` reads a file in order, `scan` goes on behind damage, `summary` looks at its ends.
 """
 
 import struct

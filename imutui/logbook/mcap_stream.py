@@ -7,24 +7,89 @@ objects, and a chunk's messages stay bytes beside a table of where each begins.
 import os
 import struct
 import zlib
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
-from mcap.records import Chunk, DataEnd, Footer, McapRecord, Message
+from mcap.records import DataEnd, Footer, McapRecord, Message
 
-from imutui.logbook import mcap_format, message_layout
+from imutui.logbook import mcap_format
 from imutui.logbook.mcap_format import HEAD, LIMIT, MAGIC, MESSAGE, ChecksumError
-from imutui.logbook.message_layout import RecordTable
-from imutui.logbook.record_walk import Walk
 
+OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
+"""Columns of a table of records: of a message, offset and length are those of its data."""
+MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
+"""What the format has of each message before its data."""
+JOINED = 2**13
+"""Messages that are taken at once: what a batch costs beside its messages is nothing then."""
+_MESSAGE = int(Opcode.MESSAGE)  # compared with an array, numpy takes an enum's member for an object
 _BLOCK = 2**20
+_LENGTH_OF_RECORD = struct.Struct("<xQ")
 # What is left aside at each level; the rest of the file's index says nothing that the records themselves don't.
 _IN_FILE = np.isin(np.arange(256), [*(mcap_format.PARSED.keys() - {Opcode.HEADER}), Opcode.CHUNK, Opcode.MESSAGE])
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
+
+
+_NONE = np.empty((0, 4), np.int64)
+
+
+class RecordTable(NamedTuple):
+    """Records found in bytes."""
+
+    # opcode, channel, offset and length of those wanted, int64, shape (n, 4); channel is -1 for what is no message, or
+    # too short to be one
+    rows: np.ndarray
+    end: int  # where the first record begins that is not whole
+
+    @property
+    def short(self) -> np.ndarray:
+        """Which of the rows are messages shorter than their own head, bool, shape (n,)."""
+        return np.asarray((self.rows[:, CHANNEL] < 0) & (self.rows[:, OPCODE] == _MESSAGE))
+
+
+def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
+    """The whole records in bytes; `wanted` says of each opcode whether it is, bool, shape (256,)."""
+    end, at = len(content), 0
+    # eight bytes each, where a list takes forty: records may be as short as their heads
+    found, head = array("q"), HEAD.size
+    length_at, append, last = _LENGTH_OF_RECORD.unpack_from, found.append, end - head
+    while at <= last:
+        (length,) = length_at(content, at)
+        append(at)
+        at += head + length
+    if at > end:  # the last one is not whole
+        at = found.pop()
+    starts = np.frombuffer(found, np.int64)
+    data = np.frombuffer(content, np.uint8)
+    opcodes = data[starts]
+    use = wanted[opcodes]
+    if not use.any():
+        return RecordTable(_NONE, at)
+    rows = np.empty((starts.size, 4), np.int64)
+    rows[:, OPCODE] = opcodes
+    rows[:, OFFSET] = starts + HEAD.size
+    rows[:-1, LENGTH] = starts[1:]
+    rows[-1:, LENGTH] = at
+    rows[:, LENGTH] -= rows[:, OFFSET]
+    rows = rows if use.all() else rows[use]
+    messages = (rows[:, OPCODE] == _MESSAGE) & (rows[:, LENGTH] >= MESSAGE.size)
+    rows[:, CHANNEL] = -1
+    rows[messages, CHANNEL] = windows(data, rows[messages, OFFSET], 2).view("<u2")[:, 0]
+    rows[messages, OFFSET] += MESSAGE.size
+    rows[messages, LENGTH] -= MESSAGE.size
+    return RecordTable(rows, at)
+
+
+def windows(data: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:
+    """So many bytes from each of some offsets on, uint8, shape (n, size); all of them must be there."""
+    if not at.size:
+        return np.empty((0, size), np.uint8)
+    every = np.ndarray((data.size - size + 1,), f"V{size}", data, strides=(1,))
+    return np.asarray(every[at].view(np.uint8).reshape(-1, size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +97,17 @@ class Batch:
     """Messages in a row."""
 
     content: bytes  # bytes that hold them
-    data: np.ndarray  # the same as uint8
     table: np.ndarray  # int64, shape (n, 4): opcode, channel id, offset and length of each message's data
+
+    @property
+    def data(self) -> np.ndarray:
+        """The bytes as uint8."""
+        return np.frombuffer(self.content, np.uint8)
+
+    @property
+    def heads(self) -> np.ndarray:
+        """Records of `MESSAGE_HEAD`, shape (n,)."""
+        return windows(self.data, self.table[:, OFFSET] - MESSAGE.size, MESSAGE.size).view(MESSAGE_HEAD)[:, 0]
 
     def message(self, row: int) -> Message:
         """One of them as mcap's object."""
@@ -42,11 +116,37 @@ class Batch:
         return Message(channel, log_time, self.content[at : at + length], publish_time, sequence)
 
 
-def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
+def joined(items: Iterator[McapRecord | Batch], rows: int = JOINED) -> Iterator[McapRecord | Batch]:
+    """The same with batches that follow each other made one, of so many messages or a few more: each batch costs."""
+    held: list[Batch] = []
+    for item in items:
+        if isinstance(item, Batch):
+            held.append(item)
+            if sum(len(batch.table) for batch in held) < rows:
+                continue
+        if held:
+            yield _one_of(held)
+            held = []
+        if not isinstance(item, Batch):
+            yield item
+    if held:
+        yield _one_of(held)
+
+
+def _one_of(batches: list[Batch]) -> Batch:
+    if len(batches) == 1:
+        return batches[0]
+    tables, before = [], 0
+    for batch in batches:
+        tables.append(batch.table + np.array([0, 0, before, 0]))
+        before += len(batch.content)
+    return Batch(b"".join(batch.content for batch in batches), np.concatenate(tables))
+
+
+def records(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
     """Schemas, channels, metadata, attachments, batches of messages, and the footer, as they come.
 
     `stream`: the file, at its beginning.
-    `walk`: how records are found in bytes.
     Raises EndOfFile, struct.error if the file ends before its footer.
     Raises ChecksumError if a chunk's or the data section's checksum is wrong.
     Raises McapError if a record is not what it must be.
@@ -62,10 +162,10 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
     while True:
         block = stream.read(wanted)
         held += block
-        data = np.frombuffer(held, np.uint8)
-        table = walk.tabulate(data, LIMIT, _IN_FILE)
+        table = tabulate(held, _IN_FILE)
         end, checked = table.end, 0
-        for item in _split(held, data, table):
+        _expect_heads(table)
+        for item in _split(held, table.rows):
             if ended and (isinstance(item, Batch) or item[0] == Opcode.CHUNK):
                 raise McapError("messages stand behind the end of the data")
             if isinstance(item, Batch):
@@ -73,7 +173,7 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
                 continue
             opcode, at, length = item
             if opcode == Opcode.CHUNK:
-                yield from _chunk(mcap_format.chunk_of(held[at : at + length]), inflater, walk)
+                yield from _chunk(held[at : at + length], inflater)
                 continue
             record = _record(held, opcode, at, length)
             if isinstance(record, DataEnd):
@@ -111,21 +211,22 @@ def _expect_magic(tail: bytes) -> None:
         raise InvalidMagic(tail)
 
 
-def _split(content: bytes, data: np.ndarray, found: RecordTable) -> Iterator[Batch | tuple[int, int, int]]:
-    """Batches of messages, and between them opcode, offset and length of the other records."""
-    if found.short:
+def _expect_heads(table: RecordTable) -> None:
+    if table.short.any():
         raise McapError("a message is shorter than its header")
-    table = found.rows
+
+
+def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int, int]]:
+    """Batches of messages, and between them opcode, offset and length of the other records."""
+    others = rows[:, OPCODE] != _MESSAGE
     first = 0
-    if found.others:
-        for row in map(int, np.flatnonzero(table[:, message_layout.OPCODE] != message_layout.MESSAGE_OPCODE)):
-            if row > first:
-                yield Batch(content, data, table[first:row])
-            opcode, _, at, length = table[row].tolist()
+    for row in [*np.flatnonzero(others).tolist(), len(rows)]:
+        if row > first:
+            yield Batch(content, rows[first:row])
+        if row < len(rows):
+            opcode, _, at, length = rows[row].tolist()
             yield opcode, at, length
-            first = row + 1
-    if first < len(table):
-        yield Batch(content, data, table[first:])
+        first = row + 1
 
 
 def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
@@ -135,11 +236,20 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
         raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
 
 
-def _chunk(chunk: Chunk, inflater: mcap_format.Inflater, walk: Walk) -> Iterator[McapRecord | Batch]:
-    """A chunk's records: all of them are there, or none is given."""
-    content = inflater.content(chunk)
-    data = np.frombuffer(content, np.uint8)
-    table = walk.tabulate(data, len(content), _IN_CHUNK)
+def _chunk(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecord | Batch]:
+    """A chunk's records: all of them are there, or none is given.
+
+    `body`: content of the chunk's record.
+    Raises McapError, struct.error if it is not what it must be.
+    """
+    content = inflater.content(mcap_format.chunk_of(body))
+    table = tabulate(content)
     if table.end != len(content):
         raise McapError("a chunk's content ends in the middle of a record")
-    yield from [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, data, table)]
+    _expect_heads(table)
+    return records_of(content, table.rows)
+
+
+def records_of(content: bytes, rows: np.ndarray) -> list[McapRecord | Batch]:
+    """Records of a table as objects, messages in batches."""
+    return [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, rows)]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imutui.logbook import reader, record_walk, schemas
-from imutui.logbook.reader import Content, Log, UnreadableLogError
+from imutui.logbook import reader
+from imutui.logbook.reader import Log, UnreadableLogError, parts
 from imutui.logbook.sample_check import SampleCheck
 
 ROWS = 2**17
@@ -96,34 +96,6 @@ def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
             yield piece
     if (piece := waiting.rest()) is not None:
         yield piece
-
-
-def parts(path: Path, rows: int = ROWS, *, raw: bool = False) -> Iterator[Log]:
-    """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
-
-    `rows`: samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart.
-    `raw`: read /imu/raw too.
-    Raises UnreadableLogError as `reader.read`; samples themselves are not looked at.
-    """
-    log = Log(path)
-    walk = record_walk.for_reading(path.stat().st_size if path.exists() else 0)
-    content = Content(log, raw, walk)
-    any_samples = False
-    for record in reader.records(path, log, walk):
-        try:
-            content.take(record)
-        except schemas.UndecodableError as error:
-            log.damage = f"a message cannot be decoded ({error})"
-            break
-        if content.rows >= rows:
-            part = content.drain()
-            any_samples |= part.stamp_ns.size > 0
-            yield part
-    content.close()
-    log.finished = log.finished and not log.damage
-    if not (any_samples or log.stamp_ns.size):
-        raise UnreadableLogError(reader.nothing(path, log, content))
-    yield log
 
 
 def _emptied(log: Log) -> Log:

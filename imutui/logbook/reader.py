@@ -17,12 +17,10 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_stream, record_walk, schemas, unread_channels
-from imutui.logbook.columns import Columns
+from imutui.logbook import mcap_stream, schemas, unread_channels
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
-from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.message_layout import CHANNEL, IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE
-from imutui.logbook.record_walk import Walk
+from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
@@ -109,33 +107,47 @@ def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
     return (stamp_ns - first_ns) / 1e9
 
 
-def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
+def read(path: Path, *, raw: bool = False) -> Log:
     """Read a log.
 
     `path`: MCAP file, finished or not.
     `raw`: read /imu/raw too.
-    `walk`: how records are found in bytes; None takes what suits a log that is to be filtered.
     Returns up to the last record that could be read; `finished` and `damage` say whether that is all.
     Raises UnreadableLogError if there is no such file, it is no MCAP file, or it holds no IMU samples.
     """
-    log = Log(path)
-    walk = walk or record_walk.for_filtering(_size(path))
-    content = Content(log, raw, walk)
-    for record in records(path, log, walk):
-        try:
-            content.take(record)
-        except schemas.UndecodableError as error:
-            log.damage = f"a message cannot be decoded ({error})"
-            break
-    content.close()
-    log.finished = log.finished and not log.damage
-    if not log.stamp_ns.size:
-        raise UnreadableLogError(nothing(path, log, content))
+    *_, log = parts(path, raw=raw)
     check = SampleCheck()
     check.take(log.stamp_ns, log.gyro, log.accel)
     if trouble := check.trouble(path):
         raise UnreadableLogError(trouble)
     return log
+
+
+def parts(path: Path, rows: int | None = None, *, raw: bool = False) -> Iterator[Log]:
+    """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
+
+    `rows`: samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart. None for
+      all of them in one.
+    `raw`: read /imu/raw too.
+    Raises UnreadableLogError as `read`; samples themselves are not looked at.
+    """
+    log = Log(path)
+    content, any_samples = Content(log, raw), False
+    for record in records(path, log, JOINED if rows is None else min(rows, JOINED)):
+        try:
+            content.take(record)
+        except UndecodableError as error:
+            log.damage = f"a message cannot be decoded ({error})"
+            break
+        if rows is not None and content.columns.rows >= rows:
+            part = content.drain()
+            any_samples |= part.stamp_ns.size > 0
+            yield part
+    content.close()
+    log.finished = log.finished and not log.damage
+    if not (any_samples or log.stamp_ns.size):
+        raise UnreadableLogError(_nothing(path, log, content))
+    yield log
 
 
 def sha256(path: Path) -> str:
@@ -144,21 +156,17 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-class Content:
+class Content(Channels):
     """Collects records into a `Log`.
 
     `log`: to be filled.
     `raw`: whether packets are collected too.
-    `walk`: how messages are found in bytes.
     """
 
-    def __init__(self, log: Log, raw: bool, walk: Walk) -> None:
+    def __init__(self, log: Log, raw: bool) -> None:
+        super().__init__()
         self.log = log
-        self.schemas: dict[int, str] = {}
-        self.channels: dict[int, tuple[str, str, str]] = {}
-        self.imu_channel: int | None = None
-        self._walk, self._tally = walk, walk.tally
-        self._columns = Columns(walk)
+        self._imu_channel: int | None = None
         self._topics = {
             schemas.RAW: RAW if raw else IGNORED,
             schemas.TEMPERATURE: TEMPERATURE,
@@ -166,22 +174,13 @@ class Content:
             schemas.DIAGNOSTICS: OTHER,
             schemas.EVENTS: OTHER,
         }
-        self._roles = np.full(2**16, IGNORED, np.uint8)
-        self._last: dict[str, Message] = {}
+        self._diagnostics: bytes | None = None
 
     def take(self, record: McapRecord | Batch) -> None:
         """One record in file order, or messages in a row."""
         match record:
-            case Schema():
-                self.schemas[record.id] = record.name
-            case Channel():
-                typename = self.schemas.get(record.schema_id, "")
-                self.channels[record.id] = (record.topic, typename, record.message_encoding)
-                # the samples are ours by topic; in somebody else's file the first Imu channel is taken
-                if typename == schemas.TYPES[schemas.IMU] and record.message_encoding == "cdr":
-                    mine = record.topic == schemas.IMU
-                    self.imu_channel = record.id if mine or self.imu_channel is None else self.imu_channel
-                self._assign()
+            case Schema() | Channel():
+                self.declare(record)
             case Metadata():
                 if record.name == METADATA:
                     self._session(record)
@@ -190,7 +189,7 @@ class Content:
             case Footer():
                 self.log.finished = True
             case _:
-                self._batch(record)  # type: ignore[arg-type]
+                self.messages(record)  # type: ignore[arg-type]
 
     def _session(self, record: Metadata) -> None:
         self.log.own = True
@@ -200,81 +199,54 @@ class Content:
             self.log.info.axes(), self.log.info.settings()
         except InputError as error:
             raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
-        self._assign()
+        self._assign_all()
 
-    def _assign(self) -> None:
-        """Give each channel its role."""
-        for channel, (topic, typename, encoding) in self.channels.items():
-            ours = self.log.own and encoding == "cdr" and schemas.is_own(topic, typename)
+    def _assign(self, channel: Channel, typename: str) -> None:
+        # the samples are ours by topic; in somebody else's file the first Imu channel is taken
+        if typename == schemas.TYPES[schemas.IMU] and channel.message_encoding == "cdr":
+            mine = channel.topic == schemas.IMU
+            self._imu_channel = channel.id if mine or self._imu_channel is None else self._imu_channel
+        self._assign_all()
+
+    def _assign_all(self) -> None:
+        for number, channel in self.channels.items():
+            topic, typename = channel.topic, self.types.get(channel.schema_id, "")
+            ours = self.log.own and channel.message_encoding == "cdr" and schemas.is_own(topic, typename)
             if ours and topic == schemas.RAW:
                 self.log.has_details = typename == schemas.S1_PACKET
-            self._roles[channel] = self._topics.get(topic, IGNORED) if ours else IGNORED
-        if self.imu_channel is not None:
-            self._roles[self.imu_channel] = IMU
+            self._roles[number] = self._topics.get(topic, IGNORED) if ours else IGNORED
+        if self._imu_channel is not None:
+            self._roles[self._imu_channel] = IMU
 
-    def _batch(self, batch: Batch) -> None:
-        counts, others = self._tally(batch.table, self._roles)
-        failure = None
-        for row in others.tolist():
-            try:
-                self._message(batch.message(row), OTHER)
-            except schemas.UndecodableError as error:
-                # the samples before it count, those after it don't
-                batch, failure = replace(batch, table=batch.table[:row]), error
-                counts, _ = self._tally(batch.table, self._roles)
-                break
-        if not self._columns.take(batch, self._roles, counts):
-            # another program's layout, or damage: message by message, so that all before a bad one count
-            roles = self._roles[batch.table[:, CHANNEL]]
-            for row in np.flatnonzero(roles > OTHER).tolist():
-                self._message(batch.message(row), int(roles[row]))
-        elif counts[TABLE]:
-            last = np.flatnonzero(self._roles[batch.table[:, CHANNEL]] == TABLE)[-1]
-            self._last[schemas.REFERENCE] = batch.message(int(last))
-        if failure is not None:
-            raise failure
-
-    def _message(self, message: Message, role: int) -> None:
-        if role == IMU:
-            self._columns.sample(message)
-        elif role == TEMPERATURE:
-            self._columns.temperature(message)
-        elif role == RAW:
-            self._columns.packet(message)
-        elif role == TABLE:
-            self._columns.table(message)
-            self._last[schemas.REFERENCE] = message
-        elif self.channels[message.channel_id][0] == schemas.EVENTS:
+    def _other(self, topic: str, message: Message) -> None:
+        if topic == schemas.EVENTS:
             self.log.events.append(schemas.decode_event(message.data))
         else:
-            # each of these replaces the one before
-            self._last[self.channels[message.channel_id][0]] = message
+            self._diagnostics = message.data
 
-    @property
-    def rows(self) -> int:
-        """Samples or packets that were collected, whichever are more."""
-        return self._columns.rows
+    def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
+        return False
 
     def drain(self) -> Log:
         """What was collected since the last time, as a log of its own; samples that follow begin anew."""
         part = replace(self.log)
-        _fill(part, self._columns)
-        self._columns = Columns(self._walk)
+        _fill(part, self.columns)
+        self.columns = Columns()
         return part
 
     def close(self) -> None:
         """Make arrays of what was collected."""
         log = self.log
-        _fill(log, self._columns)
+        _fill(log, self.columns)
         try:
-            if (last := self._last.get(schemas.REFERENCE)) is not None:
-                log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind
-            if (last := self._last.get(schemas.DIAGNOSTICS)) is not None:
-                values = schemas.decode_diagnostics(last.data)
+            if self.last_table is not None:
+                log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], self.last_table.data).kind
+            if self._diagnostics is not None:
+                values = schemas.decode_diagnostics(self._diagnostics)
                 if values is None:
                     raise UndecodableError("its diagnostics have no status")
                 log.diagnostics = values
-        except schemas.UndecodableError as error:
+        except UndecodableError as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 
@@ -285,29 +257,29 @@ def _fill(log: Log, columns: Columns) -> None:
     log.table = Table(*columns.tables())
 
 
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0  # whoever opens it says why not
+def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:
+    """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it.
 
-
-def records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
-    """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
+    `rows`: messages in a batch.
+    """
     with contextlib.closing(opened(path)) as stream:
         if not MAGIC.startswith(stream.read(len(MAGIC))):
             raise UnreadableLogError(foreign(path))
         stream.seek(0)
-        try:
-            yield from mcap_stream.records(stream, walk)
-        except InvalidMagic:
-            log.damage = "the file's end is damaged"
-        except (EndOfFile, struct.error):
-            log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
-        except ChecksumError:
-            log.damage = "a checksum is wrong: bytes were changed after recording"
-        except (McapError, OSError) as error:
-            log.damage = f"a record cannot be read ({error})"
+        yield from joined(_until_damage(stream, log), rows)
+
+
+def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
+    try:
+        yield from mcap_stream.records(stream)
+    except InvalidMagic:
+        log.damage = "the file's end is damaged"
+    except (EndOfFile, struct.error):
+        log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
+    except ChecksumError:
+        log.damage = "a checksum is wrong: bytes were changed after recording"
+    except (McapError, OSError) as error:
+        log.damage = f"a record cannot be read ({error})"
 
 
 def opened(path: Path) -> IO[bytes]:
@@ -344,13 +316,13 @@ def _reason(error: OSError) -> str:
     }.get(type(error).__name__, error.strerror or str(error))
 
 
-def nothing(path: Path, log: Log, content: Content) -> str:
+def _nothing(path: Path, log: Log, content: Content) -> str:
     """Why a file has no samples, and what to do next."""
     if log.damage and not content.channels:
         return f"{path}: {log.damage} before any sample. Nothing can be read from it; record again."
     if log.own:
         return f"{path} holds no samples: the recording ended before the first one. Record again."
-    topics = ", ".join(topic for topic, _, _ in content.channels.values()) or "none"
+    topics = ", ".join(channel.topic for channel in content.channels.values()) or "none"
     return (
         f"{path} is an MCAP file without IMU samples: no channel of type sensor_msgs/msg/Imu in CDR (topics: {topics})."
         " Name a file that has one, or import the recording with `imutui import`."

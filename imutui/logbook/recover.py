@@ -15,7 +15,8 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import mcap_format, mcap_stream, message_layout, record_walk, schemas
+from imutui.logbook import mcap_format, mcap_stream, schemas
+from imutui.logbook.columns import S1_SIZE
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.scan import RECOVERED, Scan
@@ -186,7 +187,7 @@ class _Copy:
             return
         topic, typename = list(schemas.TYPES.items())[number - 1]
         if topic == schemas.RAW:
-            typename = schemas.raw_type(details=len(data) == message_layout.S1_SIZE)
+            typename = schemas.raw_type(details=len(data) == S1_SIZE)
         try:
             message = schemas.decode(typename, data)
             same = schemas.encode_as(typename, message) == data
@@ -232,9 +233,8 @@ def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str)
 def _read_back(path: Path, kept: RebuiltContent) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
-    walk = record_walk.for_reading(path.stat().st_size)
     with path.open("rb") as stream:
-        for record in mcap_stream.records(stream, walk):
+        for record in mcap_stream.records(stream):
             if isinstance(record, Batch):
                 for _, _, at, length in record.table.tolist():
                     digest.update(record.content[at - MESSAGE.size : at + length])

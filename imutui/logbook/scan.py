@@ -24,14 +24,13 @@ from imutui.logbook import (
     file_lock,
     mcap_format,
     reader,
-    record_walk,
     reference_file,
     summary,
 )
 from imutui.logbook.file_index import Index
 from imutui.logbook.mcap_format import FOOTER_SIZE, HEAD, LIMIT, MAGIC, MALFORMED, ChecksumError, prefixed
+from imutui.logbook.mcap_stream import tabulate
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.record_walk import Walk
 from imutui.logbook.session_info import METADATA
 
 RECOVERED = "imutui.recovered"
@@ -123,7 +122,7 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> 
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
         found.held = file_lock.is_held(stream)
-        _FileWalk(data, found, record_walk.for_reading(len(data)), progress).run()
+        _FileWalk(data, found, progress).run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
             raise UnreadableLogError(reader.foreign(path))
         _judge(found, data)
@@ -151,10 +150,9 @@ def content(data: mmap.mmap | bytes, piece: Piece) -> bytes:
 class _FileWalk:
     """One walk over a file's bytes."""
 
-    def __init__(self, data: mmap.mmap, found: Scan, walk: Walk, progress: Callable[[float], None]) -> None:
+    def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None]) -> None:
         self._data = data
         self._found = found
-        self._walk = walk
         self._progress = progress
         self._inflater = mcap_format.Inflater(found.size)
         self._next = dict.fromkeys(range(len(_MARKS)), -1)
@@ -254,7 +252,7 @@ class _FileWalk:
         """Raise if a record's content is not what it must be."""
         if opcode == Opcode.CHUNK:
             inside = self._inflater.content(mcap_format.chunk_of(body))
-            found = self._walk.tabulate(np.frombuffer(inside, np.uint8), len(inside), _DECLARATIONS)
+            found = tabulate(inside, _DECLARATIONS)
             if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
             for kind, _, start, length in found.rows.tolist():

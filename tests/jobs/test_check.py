@@ -18,7 +18,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.messages import PacketS1
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
-from imutui.logbook import message_arrays, schemas
+from imutui.logbook import audit, schemas
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -37,7 +37,7 @@ def check(path: Path) -> dict[str, Any]:
     """What is said of a log; whether it is looked at in one part or a chunk at a time must not be seen."""
     whole = check_once(path), info(path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(message_arrays, "MESSAGES", 1)
+        patch.setattr(audit, "MESSAGES", 1)
         assert json.dumps((check_once(path), info(path))) == json.dumps(whole)
     return dict(whole[0])
 

@@ -15,8 +15,9 @@ from imutui.jobs import check_times
 from imutui.jobs.check import check
 from imutui.jobs.check_times import StepCounts
 from imutui.jobs.info import info
-from imutui.logbook import SessionInfo, audit, message_arrays, scan
-from imutui.logbook.audit import MESSAGE, HeadRun, joined, run_of
+from imutui.logbook import SessionInfo, audit, scan
+from imutui.logbook.audit import HeadRun, joined_runs, run_of
+from imutui.logbook.mcap_stream import MESSAGE_HEAD
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.writer import LogWriter
 
@@ -59,7 +60,7 @@ def sources(folder: Path) -> dict[str, bytes]:
 
 def test_parts_of_any_size_say_what_the_whole_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs with a gap, cut anywhere, with bytes changed or left out: every finding, note and figure."""
-    rng, spoilt, whole_parts = random.Random(7), tmp_path / "c.mcap", message_arrays.MESSAGES
+    rng, spoilt, whole_parts = random.Random(7), tmp_path / "c.mcap", audit.MESSAGES
     findings = 0
     for content in sources(tmp_path).values():
         for k in range(5):
@@ -72,7 +73,7 @@ def test_parts_of_any_size_say_what_the_whole_says(tmp_path: Path, monkeypatch: 
             spoilt.write_bytes(damaged)
             each = []
             for messages in (whole_parts, 70, 1):
-                monkeypatch.setattr(message_arrays, "MESSAGES", messages)
+                monkeypatch.setattr(audit, "MESSAGES", messages)
                 each.append(said(spoilt))
             assert len(set(each)) == 1
             findings += each[0].count('"code"')
@@ -83,7 +84,7 @@ def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A channel without a reading in any part is no finding; an infinity in another channel is one."""
-    monkeypatch.setattr(message_arrays, "MESSAGES", 1)
+    monkeypatch.setattr(audit, "MESSAGES", 1)
     found = {f["code"]: f["what"] for f in check(with_gaps(tmp_path / "a.mcap"))["findings"]}
     assert "2 samples are not numbers" in found["stamps"]
     assert "2 samples are flagged" in found["limits"]
@@ -93,10 +94,10 @@ def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
 
 def test_no_more_than_a_part_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of samples and packets; a chunk is not torn apart."""
-    monkeypatch.setattr(message_arrays, "MESSAGES", 100)
+    monkeypatch.setattr(audit, "MESSAGES", 100)
     found = scan.scan(SAMPLE)
     known = audit.belongings(found)
-    sizes = [part.stamp_ns.size + part.packets.size for part in message_arrays.parts(found, known)]
+    sizes = [part.stamp_ns.size + part.packets.size for part in audit.parts(found, known)]
     assert sum(sizes) == known.samples + known.packets > 1000
     assert max(sizes) < 500
 
@@ -105,13 +106,13 @@ def test_numbers_and_times_of_messages_can_be_told_in_parts() -> None:
     """Wherever they are cut: numbers left out or twice, and time that goes back."""
     rng = np.random.default_rng(1)
     for _ in range(40):
-        heads = np.zeros(30, MESSAGE)
+        heads = np.zeros(30, MESSAGE_HEAD)
         heads["sequence"] = 5 + np.cumsum(rng.choice([1, 1, 1, 1, 3, 0], 30))
         heads["log_ns"] = np.cumsum(rng.choice([10, 10, 10, -5], 30)) + 1000
         edges = [0, *np.sort(rng.choice(np.arange(1, 30), 4, replace=False)).tolist(), 30]
         run: HeadRun | None = None
         for first, last in pairwise(edges):
-            run = joined(run, run_of(heads[first:last]))
+            run = joined_runs(run, run_of(heads[first:last]))
         assert run == audit.run_of(heads)
         steps = np.diff(heads["sequence"].astype(int))
         assert run.missing == np.sum(steps[steps > 1] - 1)

@@ -12,7 +12,7 @@ from helpers.paths import SAMPLE
 from filters import simulation
 from imutui.jobs import replay_input
 from imutui.jobs.replay import ReplayOptions, replayed
-from imutui.logbook import SessionInfo, columns, mcap_stream, pieces, reader, schemas
+from imutui.logbook import SessionInfo, mcap_stream, pieces, reader, schemas
 from imutui.logbook.writer import LogWriter
 
 TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
@@ -123,9 +123,8 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
     tmp_path: Path, in_pieces: Callable[[int], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Replayed in pieces of 200 samples: it grows by less than half of what the further samples themselves take."""
-    # what is held of a file, of columns and of the longest means at a time, whatever is in them
+    # what is held of a file and of the longest means at a time, whatever is in them
     monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
-    monkeypatch.setattr(columns, "_BLOCK", 200)
     monkeypatch.setattr(replay_input, "_OVERLAP", 64)
     options = ReplayOptions(overrides={"noise": "log"})
     in_pieces(200)

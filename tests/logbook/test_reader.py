@@ -20,7 +20,7 @@ from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zstandard import ZstdError
 
-from imutui.logbook import SessionInfo, message_definitions, message_layout, reader, schemas
+from imutui.logbook import SessionInfo, columns, message_definitions, reader, schemas
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
@@ -256,9 +256,9 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["counts"].tolist() == [list(packet.counts) for packet in log.raw]
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
-    assert len(schemas.encode_raw(log.raw[0])) == message_layout.RAW_SIZE
+    assert len(schemas.encode_raw(log.raw[0])) == columns.RAW_SIZE
     detailed = schemas.encode_raw(replace(log.raw[0], details=((1, 2, 3), 4, 5)))
-    assert message_layout.S1_SIZE == schemas.RAW_DTYPE.itemsize == len(detailed)
+    assert columns.S1_SIZE == schemas.RAW_DTYPE.itemsize == len(detailed)
 
 
 def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:

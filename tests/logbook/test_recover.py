@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import SessionInfo, added_notes, columns, file_lock, mcap_stream, pieces, reader, schemas, summary
+from imutui.logbook import SessionInfo, added_notes, file_lock, mcap_stream, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.recover import NotAsWrittenError
@@ -349,9 +349,8 @@ def test_a_rebuilt_file_that_lacks_what_the_source_has_is_not_kept(
 def test_four_times_the_log_takes_no_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In pieces of 200 samples: it grows by less than half of what the samples that the longer log has more take."""
     monkeypatch.setattr(pieces, "ROWS", 200)
-    # what is held of a file and of columns at a time, whatever is in them
+    # what is held of a file at a time, whatever is in it
     monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
-    monkeypatch.setattr(columns, "_BLOCK", 200)
     most = []
     for count in (2000, 8000):
         path = tmp_path / f"{count}.mcap"

@@ -32,7 +32,7 @@ from imutui.jobs.campaign.rows import (
 )
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.replay import Replayed, ReplayOptions
-from imutui.logbook import power_on, reader, record_walk
+from imutui.logbook import power_on, reader
 from imutui.verdict import sources
 
 # ----------------------------------------------------------------------------------------------------------- settings
@@ -85,7 +85,6 @@ def prepare() -> VersionsField:
     """Load what is compiled, once in a process; returns what rows will be computed with."""
     from filters.kalman import runner
 
-    record_walk.compiled()
     runner.warm_up()
     # what is loaded stays: looking through it again and again for garbage costs time in each log
     gc.collect()

@@ -11,10 +11,9 @@ import numpy as np
 from mcap.records import Channel, Message, Schema
 
 from filters.errors import InputError
-from imutui.logbook import reader, record_walk, schemas
+from imutui.logbook import reader, schemas
 from imutui.logbook.export.columns import Block, Column, Table
-from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.message_layout import CHANNEL
+from imutui.logbook.mcap_stream import CHANNEL, Batch
 from imutui.logbook.reader import Log, UnreadableLogError
 
 _ROWS = 2**14
@@ -70,8 +69,7 @@ def topics(path: Path) -> list[str]:
 
 
 def _records(path: Path, log: Log | None = None) -> Iterator[Any]:
-    size = path.stat().st_size if path.exists() else 0
-    return iter(reader.records(path, log or Log(path), record_walk.for_reading(size)))
+    return iter(reader.records(path, log or Log(path)))
 
 
 def _find(path: Path, topic: str) -> _Topic:

@@ -1,8 +1,6 @@
-"""The plain walk against the compiled one: which of them reads a log must not be seen in anything that is read."""
+"""Records and fields out of bytes at once, against the same one by one: which way is taken must not be seen."""
 
-import ast
 import random
-import zlib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,14 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.records import Chunk
+from mcap.writer import IndexType
 
-from imutui.logbook import mcap_format, mcap_kernels, message_arrays, message_layout, reader, record_walk, scan, schemas
+from imutui.logbook import audit, mcap_format, mcap_stream, reader, scan, schemas
+from imutui.logbook.columns import IMU, RAW, TABLE, TEMPERATURE, Columns
 from imutui.logbook.mcap_format import HEAD, MESSAGE
+from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.record_walk import PLAIN, Walk, compiled
+from imutui.logbook.schemas import UndecodableError
 
-KINDS = [message_layout.IMU, message_layout.TEMPERATURE, message_layout.RAW, message_layout.TABLE]
-WIDTHS = {message_layout.IMU: 9, message_layout.TEMPERATURE: 2, message_layout.RAW: 48, message_layout.TABLE: 7}
+KINDS = [IMU, TEMPERATURE, RAW, TABLE]
 
 
 def same(a: Any, b: Any) -> None:
@@ -42,31 +42,22 @@ def same(a: Any, b: Any) -> None:
         assert a == b
 
 
-def as_read(path: Path, walk: Walk) -> Any:
-    """All that the reader takes from a file, or its words."""
-    try:
-        return reader.read(path, raw=True, walk=walk)
-    except UnreadableLogError as error:
-        return str(error)
-
-
-def as_audited(path: Path, walk: Walk, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """What scan and audit say by one of the walks."""
-    monkeypatch.setattr(record_walk, "for_reading", lambda size: walk)
-    try:
-        found = scan.scan(path)
-    except UnreadableLogError as error:
-        return str(error)
-    return {"scan": found, "content": message_arrays.audit(found)}
+def all_that_is_said(path: Path) -> Any:
+    """What the reader, the scan and the audit take from a file, or their words."""
+    said: list[Any] = []
+    for take in (lambda: reader.read(path, raw=True), lambda: scan.scan(path), lambda: audit.audit(scan.scan(path))):
+        try:
+            said.append(take())
+        except UnreadableLogError as error:
+            said.append(str(error))
+    return said
 
 
 @pytest.mark.parametrize("case", LAYOUTS)
-def test_both_walks_read_the_same_from_damaged_files(
+def test_damaged_files_say_the_same_by_batches_and_message_by_message(
     tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However a file is laid out, cut anywhere, and with bytes changed anywhere: the same arrays, the same words."""
-    from mcap.writer import IndexType
-
     options = dict(LAYOUTS[case])
     if "index_types" in options:
         options["index_types"] = IndexType.NONE
@@ -77,69 +68,89 @@ def test_both_walks_read_the_same_from_damaged_files(
         for _ in range(rng.randrange(1, 4) if k > 3 else 0):
             damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
         spoilt.write_bytes(damaged)
-        same(as_read(spoilt, PLAIN), as_read(spoilt, compiled()))
-        plain, fast = (as_audited(spoilt, walk, monkeypatch) for walk in (PLAIN, compiled()))
-        same(plain, fast)
+        at_once = all_that_is_said(spoilt)
+        with monkeypatch.context() as patch:
+            patch.setattr(Columns, "take", lambda self, batch, roles: False)
+            patch.setattr(mcap_stream.joined, "__defaults__", (1,))
+            for a, b in zip(at_once, all_that_is_said(spoilt), strict=True):
+                same(a, b)
 
 
 @given(
     st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=60), st.integers(-30, 30)), max_size=12),
     st.binary(max_size=20),
-    st.sampled_from([40, 2**20]),
 )
-def test_both_walks_find_the_same_records(parts: list[tuple[int, bytes, int]], rest: bytes, limit: int) -> None:
+def test_records_are_those_that_one_finds_head_by_head(parts: list[tuple[int, bytes, int]], rest: bytes) -> None:
     """Records of any kind, lengths that are wrong by some bytes, and bytes that are none."""
     content = b"".join(
         HEAD.pack(opcode if opcode > 20 else 5, max(0, len(body) + (wrong if wrong > 25 else 0))) + body
         for opcode, body, wrong in parts
     )
-    data = np.frombuffer(content + rest, np.uint8)
-    wanted = np.arange(256) % 7 != 3
-    assert PLAIN.end_of_whole(data, limit) == compiled().end_of_whole(data, limit)
-    plain, fast = PLAIN.tabulate(data, limit, wanted), compiled().tabulate(data, limit, wanted)
-    assert plain.rows.tolist() == fast.rows.tolist()
-    assert plain[1:] == fast[1:]
+    content += rest
+    wanted, rows, at = np.arange(256) % 7 != 3, [], 0
+    while at + HEAD.size <= len(content):
+        opcode, length = HEAD.unpack_from(content, at)
+        if at + HEAD.size + length > len(content):
+            break
+        message = opcode == 5 and length >= MESSAGE.size
+        channel = MESSAGE.unpack_from(content, at + HEAD.size)[0] if message else -1
+        before = HEAD.size + (MESSAGE.size if message else 0)
+        if wanted[opcode]:
+            rows.append([opcode, channel, at + before, HEAD.size + length - before])
+        at += HEAD.size + length
+    found = mcap_stream.tabulate(content, wanted)
+    assert (found.rows.tolist(), found.end) == (rows, at)
+    assert found.short.tolist() == [row[:2] == [5, -1] for row in rows]
 
 
 def message(kind: int, stamp: int, rng: random.Random) -> bytes:
     """A message of ours, as plain as the recorder writes it or with another text before its numbers."""
     frame = rng.choice(["imu_body", "", "x", "a long name of a frame", "Gehäuse"])
     values = np.array([rng.gauss(0.0, 1.0) for _ in range(6)])
-    if kind == message_layout.IMU:
+    if kind == IMU:
         return with_frame(schemas.encode_imu(stamp, values[:3], values[3:]), schemas.TYPES[schemas.IMU], frame)
-    if kind == message_layout.TEMPERATURE:
+    if kind == TEMPERATURE:
         plain = schemas.encode_temperature(stamp, values[0])
         return with_frame(plain, schemas.TYPES[schemas.TEMPERATURE], frame)
-    if kind == message_layout.RAW:
+    if kind == RAW:
         details = rng.choice([None, ((-7, 8, -9), 10, 0xFFFE)])
         return schemas.encode_raw(schemas.RawPacket(stamp, stamp, (1, 2, 3, 4, 5, 6), 7, 8, details=details))
     return schemas.encode_table_reference(stamp, frame, values[:3].tolist(), values[3:].tolist())
 
 
-@settings(deadline=None)  # the first one compiles
+@settings(deadline=None)  # the first one loads the types
 @given(st.integers(0, 2**32), st.integers(0, 6))
-def test_both_walks_take_the_same_fields(seed: int, changes: int) -> None:
-    """Bit by bit, with and without stamp, and of spoilt messages both say that they are not plain."""
+def test_plain_messages_are_taken_as_they_are_decoded(seed: int, changes: int) -> None:
+    """Bit by bit, with and without stamp; of messages that are not plain none is taken."""
     rng = random.Random(seed)
-    content, roles = bytearray(), np.arange(2**16).astype(np.uint8) % message_layout.ROLES
-    kinds = [rng.choice([*KINDS, message_layout.IGNORED]) for _ in range(rng.randrange(1, 9))]
-    for kind in kinds:
-        data = message(kind or message_layout.RAW, rng.choice([0, START]), rng)
+    content, plain = bytearray(), True
+    for _ in range(rng.randrange(1, 9)):
+        kind = rng.choice(KINDS)
+        data = message(kind, rng.choice([0, START]), rng)
+        plain &= "Gehäuse".encode() not in data or kind == TABLE
         head = MESSAGE.pack(kind, 1, 2, START)
         content += HEAD.pack(5, len(head) + len(data)) + head + data
     for _ in range(changes):
-        at = rng.randrange(len(content))
-        content[at] ^= 1 << rng.randrange(8)
-    data = np.frombuffer(bytes(content), np.uint8)
-    rows = PLAIN.tabulate(data, 2**20, np.arange(256) == message_layout.MESSAGE_OPCODE).rows
-    rows = rows[rows[:, message_layout.CHANNEL] >= 0]
-    taken = []
-    for walk in (PLAIN, compiled()):
-        counts, others = walk.tally(rows, roles)
-        into = [np.zeros((counts[kind], WIDTHS[kind]), np.uint8 if WIDTHS[kind] == 38 else np.uint64) for kind in KINDS]
-        plain = walk.gather(data, rows, roles, *into)
-        taken.append((counts.tolist(), others.tolist(), plain, [a.tobytes() for a in into] if plain else None))
-    assert taken[0] == taken[1]
+        content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+    rows = mcap_stream.tabulate(bytes(content)).rows
+    rows = rows[np.isin(rows[:, mcap_stream.CHANNEL], KINDS)]
+    batch = Batch(bytes(content), rows)
+    roles = rows[:, mcap_stream.CHANNEL].astype(np.uint8)
+    at_once, each = Columns(), Columns()
+    taken = at_once.take(batch, roles)
+    if not changes:
+        assert taken == plain
+    if not taken:
+        assert not any(len(column) for column in (at_once.packets(), at_once.imu()[0], at_once.tables()[0]))
+        return
+    try:
+        for row in range(len(rows)):
+            each.one(int(roles[row]), batch.message(row))
+    except UndecodableError:
+        assert changes  # bytes of a text, or a time, that plain messages may have
+        return
+    for a, b in zip(*([*c.imu(), *c.temperatures(), *c.tables(), c.packets()] for c in (at_once, each)), strict=True):
+        same(a, b)
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
@@ -171,19 +182,3 @@ def test_many_small_chunks_do_not_unpack_to_more_than_the_file_lets_expect() -> 
         inflater.content(chunk)
     with pytest.raises(McapError, match="far more"):
         inflater.content(chunk)
-
-
-def test_a_change_of_the_layout_changes_the_file_that_is_compiled() -> None:
-    """Else numba would go on with what it compiled for the layout before, from its cache."""
-    tree = ast.parse(Path(mcap_kernels.__file__).read_text())
-    taken = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == message_layout.__name__]
-    names = sorted(alias.name for node in taken for alias in node.names if alias.name.isupper())
-    numbers = [(name, getattr(message_layout, name)) for name in names]
-    assert len(numbers) > 10
-    found = zlib.crc32(repr(numbers).encode())
-    assert found == mcap_kernels.LAYOUT_CRC, f"write 0x{found:08X} into mcap_kernels.LAYOUT_CRC"
-
-
-def test_the_compiled_walk_is_taken_where_it_is_loaded() -> None:
-    """One small log after the other is read by it, in a process that has paid for it already."""
-    assert record_walk.for_reading(1) == record_walk.for_filtering(1) == compiled()
