@@ -59,13 +59,17 @@ def write(path: Path, seconds: int, rate: int, flush: Callable[[LogWriter], None
             a, b, c, d, e, f = counts[k].tolist()
             log.raw(RawPacket(n, n * 7_500_000, (a, b, c, d, e, f), 1587, -n * 9500 % 65536), stamp + 900_000, stamp)
             log.imu(stamp + 900_000, stamp, gyro[k], accel[k])
-            log.message(schemas.TEMPERATURE, schemas.temperature(stamp, 25.0 + k % 3 * 0.02), stamp + 900_000, stamp)
+            log.encoded(
+                schemas.TEMPERATURE, schemas.encode_temperature(stamp, 25.0 + k % 3 * 0.02), stamp + 900_000, stamp
+            )
             if k % (rate // 10) == 0:
                 # as large as an estimate, which nobody reads here
                 log.message(schemas.ESTIMATE, _estimate(stamp), stamp, stamp)
         values["packets"] += rate
         texts = {key: str(value) for key, value in values.items()} | {"lost_packets": "0", "bad_checksums": "0"}
-        log.message(schemas.REFERENCE, schemas.table_reference(stamp, "level", np.zeros(3), np.zeros(3)), stamp, stamp)
+        log.encoded(
+            schemas.REFERENCE, schemas.encode_table_reference(stamp, "level", np.zeros(3), np.zeros(3)), stamp, stamp
+        )
         log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "ok", texts), stamp, stamp)
         flush(log)
     log.finish({}, START_NS)

@@ -72,7 +72,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
@@ -163,14 +163,14 @@ def _parsed(path: Path) -> dict[str, Any]:
 def _profile(document: Mapping[str, Any], path: Path) -> Profile:
     try:
         if "samples" not in document:
-            return reference_file.from_document(cast("reference_file.ProfileDocument", document))
+            return reference_file.from_document(document)
         Table(document, ("samples", "sign", "align", "offset_sd_s"), "a profile with `samples`")
         if not isinstance(document["samples"], str):
             raise InputError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
         # what comes beside the samples is what comes beside segments: checked by the one who knows
         beside = dict(document) | {"segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
         del beside["samples"]
-        model = reference_file.from_document(cast("reference_file.ProfileDocument", beside))
+        model = reference_file.from_document(beside)
         sampled = _csv_profile(path.parent / document["samples"])
     except ScenarioError:
         raise

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict, cast
+from typing import TypedDict
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
@@ -197,13 +197,12 @@ _OWN_KEYS = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("a
 
 def from_segments(segments: Iterable[SegmentOfProfile], align: str = "none") -> Profile | None:
     """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
-    tables: list[reference_file.SegmentTable] = []
+    tables: list[dict[str, object]] = []
     for segment in segments:
         own = _OWN_KEYS.get(segment["kind"])
         if own is None:
             return None
-        told = {key: value for key, value in segment.items() if key in ("kind", *own, "seconds")}
-        tables.append(cast("reference_file.SegmentTable", told))
+        tables.append({key: value for key, value in segment.items() if key in ("kind", *own, "seconds")})
     return reference_file.from_document({"align": align, "segment": tables})
 
 

@@ -115,22 +115,12 @@ def _nothing_left(path: Path, seconds: float) -> str:
 
 def select(log: Log, start: float | None, end: float | None) -> Part:
     """Samples from `start` to `end`, s since the first, without those that are flagged as no reading."""
-    t = log.seconds()
-    use = log.valid.copy()
-    if start is not None:
-        use &= t >= start
-    if end is not None:
-        use &= t <= end
-    if not use.any():
-        raise InputError(_nothing_left(log.path, float(t[-1])))
-    stamps = log.stamp_ns[use] if not use.all() else log.stamp_ns
-    first_ns = int(stamps[0])
-    begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))
-    every = bool(use.all())
-    columns = log.gyro, log.accel, log.temperature()
-    return Part(
-        begun, first_ns, reader.seconds_since(stamps, first_ns), *(columns if every else (c[use] for c in columns))
-    )
+    begin_ns, nothing = int(log.stamp_ns[0]), np.empty((log.stamp_ns.size, 0))
+    every = Piece(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature(), nothing, nothing)
+    piece = _chosen(every, begin_ns, start, end)
+    if not piece.stamp_ns.size:
+        raise InputError(_nothing_left(log.path, float(log.seconds()[-1])))
+    return _part(piece, int(piece.stamp_ns[0]), begin_ns)
 
 
 class Temperatures:

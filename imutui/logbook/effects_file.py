@@ -27,7 +27,7 @@ is the container; what the effects mean is made of it by `build`.
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from filters.errors import InputError
 from filters.imu import CHANNELS
 from imutui import outside_file, plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
+from imutui.toml_text import Table, tables_of
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import Effects, MakeEffects
@@ -151,11 +152,8 @@ def parse(content: bytes) -> EffectsDocument:
     if version != VERSION:
         said = "has no `version`" if version is None else f"has `version` {version}"
         raise InputError(f"the file {said}; this imutui reads version {VERSION}")
-    _only(document, _TOP, "the file")
-    tables = document.get("effect", [])
-    if not isinstance(tables, list):
-        raise InputError("`effect` is one table; effects are a list, [[effect]]")
-    effects = tuple(_effect(table, f"effect {k + 1}") for k, table in enumerate(tables))
+    Table(document, _TOP, "the file")
+    effects = tuple(_effect(table, f"effect {k}") for k, table in enumerate(tables_of(document, "effect"), 1))
     p = sum(len(entry.states) for entry in effects)
     if max(len(effects), p) > MOST:
         raise InputError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
@@ -184,52 +182,33 @@ def of_other_unit(content: bytes, info: SessionInfo) -> str:
     return f"the effects are of another unit ({listed}) than the log ({plain_text.in_line(own)})"
 
 
-def _effect(table: Any, where: str) -> Included:
-    if not isinstance(table, dict):
-        raise InputError(f"{where} is not a table")
-    _only(table, _EFFECT, where)
-    name, channels, kind = table.get("effect"), table.get("channels"), table.get("include_as")
-    if not isinstance(name, str) or not name:
-        raise InputError(f"{where} has no name: `effect` is {name!r}")
-    where = f'{where} ("{name}")'
+def _effect(values: Mapping[str, Any], of: str) -> Included:
+    if not (name := Table(values, _EFFECT, of).text("effect", None)):
+        raise InputError(f"{of} has no name: `effect` is {name!r}")
+    of = f'{of} ("{name}")'
+    table = Table(values, _EFFECT, of)
+    kind = table.choice("include_as", _KINDS, "")
+    channels, parameters, states = values.get("channels"), values.get("parameters", {}), values.get("state", [])
     if not isinstance(channels, list) or not channels or not all(c in CHANNELS for c in channels):
-        raise InputError(f"{where}: `channels` is {channels!r}, not a list of {', '.join(CHANNELS)}")
-    if kind not in _KINDS:
-        raise InputError(f"{where}: `include_as` is {kind!r}, not one of {', '.join(_KINDS)}")
-    parameters, states = table.get("parameters", {}), table.get("state", [])
+        raise table.wrong("channels", f"not a list of {', '.join(CHANNELS)}")
     if not isinstance(parameters, dict):
-        raise InputError(f"{where}: `parameters` is not a table")
-    if not isinstance(states, list):
-        raise InputError(f"{where}: `state` is one table; states are a list, [[effect.state]]")
-    entries = tuple(_state(state, f"{where}, state {k + 1}") for k, state in enumerate(states))
+        raise table.wrong("parameters", "not a table [effect.parameters]")
+    if not isinstance(states, list) or not all(isinstance(state, dict) for state in states):
+        raise table.wrong("state", "not a list of tables [[effect.state]]")
+    entries = tuple(_state(state, f"{of}, state {k}") for k, state in enumerate(states, 1))
     return Included(name, tuple(channels), kind, parameters, entries)
 
 
-def _state(table: Any, where: str) -> State:
-    if not isinstance(table, dict):
-        raise InputError(f"{where} is not a table")
-    _only(table, _STATE, where)
-    for key in ("name", "unit"):
-        if not isinstance(table.get(key), str):
-            raise InputError(f"{where}: `{key}` is {table.get(key)!r}, not a text")
-    defaults = {"tau_s": math.inf, "q": 0.0}
-    mean, sd, tau, q = (_number(table.get(key, defaults.get(key)), key, where) for key in ("mean", "sd", "tau_s", "q"))
-    if not math.isfinite(mean):
-        raise InputError(f"{where}: `mean` is {mean}")
-    for key, value in (("sd", sd), ("q", q)):
-        if not 0.0 <= value < math.inf:
-            raise InputError(f"{where}: `{key}` is {value}, not zero or a positive number")
-    if not tau > 0.0:
-        raise InputError(f"{where}: `tau_s` is {tau}, not positive")
-    return State(table["name"], table["unit"], mean, sd, tau, q)
-
-
-def _number(value: Any, key: str, where: str) -> float:
-    # a time without end is infinite; what else must be finite is seen by whoever asks
-    infinite = isinstance(value, float) and not math.isfinite(value)
-    if not infinite and not toml_text.is_number(value):
-        raise InputError(f"{where}: `{key}` is {value!r}, not a number")
-    return float(value)
+def _state(values: Mapping[str, Any], of: str) -> State:
+    table = Table(values, _STATE, of)
+    name, unit = table.text("name", None), table.text("unit", None)
+    if name is None or unit is None:
+        raise table.wrong("name" if name is None else "unit", "not a text")
+    mean, sd, q = table.number("mean"), table.number("sd", least=0.0), table.number("q", 0.0, least=0.0)
+    tau = values.get("tau_s", math.inf)  # a time without end is infinite
+    if tau != math.inf and (not toml_text.is_number(tau) or not tau > 0.0):
+        raise table.wrong("tau_s", "not positive")
+    return State(name, unit, mean, sd, float(tau), q)
 
 
 def _correlation(rows: Any, p: int) -> np.ndarray:
@@ -246,12 +225,6 @@ def _correlation(rows: Any, p: int) -> np.ndarray:
     if p and not np.linalg.eigvalsh(matrix)[0] > -1e-9:
         raise InputError("`correlation` is that of no random numbers: it has a negative eigenvalue")
     return matrix
-
-
-def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
-    unknown = sorted(set(table) - set(keys))
-    if unknown:
-        raise InputError(f"{where} has `{unknown[0]}`; it may have: {', '.join(keys)}")
 
 
 # ---------------------------------------------------------------------------------------------------------- writing

@@ -32,7 +32,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict, cast
+from typing import Any
 
 import numpy as np
 
@@ -44,35 +44,12 @@ from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from imutui import toml_text
 from imutui.logbook import trajectory_file
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.toml_text import is_number
+from imutui.toml_text import Table
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
 """Names under which a reference travels."""
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
 _LARGEST, _NEAREST_S, _SMALLEST = 1e9, 1e-6, 1e-15
-
-
-class SegmentTable(TypedDict, total=False):
-    """One [[segment]] of a profile's document; which keys it has depends on its kind."""
-
-    kind: str
-    angles_deg: list[float]
-    axis: str
-    rate_dps: float
-    amplitude_deg: float
-    hz: float
-    seconds: float
-
-
-class ProfileDocument(TypedDict, total=False):
-    """A profile's document as `tomllib` gives it; its values are checked when it is read."""
-
-    align: str
-    sign: list[int]
-    offset_sd_s: float
-    slew_dps: float
-    accel_dps2: float
-    segment: list[SegmentTable]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +77,7 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
     text = text_of(content, name)
     if name.lower().endswith(".toml"):
         try:
-            return from_document(cast("ProfileDocument", toml_text.parse(content)))
+            return from_document(toml_text.parse(content))
         except InputError as error:
             raise InputError(f"{name} is no table profile: {error}") from error
     first = next(csv.reader([text.splitlines()[0] if text else ""]), [])
@@ -153,29 +130,29 @@ def parse_angles(text: str, name: str) -> Profile:
 # -------------------------------------------------------------------------------------- a profile as a TOML document
 
 
-def from_document(document: ProfileDocument) -> Profile:
+def from_document(document: Mapping[str, Any]) -> Profile:
     """Profile from the content of a TOML file; the module shows one.
 
     `document`: as `tomllib` gives it; nothing in it is taken for granted.
     Raises InputError if a key is missing, unknown, or has a value that does not fit; the message names it.
     """
-    _known(document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "")
+    table = Table(
+        document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "a profile", where=""
+    )
     tables = document.get("segment")
     if not isinstance(tables, list) or not tables:
         raise InputError("`segment` is missing: a profile has at least one [[segment]]")
     sign = document.get("sign", [1, 1, 1])
     if not isinstance(sign, list) or len(sign) != 3 or any(s not in (-1, 1) for s in sign):
-        raise InputError(f"`sign` is {sign}, not three of -1 and 1")
-    offset_sd = _number(document, "offset_sd_s", "") if "offset_sd_s" in document else None
-    if offset_sd is not None and offset_sd < 0.0:
-        raise InputError(f"`offset_sd_s` is {offset_sd:g}, not 0 or more")
-    align = document.get("align", "none")
-    limits = [
-        math.radians(_number(document, key, "", positive=True)) if key in document else default
+        raise table.wrong("sign", "not three of -1 and 1")
+    offset_sd = table.number("offset_sd_s", least=0.0) if "offset_sd_s" in table else None
+    slew, accel = (
+        math.radians(_positive(table, key)) if key in table else default
         for key, default in (("slew_dps", SLEW), ("accel_dps2", ACCEL))
-    ]
-    segments = tuple(_segment(table, f"segment {n}: ") for n, table in enumerate(tables, 1))
-    return Profile(segments, (int(sign[0]), int(sign[1]), int(sign[2])), align, offset_sd, limits[0], limits[1])
+    )
+    segments = tuple(_segment(values, f"segment {n}") for n, values in enumerate(tables, 1))
+    signs = int(sign[0]), int(sign[1]), int(sign[2])
+    return Profile(segments, signs, document.get("align", "none"), offset_sd, slew, accel)
 
 
 def about(text: str) -> list[str]:
@@ -221,6 +198,7 @@ def _degrees(radians: float) -> float:
     return round(math.degrees(radians), 9)
 
 
+_TOP = ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment")
 _KEYS = {
     "dwell": ("angles_deg", "seconds"),
     "rate": ("axis", "rate_dps", "seconds"),
@@ -228,39 +206,27 @@ _KEYS = {
 }
 
 
-def _segment(table: Any, where: str) -> Segment:
-    kind = table.get("kind") if isinstance(table, dict) else table
-    if not isinstance(kind, str) or kind not in _KEYS:
-        raise InputError(f"{where}`kind` is {kind!r}, not one of: {', '.join(_KEYS)}")
-    _known(table, ("kind", *_KEYS[kind]), where)
-    seconds = _number(table, "seconds", where, positive=True)
+def _segment(values: Any, of: str) -> Segment:
+    values = values if isinstance(values, dict) else {"kind": values}
+    kind = Table({"kind": values.get("kind")}, ("kind",), of).choice("kind", tuple(_KEYS), "")
+    table = Table(values, ("kind", *_KEYS[kind]), of)
+    seconds = _positive(table, "seconds")
     if kind == "dwell":
-        angles = table.get("angles_deg")
-        if not isinstance(angles, list) or len(angles) != 3 or not all(is_number(a) for a in angles):
-            raise InputError(f"{where}`angles_deg` is {angles}, not three angles: [outer, middle, inner]")
-        return Dwell((math.radians(angles[0]), math.radians(angles[1]), math.radians(angles[2])), seconds)
-    axis = table.get("axis")
-    if axis not in AXES:
-        raise InputError(f"{where}`axis` is {axis!r}, not one of: {', '.join(AXES)}")
+        angles = table.triple("angles_deg", 1.0)
+        if angles is None:
+            raise table.wrong("angles_deg", "not three angles: [outer, middle, inner]")
+        outer, middle, inner = map(math.radians, angles)
+        return Dwell((outer, middle, inner), seconds)
+    axis = table.choice("axis", AXES, "")
     if kind == "rate":
-        rate_dps = _number(table, "rate_dps", where)
+        rate_dps = table.number("rate_dps")
         if rate_dps == 0.0:
-            raise InputError(f"{where}`rate_dps` is 0; a dwell rests")
+            raise table.wrong("rate_dps", "and a dwell rests")
         return Rate(axis, math.radians(rate_dps), seconds)
-    amplitude = math.radians(_number(table, "amplitude_deg", where, positive=True))
-    return Sine(axis, amplitude, _number(table, "hz", where, positive=True), seconds)
+    return Sine(axis, math.radians(_positive(table, "amplitude_deg")), _positive(table, "hz"), seconds)
 
 
-def _known(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise InputError(f"{where}`{key}` is unknown; known here: {', '.join(keys)}")
-
-
-def _number(table: Mapping[str, Any], key: str, where: str, *, positive: bool = False) -> float:
-    if key not in table:
-        raise InputError(f"{where}`{key}` is missing")
-    value = table[key]
-    if not is_number(value) or (positive and not value > 0):
-        raise InputError(f"{where}`{key}` is {value!r}, not a {'positive' if positive else 'finite'} number")
-    return float(value)
+def _positive(table: Table, key: str) -> float:
+    if not (value := table.number(key)) > 0.0:
+        raise table.wrong(key, "not a positive number")
+    return value

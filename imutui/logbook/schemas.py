@@ -4,7 +4,7 @@ Every channel is `ros2msg`/`cdr`: the one encoding that the common viewers, rosb
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -313,29 +313,12 @@ def stamp_ns(message_header: Any) -> int:
     return int(message_header.stamp.sec) * 1_000_000_000 + int(message_header.stamp.nanosec)
 
 
-def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> Any:
-    """sensor_msgs/Imu of angular rate (rad/s) and specific force (m/s²) in body axes; orientation is unknown.
-
-    A sample that is not `valid` says "no estimate" of both, as ROS does: their covariances begin with -1.
-    """
-    vector = typestore().types["geometry_msgs/msg/Vector3"]
-    unknown, readings = np.zeros(9), np.zeros(9)
-    unknown[0] = NO_ESTIMATE
-    readings[0] = 0.0 if valid else NO_ESTIMATE
-    return make(
-        TYPES[IMU],
-        header=header(stamp, _IMU_FRAME),
-        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-        orientation_covariance=unknown,
-        angular_velocity=vector(*map(float, gyro)),
-        angular_velocity_covariance=readings,
-        linear_acceleration=vector(*map(float, accel)),
-        linear_acceleration_covariance=readings,
-    )
-
-
 def encode_imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> bytes:
-    """CDR bytes of `imu`, packed by hand: an hour at 133 Hz is half a million of them."""
+    """CDR bytes of sensor_msgs/Imu: angular rate (rad/s), specific force (m/s²) in body axes; orientation is unknown.
+
+    A sample that is not `valid` says "no estimate" of both, as ROS does: their covariances begin with -1. Packed by
+    hand, as all that comes with each sample: an hour at 133 Hz is half a million of them.
+    """
     seconds, rest = divmod(stamp, 1_000_000_000)
     frame = _IMU_FRAME.encode() + b"\0"
     covariance = (0.0 if valid else NO_ESTIMATE, *_ZEROS)
@@ -369,31 +352,20 @@ def is_plain_estimate(data: bytes) -> bool:
     return data[:4] == _CDR_HEADER and (data[12:16], len(data)) in _PLAIN_ESTIMATES
 
 
-def temperature(stamp: int, degc: float) -> Any:
-    """sensor_msgs/Temperature inside the instrument's case."""
-    return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
-
-
 def encode_temperature(stamp: int, degc: float) -> bytes:
-    """CDR bytes of `temperature`, packed by hand: an imported recording has one a sample."""
+    """CDR bytes of sensor_msgs/Temperature inside the instrument's case."""
     seconds, rest = divmod(stamp, 1_000_000_000)
     return _TEMPERATURE.pack(_CDR_HEADER, seconds, rest, 9, b"imu_case\0", degc, 0.0)
 
 
-def encode_table_reference(stamp: int, kind: str, angles_deg: list[float], rates_dps: list[float]) -> bytes:
-    """CDR bytes of `table_reference`, packed by hand: a table that turns has one a sample."""
+def encode_table_reference(stamp: int, kind: str, angles_deg: Iterable[float], rates_dps: Iterable[float]) -> bytes:
+    """CDR bytes of imutui_msgs/TableReference: what is known of the table, three angles (deg) and rates (deg/s)."""
     seconds, rest = divmod(stamp, 1_000_000_000)
     text = kind.encode() + b"\0"
     # numbers are aligned to 8 bytes counted from after the encapsulation's 4; 24 come before the text
     room = (24 + len(text) + 7) // 8 * 8 - 24
     layout = f"<4siII6s2xI{room}s6d"
     return struct.pack(layout, _CDR_HEADER, seconds, rest, 6, b"table\0", len(text), text, *angles_deg, *rates_dps)
-
-
-def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:
-    """imutui_msgs/TableReference: what is known of the table, angles (deg, (3,)) and rates (deg/s, (3,))."""
-    head = header(stamp, "table")
-    return make(TYPES[REFERENCE], header=head, kind=kind, angles_deg=angles_deg, rates_dps=rates_dps)
 
 
 def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) -> Any:

@@ -207,7 +207,7 @@ class SamplePipeline:
         if self._writer is not None:
             log_ns = self._timebase.utc_ns(host_ns)
             self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=sample.valid)
-            self._writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
+            self._writer.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp_ns, degc), log_ns, stamp_ns)
         if self.filter is not None and sample.valid:
             self._filter(self.filter.sample(stamp_ns, gyro, accel, degc), host_ns)
 
@@ -232,8 +232,8 @@ class SamplePipeline:
         utc = self._timebase.utc_ns(now_ns)
         angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
         rates = np.full(3, np.nan) if self.info.reference == "turned" else np.zeros(3)
-        reference = schemas.table_reference(utc, self.info.reference, angles, rates)
-        self._writer.message(schemas.REFERENCE, reference, utc, utc)
+        reference = schemas.encode_table_reference(utc, self.info.reference, angles, rates)
+        self._writer.encoded(schemas.REFERENCE, reference, utc, utc)
         damaged = self.counters.lost_packets_max or self.counters.bad_checksums
         found = ["packets were lost or damaged"] if damaged else []
         if self.info.sampling == "polled" and polled_rate.finding(self.info.rate_hz, self.rate.hz()) is not None:

@@ -304,7 +304,7 @@ def foreign(
         for k in range(60):
             stamp = START_NS + k * step_ns
             gyro = np.full(3, spoil if k == 30 else 0.0)
-            data = schemas.encode(schemas.IMU, schemas.imu(stamp, gyro, np.array([0.0, 0.0, -9.78])))
+            data = schemas.encode_imu(stamp, gyro, np.array([0.0, 0.0, -9.78]))
             writer.add_message(channel, stamp, data[: len(data) - cut] if k == 30 else data, stamp)
         writer.finish()
 

@@ -229,7 +229,7 @@ def foreign(path: Path) -> Path:
         channel = writer.register_channel("/sensor/imu", "cdr", schema)
         for k in range(60):
             stamp = 1_700_000_000_000_000_000 + k * 50_000_000
-            data = schemas.encode(schemas.IMU, schemas.imu(stamp, np.full(3, 0.01 * k), np.array([0.0, 0.1, -9.78])))
+            data = schemas.encode_imu(stamp, np.full(3, 0.01 * k), np.array([0.0, 0.1, -9.78]))
             writer.add_message(channel, stamp, data, stamp)
         writer.finish()
     return path

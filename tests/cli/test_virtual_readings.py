@@ -25,7 +25,7 @@ from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
 from imutui.instrument.virtual_instrument import Reading
 from imutui.instrument.wire import Wire
-from imutui.logbook import reader, schemas
+from imutui.logbook import reader
 from imutui.logbook.writer import LogWriter
 
 GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
@@ -269,7 +269,7 @@ def recorded_by(model: str, path: Path) -> Path:
     info = replace(log.info, instrument=model, accel_sign=1)
     writer = LogWriter(path, info, "", int(log.stamp_ns[0]))
     for ns, gyro, accel in zip(log.stamp_ns.tolist(), log.gyro, log.accel, strict=True):
-        writer.message(schemas.IMU, schemas.imu(ns, gyro, accel, valid=True), ns, ns)
+        writer.imu(ns, ns, gyro, accel)
     writer.finish({}, int(log.stamp_ns[-1]))
     return path
 

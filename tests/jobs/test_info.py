@@ -27,7 +27,7 @@ def written(
     for k in range(seconds * rate):
         stamp = start + k * 1_000_000_000 // rate
         log.imu(stamp, stamp, np.zeros(3), np.ones(3), valid=k != 3)
-        log.message(schemas.TEMPERATURE, schemas.temperature(stamp, 20.0 + k / rate), stamp, stamp)
+        log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + k / rate), stamp, stamp)
         if k % rate == rate - 1:
             log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
             log.flush()

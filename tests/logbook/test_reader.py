@@ -200,24 +200,29 @@ def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
     assert not read.finished
 
 
-@given(st.integers(0, 2**31 * 10**9 - 1), vectors, vectors, st.booleans())
-def test_the_packed_sample_is_what_rosbags_writes(stamp: int, gyro: Any, accel: Any, valid: bool) -> None:
-    """By hand and by definition, byte for byte; so a flagged sample has the same layout."""
-    made = schemas.imu(stamp, np.array(gyro), np.array(accel), valid=valid)
-    assert schemas.encode_imu(stamp, np.array(gyro), np.array(accel), valid=valid) == schemas.encode(schemas.IMU, made)
-
-
 @given(
     st.integers(0, 2**31 * 10**9 - 1), numbers, vectors, vectors, st.sampled_from(["", "level", "gravity", "profile"])
 )
-def test_packed_temperatures_and_angles_are_what_rosbags_writes(
-    stamp: int, degc: float, angles: Any, rates: Any, kind: str
+def test_what_is_packed_by_hand_is_what_rosbags_writes(
+    stamp: int, degc: float, gyro: Any, accel: Any, kind: str
 ) -> None:
-    """By hand and by definition, byte for byte, whatever the length of the text before the numbers."""
-    made = schemas.table_reference(stamp, kind, np.array(angles), np.array(rates))
-    assert schemas.encode_table_reference(stamp, kind, angles, rates) == schemas.encode(schemas.REFERENCE, made)
-    temperature = schemas.encode(schemas.TEMPERATURE, schemas.temperature(stamp, degc))
-    assert schemas.encode_temperature(stamp, degc) == temperature
+    """Samples, flagged or not, temperatures and angles: what is decoded is what was given, and encodes to the bytes."""
+    packed = {
+        schemas.IMU: schemas.encode_imu(stamp, np.array(gyro), np.array(accel), valid=bool(kind)),
+        schemas.TEMPERATURE: schemas.encode_temperature(stamp, degc),
+        schemas.REFERENCE: schemas.encode_table_reference(stamp, kind, gyro, accel),
+    }
+    m = {topic: schemas.decode(schemas.TYPES[topic], data) for topic, data in packed.items()}
+    assert all(schemas.encode(topic, m[topic]) == data for topic, data in packed.items())
+    assert {schemas.stamp_ns(each.header) for each in m.values()} == {stamp}
+    w, f, flag = m[schemas.IMU].angular_velocity, m[schemas.IMU].linear_acceleration, 0.0 if kind else -1.0
+    assert ((w.x, w.y, w.z), (f.x, f.y, f.z)) == (gyro, accel)
+    first = [m[schemas.IMU].angular_velocity_covariance[0], m[schemas.IMU].linear_acceleration_covariance[0]]
+    assert first == [flag, flag]
+    assert m[schemas.IMU].orientation_covariance[0] == -1.0
+    assert m[schemas.TEMPERATURE].temperature == degc
+    table = m[schemas.REFERENCE]
+    assert (table.kind, tuple(table.angles_deg), tuple(table.rates_dps)) == (kind, gyro, accel)
 
 
 def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def of_samples(
     if reference is not None:
         log.attach(reference.name, reference.media_type, reference.content, START)
     still = np.zeros(3)
-    log.message(schemas.REFERENCE, schemas.table_reference(START, info.reference, still, still), START, START)
+    log.encoded(schemas.REFERENCE, schemas.encode_table_reference(START, info.reference, still, still), START, START)
     rows = zip(samples.t.tolist(), samples.gyro, samples.accel, strict=True)
     for k, (t, gyro, accel) in enumerate(rows):
         stamp = START + round(t * 1e9)
@@ -69,10 +69,12 @@ def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
         counts = tuple(rng.integers(-32768, 32768, 6).tolist())
         log.raw(RawPacket(k, k * 7, counts, int(rng.integers(65536)), 65535 - k, k % 2, k % 8), stamp + 9, stamp)
         log.imu(stamp + 9, stamp, rng.normal(size=3), rng.normal(size=3), valid=k % rate != 5)
-        log.message(schemas.TEMPERATURE, schemas.temperature(stamp, rng.normal()), stamp, stamp)
+        log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, rng.normal()), stamp, stamp)
         if k % rate == rate - 1:
             angles, rates = np.array([k, k + 0.5, -k]), np.full(3, k)
-            log.message(schemas.REFERENCE, schemas.table_reference(stamp, f"kind {k}", angles, rates), stamp, stamp)
+            log.encoded(
+                schemas.REFERENCE, schemas.encode_table_reference(stamp, f"kind {k}", angles, rates), stamp, stamp
+            )
             log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp)
             log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
             log.flush()
