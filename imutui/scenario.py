@@ -80,7 +80,7 @@ from filters.motion.profile import Profile
 from filters.simulation import FAULT_KINDS, Effect, Fault, Personality, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
 from imutui import outside_file, toml_text
-from imutui.logbook import named_profiles, reference_file
+from imutui.logbook import reference_file
 from imutui.toml_text import Table, is_number, tables_of
 
 _DPS = math.pi / 180.0
@@ -132,11 +132,11 @@ def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
     Raises ScenarioError if it can't be read, or something in it does not fit.
     """
     usual = Scenario() if plain is None else plain
-    named = None if path.exists() else named_profiles.find(str(path))
+    named = None if path.exists() else reference_file.find(str(path))
     if named is not None:
         return replace(usual, profile=named.profile)
     if not path.suffix and not path.exists():
-        raise ScenarioError(f"{path} is no file, nor a ready-made profile: {named_profiles.listed()}.")
+        raise ScenarioError(f"{path} is no file, nor a ready-made profile: {reference_file.listed()}.")
     document = _parsed(path)
     try:
         if "segment" in document or "samples" in document:
@@ -236,11 +236,11 @@ def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
 
 def _profile_named(name: str, folder: Path) -> Profile:
     """Profile of a file in a folder, or of a name."""
-    file, named = folder / name, named_profiles.find(name)
+    file, named = folder / name, reference_file.find(name)
     if named is not None and not file.exists():
         return named.profile
     if not file.exists() and file.suffix.lower() not in (".toml", ".csv"):
-        raise InputError(f'`profile` is "{name}": no such file, nor a ready-made profile: {named_profiles.listed()}')
+        raise InputError(f'`profile` is "{name}": no such file, nor a ready-made profile: {reference_file.listed()}')
     return load_profile(file)
 
 

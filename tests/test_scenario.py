@@ -23,7 +23,7 @@ from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
 from imutui.cli.virtual_readings import SIMULATED, Asked, SimulatedReadings, on_the_line, scenario_of
 from imutui.instrument.imu400.crossbow import Mode
-from imutui.logbook import named_profiles, reader
+from imutui.logbook import reader, reference_file
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 
 DEG = math.pi / 180.0
@@ -398,8 +398,8 @@ def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    name = Path(named_profiles.ready_made()[0].name)
+    name = Path(reference_file.ready_made()[0].name)
     ready_made = load_scenario(name).profile
     name.write_text('[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 7.0\n')
     assert load_scenario(name).profile == Profile((Dwell((0.0, 0.0, 0.0), 7.0),))
-    assert ready_made == named_profiles.ready_made()[0].profile
+    assert ready_made == reference_file.ready_made()[0].profile

@@ -150,8 +150,8 @@ def command(
 
 def _name_of(reference: str) -> str:
     """Name of a file that --reference names; that which a ready-made profile would have."""
-    from imutui.logbook import named_profiles
+    from imutui.logbook import reference_file
 
     path = Path(reference)
-    named = None if path.suffix.lower() in (".csv", ".toml") else named_profiles.find(reference)
+    named = None if path.suffix.lower() in (".csv", ".toml") else reference_file.find(reference)
     return path.name if named is None else named.file

@@ -11,7 +11,7 @@ from filters.imu import AxisMap
 from imutui.instrument.registry import of_model
 from imutui.jobs.documents import EventField, InfoDocument, QualityFields, SessionFields
 from imutui.jobs.quantities import utc_text
-from imutui.logbook import added_notes, schemas, summary, unread_channels
+from imutui.logbook import added_notes, sample_check, schemas, summary
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 from imutui.plain_text import NOTE_LIMIT, in_line, one_line
 
@@ -240,7 +240,7 @@ def lacking_channels(content: "Audit") -> tuple[str, ...]:
     if not content.samples:
         return ()
     axes = AxisMap(accel_sign=1) if content.info is None else content.info.axes()
-    return unread_channels.names(unread_channels.in_instrument_axes(content.lacks, axes))
+    return sample_check.names(sample_check.in_instrument_axes(content.lacks, axes))
 
 
 def _temperature(content: "Audit") -> dict[str, float] | None:

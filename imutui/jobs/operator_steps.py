@@ -15,8 +15,8 @@ from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
-from imutui.logbook import atomic_file, named_profiles, reference_file
-from imutui.logbook.named_profiles import NamedProfile
+from imutui.logbook import atomic_file, reference_file
+from imutui.logbook.reference_file import NamedProfile
 
 VERSION = 1
 _ACCELS = ("ax", "ay", "az")
@@ -75,7 +75,7 @@ class OperatorStep:
 
 def ready_made() -> list[Offer]:
     """Profiles that need no file."""
-    return [_ready(made) for made in named_profiles.ready_made()]
+    return [_ready(made) for made in reference_file.ready_made()]
 
 
 def _ready(made: NamedProfile) -> Offer:
@@ -112,14 +112,14 @@ def save(offer: Offer, path: Path) -> None:
 def offer_of(path: Path) -> Offer:
     """Profile of a file, or of a name; one that cannot be used says why."""
     place = str(path.parent)
-    named = None if path.exists() else named_profiles.find(str(path))
+    named = None if path.exists() else reference_file.find(str(path))
     if named is not None:
         return _ready(named)
     if path.exists() and not path.is_file():
         # a device would be read for ever, and from under whoever has it
         return Offer(path.name, place, error="is no file")
     if path.suffix.lower() not in _SUFFIXES:
-        error = f"is neither .toml nor .csv by its name, nor a ready-made profile: {named_profiles.listed()}"
+        error = f"is neither .toml nor .csv by its name, nor a ready-made profile: {reference_file.listed()}"
         return Offer(path.name, place, error=error)
     try:
         content = outside_file.read(path, outside_file.TEXT_LIMIT)

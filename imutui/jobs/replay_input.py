@@ -13,7 +13,7 @@ from filters.imu import Noise
 from filters.kalman.settings import GAP_PERIODS
 from filters.motion import alignment
 from filters.motion import reference as references
-from imutui.logbook import pieces, reader, unread_channels
+from imutui.logbook import pieces, reader, sample_check
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
 from imutui.logbook.session_info import SessionInfo
@@ -204,10 +204,10 @@ def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo
     `path`: the log, for messages.
     Raises InputError if the reference does not say what the channels would have read.
     """
-    lacks = unread_channels.unread(gyro, accel)
+    lacks = sample_check.unread(gyro, accel)
     if not lacks.any():
         return Filled(gyro, accel)
-    told = ", ".join(unread_channels.names(unread_channels.in_instrument_axes(lacks, info.axes())))
+    told = ", ".join(sample_check.names(sample_check.in_instrument_axes(lacks, info.axes())))
     site = info.site()
     if info.reference == "level":
         still = references.level(site)

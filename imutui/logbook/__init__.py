@@ -1,15 +1,13 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
-`schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes ·
-`mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
-`columns` messages as arrays, `audit` all of them and what is known of a whole log ·
-`pieces` a log of any length in bounded memory,
-`sample_check` whether its samples can be used, `export` it as CSV, NPZ or Parquet, `parquet` the library of the last ·
-`recover` a whole file made of what is left · `importer` recordings made elsewhere,
-`import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what
-they lack · `polled_rate` whether polling kept what was asked · `power_on` logs that continue others ·
-`reference_file`, `trajectory_file`, `effects_file` other formats · `named_profiles` profiles that need no file ·
-`results` the JSON document of a replay or a live run, `quality_summary` what a log holds of one.
+`schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
+and its index · `mcap_stream` its records in order, `scan` those of a damaged one, `summary` its ends ·
+`columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
+bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
+`parquet` the library of the last · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
+`import_reference` what they know of their motion, `arrival_stamps` their sampling instants · `polled_rate` whether
+polling kept what was asked · `power_on` logs that continue others · `reference_file` table profiles, those too that
+need no file, `trajectory_file`, `effects_file` other formats · `results` the JSON document of a replay or a live run.
 The only user of mcap, zstandard, lz4 and rosbags.
 """
 

@@ -11,10 +11,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_format, quality_summary, schemas, summary, unread_channels
+from imutui.logbook import mcap_format, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
-from imutui.logbook.file_index import Index
-from imutui.logbook.mcap_format import HEAD, parse
+from imutui.logbook.mcap_format import HEAD, Index, parse
 from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, RecordTable, joined, records_of, tabulate
 from imutui.logbook.scan import Scan
 from imutui.logbook.schemas import LogEvent, UndecodableError
@@ -183,7 +182,7 @@ def belongings(found: Scan) -> Audit:
                 stream.seek(piece.at)
                 _take_belonging(known, piece.opcode, stream.read(piece.length))
     if summary.SUMMARY in known.attachments:
-        known.result = quality_summary.parse(known.attachments[summary.SUMMARY])
+        known.result = summary.quality(known.attachments[summary.SUMMARY])
     return known
 
 
@@ -212,7 +211,7 @@ def _take_note(known: Audit, part: Part) -> None:
         known.latest_ns = max(known.latest_ns, latest) if known.samples else latest
         known.last_ns = last
         known.samples += part.stamp_ns.size
-        known.lacks &= unread_channels.unread(part.gyro, part.accel)
+        known.lacks &= sample_check.unread(part.gyro, part.accel)
         known.unread_samples += int(np.count_nonzero(~part.valid))
     known.packets += part.packets.size
     for word, count in zip(*np.unique(part.packets["status"], return_counts=True), strict=True):

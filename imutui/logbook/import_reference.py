@@ -13,7 +13,7 @@ from filters.motion.reference import KINDS, Trajectory
 from filters.state import Site
 from filters.types import Array
 from imutui import outside_file
-from imutui.logbook import named_profiles, reference_file, trajectory_file
+from imutui.logbook import reference_file, trajectory_file
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.reference_file import ReferenceFile
 
@@ -49,13 +49,13 @@ def from_text(text: str) -> ReferenceFile | None:
     path = Path(text)
     if path.suffix.lower() in (".csv", ".toml"):
         return from_file(path)
-    named = None if text in KINDS else named_profiles.find(text)
+    named = None if text in KINDS else reference_file.find(text)
     if named is not None:
         return ReferenceFile("profile", "reference.toml", "application/toml", named.text.encode())
     if text not in KINDS:
         raise InputError(
             f'--reference is "{text}": no word for a reference (level, gravity, turned), no .toml or .csv file, and no'
-            f" ready-made profile. Those are {named_profiles.listed()}."
+            f" ready-made profile. Those are {reference_file.listed()}."
         )
     return None
 

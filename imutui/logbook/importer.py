@@ -19,7 +19,7 @@ import numpy as np
 
 import imutui
 from filters.errors import InputError
-from imutui.logbook import arrival_stamps, parquet, power_on, schemas, unread_channels
+from imutui.logbook import arrival_stamps, parquet, power_on, sample_check, schemas
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
@@ -74,7 +74,7 @@ class Recording:
     @property
     def unread(self) -> tuple[str, ...]:
         """Names of channels that it lacks, NaN throughout."""
-        return unread_channels.names(unread_channels.unread(self.gyro_dps, self.accel_g))
+        return sample_check.names(sample_check.unread(self.gyro_dps, self.accel_g))
 
     @property
     def rate_hz(self) -> float:
@@ -454,7 +454,7 @@ def _check_large(path: Path, name: str, column: np.ndarray) -> None:
 
 
 def _check_some(path: Path, gyro: np.ndarray, accel: np.ndarray) -> None:
-    if gyro.size and unread_channels.unread(gyro, accel).all():
+    if gyro.size and sample_check.unread(gyro, accel).all():
         raise ImportDataError(f"{path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
 
 

@@ -17,7 +17,7 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_stream, schemas, unread_channels
+from imutui.logbook import mcap_stream, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
@@ -84,7 +84,7 @@ class Log:
     @property
     def unread(self) -> np.ndarray:
         """Which channels the log lacks, gyros first, body axes, bool, shape (6,): they are NaN throughout."""
-        return unread_channels.unread(self.gyro, self.accel)
+        return sample_check.unread(self.gyro, self.accel)
 
     def seconds(self) -> np.ndarray:
         """Time of the samples since the first, s, shape (N,)."""

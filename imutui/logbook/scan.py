@@ -18,17 +18,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header
 
-from imutui.logbook import (
-    effects_file,
-    file_index,
-    file_lock,
-    mcap_format,
-    reader,
-    reference_file,
-    summary,
-)
-from imutui.logbook.file_index import Index
-from imutui.logbook.mcap_format import FOOTER_SIZE, HEAD, LIMIT, MAGIC, MALFORMED, ChecksumError, prefixed
+from imutui.logbook import effects_file, log_stream, mcap_format, reader, reference_file, summary
+from imutui.logbook.mcap_format import FOOTER_SIZE, HEAD, LIMIT, MAGIC, MALFORMED, ChecksumError, Index, prefixed
 from imutui.logbook.mcap_stream import tabulate
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
@@ -121,7 +112,7 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> 
     """
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
-        found.held = file_lock.is_held(stream)
+        found.held = log_stream.is_held(stream)
         _FileWalk(data, found, progress).run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
             raise UnreadableLogError(reader.foreign(path))
@@ -324,11 +315,11 @@ class _FileWalk:
 
     def _index(self, size: int) -> Index | None:
         """The summary, if the file's first `size` bytes end with one that is right."""
-        tail = size - file_index.TAIL
+        tail = size - mcap_format.TAIL
         if tail < len(MAGIC):
             return None
         try:
-            return file_index.read(self._data[tail:size], size, lambda first, last: self._data[first:last])
+            return mcap_format.read_index(self._data[tail:size], size, lambda first, last: self._data[first:last])
         except MALFORMED:
             return None
 

@@ -5,8 +5,10 @@ our samples are numbered, so their number and time are exact; what lies between 
 """
 
 import contextlib
+import json
+import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -14,7 +16,7 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
-from imutui.logbook import file_index, file_lock, mcap_format, quality_summary, schemas
+from imutui.logbook import log_stream, mcap_format, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, MESSAGE, OPCODES, parse, records
 from imutui.logbook.session_info import METADATA
 
@@ -76,7 +78,7 @@ def read(path: Path) -> Summary:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
         if not whole:
             _from_ends(stream, found)
-        if file_lock.is_held(stream):
+        if log_stream.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
     _judge(found)
     return found
@@ -103,15 +105,15 @@ def _judge(found: Summary) -> None:
 
 def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     """Take what the summary section says; False if the file has none."""
-    if found.bytes < len(MAGIC) + file_index.TAIL:
+    if found.bytes < len(MAGIC) + mcap_format.TAIL:
         return False
 
     def section(first: int, last: int) -> bytes:
         stream.seek(first)
         return stream.read(max(0, last - first))
 
-    end = section(found.bytes - file_index.TAIL, found.bytes)
-    index = file_index.read(end, found.bytes, section, chunks=False)
+    end = section(found.bytes - mcap_format.TAIL, found.bytes)
+    index = mcap_format.read_index(end, found.bytes, section, chunks=False)
     if index is None:
         found.why = "it has no summary" if end.endswith(MAGIC) else found.why
         return False
@@ -151,7 +153,7 @@ def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) 
     at = index.offset + index.length - 4 - index.data_size
     if index.name == SUMMARY and index.data_size <= _LARGEST and 0 <= at <= found.bytes:
         stream.seek(at)
-        found.result = quality_summary.parse(stream.read(index.data_size))
+        found.result = quality(stream.read(index.data_size))
 
 
 # -- any other file ----------------------------------------------------------------------------------------------------
@@ -326,3 +328,68 @@ def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:
     return {str(key): str(value) for key, value in metadata.items()}
+
+
+# -- the quality summary that a recorder attaches on closing, as anybody may have written it ---------------------------
+
+
+def quality(content: bytes) -> dict[str, object]:
+    """Figures of a summary's JSON: those that are what their names promise, numbers that are none as None.
+
+    `content`: of the attachment.
+    Returns empty if it is no JSON object.
+    """
+    if len(content) > _LARGEST:
+        return {}
+    try:
+        document = json.loads(content, parse_float=_finite, parse_int=_whole, parse_constant=lambda name: None)
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(document, dict):
+        return {}
+    return {key: document[key] for key, fits in _SHAPES.items() if key in document and fits(document[key])}
+
+
+def _finite(text: str) -> float | None:
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+def _whole(text: str) -> int | None:
+    # longer than any count, and than what other programs read
+    return int(text) if len(text) < 20 else None
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_figure(value: object) -> bool:
+    """Whether it is a number, one that is not known, a verdict, a text, or a list of numbers."""
+    flat = value is None or isinstance(value, str | bool) or _is_number(value)
+    return flat or (isinstance(value, list) and all(item is None or _is_number(item) for item in value))
+
+
+def _is_figures(value: object) -> bool:
+    return isinstance(value, dict) and all(map(_is_figure, value.values()))
+
+
+_WORDS = ("GREEN", "AMBER", "RED", "OFF")
+_SHAPES: dict[str, Callable[[object], bool]] = {
+    "verdict": lambda value: value in _WORDS,
+    "samples": _is_count,
+    "duration_s": _is_number,
+    "lost_packets": _is_count,
+    "bad_checksums": _is_count,
+    "converged": lambda value: isinstance(value, bool),
+    "converged_s": _is_figures,
+    "final": _is_figures,
+    "sd": _is_figures,
+    "nis": _is_figures,
+    "gaps": lambda value: isinstance(value, list) and all(map(_is_figures, value)),
+    "alarms": lambda value: isinstance(value, list) and all(isinstance(alarm, str) for alarm in value),
+}

@@ -12,7 +12,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import imutui
-from imutui.logbook import checksum_file, file_lock, log_stream, mcap_format, schemas
+from imutui.logbook import checksum_file, log_stream, mcap_format, schemas
 from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
@@ -58,7 +58,7 @@ class LogWriter:
         self._also = also
         self._raw_file = log_stream.create(path, overwrite=overwrite, mode=mode)
         self._file = io.BufferedWriter(self._raw_file)
-        file_lock.claim(self._file)
+        log_stream.claim(self._file)
         self._good = 0
         self._good_messages = 0
         self._channels: dict[str, int] = {}

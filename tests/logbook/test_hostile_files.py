@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from imutui import outside_file
 from imutui.jobs.info import brief
 from imutui.jobs.recover import recover
-from imutui.logbook import SessionInfo, effects_file, importer, mcap_format, quality_summary, schemas
+from imutui.logbook import SessionInfo, effects_file, importer, mcap_format, schemas, summary
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.mcap_format import HEAD, MAGIC
 from imutui.logbook.scan import scan
@@ -125,14 +125,14 @@ def test_info_prints_json_whatever_the_metadata_hold(tmp_path: Path) -> None:
 )
 def test_a_quality_summary_is_what_it_must_be_or_nothing(text: str) -> None:
     """Anybody may have attached it; a list of logs reads it."""
-    assert quality_summary.parse(text.encode()) == {}
+    assert summary.quality(text.encode()) == {}
 
 
 def test_a_quality_summary_keeps_what_fits() -> None:
     """A number that is none becomes unknown."""
     told = {"samples": 3, "converged": True, "final": {"rpy_deg": [1.0, None, 2.0]}, "gaps": [{"t": 1.0}], "x": 1}
-    assert quality_summary.parse(json.dumps(told).encode()) == {k: v for k, v in told.items() if k != "x"}
-    assert quality_summary.parse(b'{"final": {"rpy_deg": [NaN, 1e999, -Infinity]}}') == {
+    assert summary.quality(json.dumps(told).encode()) == {k: v for k, v in told.items() if k != "x"}
+    assert summary.quality(b'{"final": {"rpy_deg": [NaN, 1e999, -Infinity]}}') == {
         "final": {"rpy_deg": [None, None, None]}
     }
 

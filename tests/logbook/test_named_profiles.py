@@ -5,16 +5,16 @@ from pathlib import Path
 import pytest
 
 from imutui.jobs import operator_steps
-from imutui.logbook import import_reference, named_profiles, reference_file
+from imutui.logbook import import_reference, reference_file
 from imutui.scenario import ScenarioError, load_scenario
 
-NAMES = [made.name for made in named_profiles.ready_made()]
+NAMES = [made.name for made in reference_file.ready_made()]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_does_wherever_a_profiles_file_does(name: str, tmp_path: Path) -> None:
     """For --reference, in a scenario, as a scenario, in the operator's list: the same motion."""
-    wanted = named_profiles.find(name)
+    wanted = reference_file.find(name)
     assert wanted is not None
     (tmp_path / "scenario.toml").write_text(f'profile = "{name}"\n')
     reference = import_reference.from_text(name)
@@ -28,7 +28,7 @@ def test_a_name_does_wherever_a_profiles_file_does(name: str, tmp_path: Path) ->
 
 def test_capitals_and_spaces_do_not_count_and_a_file_of_the_name_goes_first(tmp_path: Path) -> None:
     """As somebody types it; what lies beside a scenario is never out of reach."""
-    assert named_profiles.find("Six positions,  each axis +-30 +-90 deg/s") == named_profiles.ready_made()[2]
+    assert reference_file.find("Six positions,  each axis +-30 +-90 deg/s") == reference_file.ready_made()[2]
     (tmp_path / NAMES[0]).write_text('[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n')
     (tmp_path / "scenario.toml").write_text(f'profile = "{NAMES[0]}"\n')
     profile = load_scenario(tmp_path / "scenario.toml").profile

@@ -20,7 +20,7 @@ from filters.errors import InputError
 from imutui.jobs.campaign import rows
 from imutui.jobs.campaign.rows import HeadFields, Row
 from imutui.jobs.campaign.stored_rows import DOCUMENT, JOURNAL, lines, of_document, own_record
-from imutui.logbook import atomic_file, file_lock, parquet
+from imutui.logbook import atomic_file, log_stream, parquet
 from imutui.logbook.parquet import Column
 
 TABLE = "results.parquet"
@@ -227,7 +227,7 @@ def _locked(folder: Path) -> IO[bytes]:
         if error.errno != errno.EACCES:
             raise
         raise InputError(f"{folder} is being written by somebody else, or may not be. Name another with -o") from error
-    if not file_lock.take(stream):
+    if not log_stream.take(stream):
         stream.close()
         raise InputError(f"another campaign is writing to {folder}: wait for its end, or name another folder with -o")
     return stream

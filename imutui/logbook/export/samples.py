@@ -13,7 +13,7 @@ from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion.reference import Trajectory
 from filters.types import Array
 from imutui.logbook import pieces, reference_file
-from imutui.logbook.export.columns import Block, Column, Table
+from imutui.logbook.export.formats import Block, Column, Table
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, UnreadableLogError, seconds_since
 from imutui.logbook.reference_file import ATTACHMENTS

@@ -12,7 +12,7 @@ from mcap.records import Channel, Message, Schema
 
 from filters.errors import InputError
 from imutui.logbook import reader, schemas
-from imutui.logbook.export.columns import Block, Column, Table
+from imutui.logbook.export.formats import Block, Column, Table
 from imutui.logbook.mcap_stream import CHANNEL, Batch
 from imutui.logbook.reader import Log, UnreadableLogError
 
