@@ -6,8 +6,8 @@ A finding is something that a calibration should not rest on unseen; a note is w
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from imutui.jobs import check_file, damage_text
-from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding
+from imutui.jobs import check_file
+from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding, lossy
 from imutui.jobs.check_packets import PacketSteps
 from imutui.jobs.check_samples import Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
@@ -33,7 +33,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
       was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
-    found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
+    found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"), indexes=True)
     content = audit.belongings(found)
     rules = [rule(content) for rule in _DATA_RULES]
     looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
@@ -117,7 +117,7 @@ def _worth_a_word(text: str) -> bool:
 def _state(found: Scan) -> str:
     if found.held:
         return summary.WRITING
-    if damage_text.lossy(found) or not (found.finished or found.cut):
+    if lossy(found) or not (found.finished or found.cut):
         return summary.DAMAGED
     return summary.FINISHED if found.finished else summary.UNFINISHED
 

@@ -1,4 +1,4 @@
-"""What the rules of `check` look at, and what they find."""
+"""What the rules of `check` look at, and what they find; what a scan found wrong with a file, in words."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Protocol
 
 from imutui.logbook import reader, schemas
 from imutui.logbook.audit import Audit, Part
-from imutui.logbook.scan import Scan
+from imutui.logbook.scan import Damage, Scan
 
 SHOWN = 10
 """How many of many alike are told."""
@@ -86,3 +86,35 @@ def integer(text: str | None) -> int:
         return int(text) if text else 0
     except ValueError:
         return 0
+
+
+# ------------------------------------------------------------------------------------------------------------- damage
+
+
+def at_end(found: Scan, damage: Damage) -> bool:
+    """Whether damage is only that the file ends before its last record does."""
+    return found.cut and damage.offset + damage.bytes >= found.size
+
+
+def lossy(found: Scan) -> list[Damage]:
+    """Damage that cost records: not the cut end of an unfinished file, nor what can be made anew."""
+    return [d for d in found.damages if not at_end(found, d) and d.what not in ("summary", "message index")]
+
+
+def place(damage: Damage, start_ns: int | None) -> str:
+    """One place in the file, in bytes and in the log's time."""
+    after, before = since(damage.after_ns, start_ns), since(damage.before_ns, start_ns)
+    if after is not None and before is not None:
+        when = f", between {after:.1f} and {before:.1f} s of the log"
+    elif after is not None:
+        when = f", after {after:.1f} s of the log"
+    elif before is not None:
+        when = ", before all that can be read" if before <= 0.0 else f", before {before:.1f} s of the log"
+    else:
+        when = ""
+    return f"{damage.bytes:,} bytes at byte {damage.offset:,}{when}"
+
+
+def since(ns: int | None, start_ns: int | None) -> float | None:
+    """An instant in the log, s; None where it is not known."""
+    return None if ns is None or start_ns is None else (ns - start_ns) / 1e9

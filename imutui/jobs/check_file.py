@@ -3,8 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from filters.errors import InputError
-from imutui.jobs import damage_text
-from imutui.jobs.check_context import SHOWN, CheckContext, Finding
+from imutui.jobs.check_context import SHOWN, CheckContext, Finding, at_end, lossy, place
 from imutui.jobs.quantities import plural
 from imutui.logbook import checksum_file, effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.audit import Audit
@@ -13,12 +12,10 @@ from imutui.logbook.audit import Audit
 def _bytes(log: CheckContext) -> Iterator[Finding]:
     """Damage between the file's first byte and its last."""
     found = log.found
-    costly = damage_text.lossy(found)
+    costly = lossy(found)
     for d in costly[:SHOWN]:
-        sentence = damage_text.sentence(d, log.start_ns)
-        yield Finding(
-            "damage", f"Part of the file cannot be read: {d.why}.", sentence.rsplit(": ", 1)[0], log.recover()
-        )
+        what = f"Part of the file cannot be read: {d.why}."
+        yield Finding("damage", what, place(d, log.start_ns), log.recover())
     if len(costly) > SHOWN:
         yield Finding("damage", f"{len(costly) - SHOWN} more parts cannot be read.", "all over the file", log.recover())
     if found.checksum_wrong:
@@ -53,7 +50,7 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
     """How the file ends."""
     found = log.found
     if found.cut and not found.held:
-        cut = next((d for d in found.damages if damage_text.at_end(found, d)), None)
+        cut = next((d for d in found.damages if at_end(found, d)), None)
         tail = "" if cut is None else f", and its last {plural(cut.bytes, 'byte')} are no whole record"
         yield Finding(
             "unfinished",
@@ -65,6 +62,10 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
         yield Finding("end", "The file's end is damaged.", f"at byte {found.size - found.trailing:,}", log.recover())
     elif found.finished and (found.index is None or any(d.what == "summary" for d in found.damages)):
         yield Finding("index", "The index cannot be read, so viewers may refuse the file.", "at its end", log.recover())
+    if indexes := [d for d in found.damages if d.what == "message index"]:
+        what = f"{plural(len(indexes), 'list')} of a chunk's messages cannot be used, so viewers may miss some of them."
+        where = f"first {place(indexes[0], log.start_ns)}"
+        yield Finding("index", what, where, f"All messages are there; {log.recover()}")
     if found.trailing and found.finished:
         what = f"{plural(found.trailing, 'byte')} follow the end of the log."
         yield Finding("trailing", what, f"from byte {found.size - found.trailing:,} on", log.recover())
@@ -76,7 +77,7 @@ def _counts(log: CheckContext) -> Iterator[Finding]:
     if log.audit.homeless:
         what = f"{plural(log.audit.homeless, 'message')} belong to no topic: the list of topics is lost."
         yield Finding("homeless", what, "", log.recover())
-    if index is not None and index.statistics is not None and not damage_text.lossy(found):
+    if index is not None and index.statistics is not None and not lossy(found):
         told = index.statistics.message_count
         have = sum(run.count for run in log.audit.messages.values()) + log.audit.homeless
         if told != have:

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from imutui.instrument.registry import of_model
-from imutui.jobs import damage_text
-from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled
+from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled, lossy
 from imutui.jobs.check_times import StepCounts, median
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook import line_advice, scan, schemas
@@ -64,7 +63,7 @@ class PacketSteps:
             what = _how_many(certain, most) if most else f"{that_many(lost, 'packet', 'was', 'were')} lost on the line."
             slack = max(_FEW, _SHARE * most)
             differ = not certain - slack <= lost <= most + slack
-            if log.paired and not log.polled and differ and not damage_text.lossy(log.found):
+            if log.paired and not log.polled and differ and not lossy(log.found):
                 what = (
                     f"{_how_many(certain, most)[:-1]} by the recorder's count, {lost:,} by the times of those that"
                     " are there."
@@ -152,7 +151,7 @@ class _Numbers:
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found; where a file is damaged, or was rebuilt, that says more."""
-        if self._off and not damage_text.lossy(log.found) and scan.RECOVERED not in log.audit.metadata:
+        if self._off and not lossy(log.found) and scan.RECOVERED not in log.audit.metadata:
             places = plural(self._off, "place")
             what = f"The packets' numbers do not go on by one in {places}: some are missing, or changed."
             cure = "Trust no more than a copy that has its own sum (.sha256)."

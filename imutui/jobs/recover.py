@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from filters.errors import InputError
-from imutui.jobs import damage_text
-from imutui.jobs.documents import RecoverDocument
+from imutui.jobs.check_context import at_end, lossy, place, since
+from imutui.jobs.documents import DamageField, RecoverDocument
 from imutui.jobs.quantities import plural
 from imutui.logbook import added_notes, atomic_file, checksum_file, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
@@ -21,6 +21,7 @@ from imutui.logbook.session_info import METADATA
 
 VERSION = 1
 _SCANNED, _WRITTEN = 0.3, 0.9
+_SHOWN = 20
 
 
 def recover(
@@ -136,7 +137,7 @@ def _document(
         "version": VERSION,
         "log": str(found.path.resolve()),
         "output": str(output.resolve()),
-        "state": summary.DAMAGED if damage_text.lossy(found) else state,
+        "state": summary.DAMAGED if lossy(found) else state,
         "messages": kept.messages,
         "samples": 0 if known is None else known.samples,
         "duration_s": 0.0 if known is None else known.seconds,
@@ -144,7 +145,7 @@ def _document(
         "chunks": kept.chunks,
         "metadata": kept.metadata,
         "attachments": kept.attachments,
-        "damages": damage_text.documents(found, _start(found)),
+        "damages": _damages(found),
         "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
         "complete": not lost and not trouble,
         "readable": known is not None,
@@ -152,6 +153,15 @@ def _document(
         "log_sha256": sha256[0],
         "output_sha256": sha256[1],
     }
+
+
+def _damages(found: Scan) -> list[DamageField]:
+    start_ns = _start(found)
+    return [
+        {"offset": d.offset, "bytes": d.bytes, "what": d.what, "why": d.why,
+         "after_s": since(d.after_ns, start_ns), "before_s": since(d.before_ns, start_ns)}
+        for d in found.damages
+    ]  # fmt: skip
 
 
 def _told(known: Outline | None, trouble: str) -> str:
@@ -175,7 +185,7 @@ def _ending(found: Scan) -> list[str]:
     """How an unfinished file ended."""
     if not found.cut:
         return []
-    cut = next((d for d in found.damages if damage_text.at_end(found, d)), None)
+    cut = next((d for d in found.damages if at_end(found, d)), None)
     if cut is None:
         return ["It ended without its index; every record in it is whole."]
     if cut.what == "summary":
@@ -185,7 +195,9 @@ def _ending(found: Scan) -> list[str]:
 
 def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
     """What is not in the rebuilt file, a sentence each; empty if nothing is missing but an unfinished end."""
-    told = damage_text.sentences(found, _start(found))
+    costly = lossy(found)
+    told = [f"{place(d, _start(found))}: {d.why}." for d in costly[:_SHOWN]]
+    told += [f"And {len(costly) - _SHOWN} more such places."] if len(costly) > _SHOWN else []
     messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)
     if messages:
         counted = found.index is not None and found.index.statistics is not None

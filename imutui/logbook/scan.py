@@ -19,8 +19,18 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Header
 
 from imutui.logbook import effects_file, log_stream, mcap_format, reader, reference_file, summary
-from imutui.logbook.mcap_format import FOOTER_SIZE, HEAD, LIMIT, MAGIC, MALFORMED, ChecksumError, Index, prefixed
-from imutui.logbook.mcap_stream import tabulate
+from imutui.logbook.mcap_format import (
+    FOOTER_SIZE,
+    HEAD,
+    LIMIT,
+    MAGIC,
+    MALFORMED,
+    MESSAGE,
+    ChecksumError,
+    Index,
+    prefixed,
+)
+from imutui.logbook.mcap_stream import MESSAGE_HEAD, tabulate, windows
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
 
@@ -103,17 +113,18 @@ class Scan:
     held: bool = False  # whether a recorder is writing to it
 
 
-def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> Scan:
+def scan(path: Path, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False) -> Scan:
     """Walk a file.
 
     `path`: any file.
     `progress`: told the share done, 0 to 1.
+    `indexes`: whether the index behind each chunk is compared with it; nothing here reads them, and it takes time.
     Raises UnreadableLogError if there is no such file, it is empty, or nothing in it is a record of an MCAP file.
     """
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
         found.held = log_stream.is_held(stream)
-        _FileWalk(data, found, progress).run()
+        _FileWalk(data, found, progress, indexes=indexes).run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
             raise UnreadableLogError(reader.foreign(path))
         _judge(found, data)
@@ -141,7 +152,9 @@ def content(data: mmap.mmap | bytes, piece: Piece) -> bytes:
 class _FileWalk:
     """One walk over a file's bytes."""
 
-    def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None]) -> None:
+    def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None], *, indexes: bool) -> None:
+        self._indexes = indexes
+        self._inside: bytes | None = None
         self._data = data
         self._found = found
         self._progress = progress
@@ -242,12 +255,17 @@ class _FileWalk:
     def _check(self, opcode: int, body: bytes) -> None:
         """Raise if a record's content is not what it must be."""
         if opcode == Opcode.CHUNK:
+            self._inside = None
             inside = self._inflater.content(mcap_format.chunk_of(body))
             found = tabulate(inside, _DECLARATIONS)
             if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
             for kind, _, start, length in found.rows.tolist():
                 mcap_format.parse(mcap_format.PARSED[kind], inside[start : start + length])
+            self._inside = inside
+        elif opcode == Opcode.MESSAGE_INDEX:
+            if not _fits(body, self._inside if self._indexes else None):
+                raise McapError("it does not fit its chunk")
         elif opcode == Opcode.ATTACHMENT:
             mcap_format.parse(Attachment, body)
             (told,) = struct.unpack("<I", body[-4:])
@@ -328,6 +346,28 @@ _MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
 _DECLARATIONS = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL])
 """What a chunk says of its messages: without it, nothing knows what they are."""
 _SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
+
+
+_ENTRIES = struct.Struct("<HI")
+"""Before the times and places that a message index has: channel id, their length in bytes."""
+
+
+def _fits(index: bytes, content: bytes | None) -> bool:
+    """Whether a message index is as long as it says, and its entries are times and places of messages of its chunk."""
+    channel, length = _ENTRIES.unpack_from(index)
+    if length % 16 or len(index) != _ENTRIES.size + length:
+        return False
+    if content is None:
+        return True
+    times, at = np.frombuffer(index, "<u8", offset=_ENTRIES.size).reshape(-1, 2).T
+    if not at.size:
+        return True
+    if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
+        return False
+    data, at = np.frombuffer(content, np.uint8), at.astype(np.int64)
+    heads = windows(data, at + HEAD.size, MESSAGE.size).view(MESSAGE_HEAD)[:, 0]
+    same = (data[at] == int(Opcode.MESSAGE)) & (heads["channel"] == channel) & (heads["log_ns"].view("<u8") == times)
+    return bool(same.all())
 
 
 def _name(opcode: int) -> str:

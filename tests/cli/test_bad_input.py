@@ -247,6 +247,7 @@ def test_every_prefix_of_a_log_replays_or_says_that_nothing_can_be_read(home: Pa
         assert "cut.mcap" in outcome.stderr
         if any(start < length < end for start, end, _ in chunks(log)):
             assert "ends in the middle" in outcome.stderr, length
+            assert "`imutui recover cut.mcap -o FIXED.mcap` makes a whole file" in outcome.stderr
 
 
 def test_a_changed_byte_in_a_chunk_is_noticed_and_all_before_it_is_used(home: Path, log: bytes) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader
 from mcap.records import Message
 from mcap.writer import CompressionType, Writer
@@ -19,6 +20,7 @@ from imutui.instrument.uut.messages import PacketS1
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import audit, schemas
+from imutui.logbook.mcap_format import records
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -251,6 +253,20 @@ def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path
     assert "imutui recover" in document["findings"][0]["next"]
     assert 70 < document["samples"] < 90
     assert document["state"] == "damaged"
+
+
+@pytest.mark.parametrize("place", [-5, 0, 2, 6, 14], ids=["length", "channel", "size", "time", "offset"])
+def test_damage_in_the_index_behind_a_chunk_is_found(tmp_path: Path, place: int) -> None:
+    path = recorded(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    first = next(at for opcode, at, _ in records(bytes(data[8:])) if opcode == Opcode.MESSAGE_INDEX) + 8
+    data[first + place] ^= 0x41
+    path.write_bytes(data)
+    document = check(path)
+    assert codes(document) == ["index"]
+    assert "at byte" in document["findings"][0]["where"]
+    assert "imutui recover" in document["findings"][0]["next"]
+    assert document["state"] == "finished"
 
 
 def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
