@@ -8,8 +8,7 @@ from imutui.logbook import reader, schemas
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.scan import Damage, Scan
 
-SHOWN = 10
-"""How many of many alike are told."""
+SHOWN = 10  # how many of many alike are told
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ from imutui.logbook.reader import seconds_since
 # -------------------------------------------------------------------------------------------------------- step counts
 # Steps of time from one packet or sample to the next, counted by length: in bounded memory, however long the log.
 
-MOST = 2**16
-"""Rows of a table from which on steps are rounded, so that steps of almost the same length share one."""
+MOST = 2**16  # rows of a table from which on steps are rounded, so that steps of almost the same length share one
 _FEWEST_BITS = 4
 
 

@@ -18,8 +18,7 @@ from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
 from imutui.logbook.session_info import SessionInfo
 
-WHOLE_BYTES = 64 * 2**20
-"""Size of a log up to which it is read at once: an hour and a half at 133 Hz."""
+WHOLE_BYTES = 64 * 2**20  # size of a log up to which it is read at once: an hour and a half at 133 Hz
 
 
 @dataclass(frozen=True, slots=True)

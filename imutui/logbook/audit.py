@@ -19,8 +19,7 @@ from imutui.logbook.scan import Scan
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
-MESSAGES = 2**18
-"""Messages in a part: a quarter of an hour at 133 Hz."""
+MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
 _PLAIN = {schemas.RAW: RAW, schemas.IMU: IMU, schemas.TEMPERATURE: TEMPERATURE, schemas.REFERENCE: TABLE}
 _SHOWN = 20
 

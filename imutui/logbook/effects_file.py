@@ -47,14 +47,11 @@ if TYPE_CHECKING:
     from filters.kalman.augmentation import Effects, MakeEffects
     from filters.tracing.result import Trace
 
-ATTACHMENT = "effects.toml"
-"""Name under which the effects travel in a log."""
+ATTACHMENT = "effects.toml"  # name under which the effects travel in a log
 MEDIA_TYPE = "application/toml"
-NONE = b""
-"""Content that stands for no effects."""
+NONE = b""  # content that stands for no effects
 VERSION = 1
-MOST = 256
-"""Effects, and states of all of them."""
+MOST = 256  # effects, and states of all of them
 _KINDS = ("A", "N", "S", "P")
 _TOP = ("version", "source", "units", "effect", "correlation")
 _EFFECT = ("effect", "channels", "include_as", "parameters", "state")

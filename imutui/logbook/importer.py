@@ -40,8 +40,7 @@ LIMIT = 2 * 2**30
 """Most that is read of a recording, bytes: of an NPZ's arrays, or of a CSV's text. Two days of everything at 133 Hz."""
 _HEADS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """How the head of an array is read, by the version of its format; later ones are for names of columns."""
-_LARGEST = 1e9
-"""Largest reading, angle or place, of either sign, in the units of the file."""
+_LARGEST = 1e9  # largest reading, angle or place, of either sign, in the units of the file
 _FIRST_NS, _LAST_NS = 0, 7_258_118_400_000_000_000  # 1970 and 2200
 _STILL_G = 0.1
 _STILL_DPS = 5.0

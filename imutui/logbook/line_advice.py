@@ -3,10 +3,8 @@
 import math
 import os
 
-HELD_UP_S = 0.25
-"""What was read later than this after it was sampled shows that the reading was held up."""
-NEAR_S = 0.5
-"""What is lost so soon after something was read late, by when it was read, is lost because of it."""
+HELD_UP_S = 0.25  # what was read later than this after it was sampled shows that the reading was held up
+NEAR_S = 0.5  # what is lost so soon after something was read late, by when it was read, is lost because of it
 
 _REST = "replay and trace take what is there."
 

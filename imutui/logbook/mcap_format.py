@@ -34,29 +34,21 @@ from mcap.writer import Writer
 
 Record = TypeVar("Record", bound=McapRecord)
 MAGIC = b"\x89MCAP0\r\n"
-LIMIT = 256 * 2**20
-"""Longest record that is read, bytes: a damaged length must not ask for the machine's whole memory."""
-CHUNK_LIMIT = 64 * 2**20
-"""Longest content of a chunk, bytes."""
+LIMIT = 256 * 2**20  # longest record that is read, bytes: a damaged length must not ask for the machine's whole memory
+CHUNK_LIMIT = 64 * 2**20  # longest content of a chunk, bytes
 BASE_LIMIT, EXPANSION = 16 * 2**20, 250
 """Content of all chunks of a file: so many bytes, and so many times the file's size."""
-HEAD = struct.Struct("<BQ")
-"""Before each record's content: opcode, length."""
-MESSAGE = struct.Struct("<HIQQ")
-"""Before each message's data: channel id, sequence, log time, publish time."""
+HEAD = struct.Struct("<BQ")  # before each record's content: opcode, length
+MESSAGE = struct.Struct("<HIQQ")  # before each message's data: channel id, sequence, log time, publish time
 FOOTER = struct.Struct("<BQQQI")
 """A whole footer record: opcode, length, where the summary begins, where its offsets begin, checksum."""
-FOOTER_SIZE = FOOTER.size - HEAD.size
-"""Length of a footer's content, bytes."""
-OPCODES = frozenset(range(1, 0x10))
-"""Kinds of records that the format defines."""
-PRIVATE = 0x80
-"""Kinds of records from here on are left to others."""
+FOOTER_SIZE = FOOTER.size - HEAD.size  # length of a footer's content, bytes
+OPCODES = frozenset(range(1, 0x10))  # kinds of records that the format defines
+PRIVATE = 0x80  # kinds of records from here on are left to others
 COMPRESSIONS = ("zstd", "lz4")
 COMPRESSION_OFFSET = HEAD.size + 28
 """Bytes from the beginning of a chunk record to the name of its compression with its length."""
-ATTACHMENT_NAME_OFFSET = HEAD.size + 16
-"""Bytes from the beginning of an attachment record to its name with its length."""
+ATTACHMENT_NAME_OFFSET = HEAD.size + 16  # bytes from the beginning of an attachment record to its name with its length
 PARSED: dict[int, type[McapRecord]] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -76,8 +68,7 @@ class ChecksumError(McapError):
     """Bytes are not those that were written."""
 
 
-MALFORMED = (McapError, struct.error)
-"""What the reading of damaged bytes raises."""
+MALFORMED = (McapError, struct.error)  # what the reading of damaged bytes raises
 
 
 def parse(kind: type[Record], content: bytes) -> Record:
@@ -248,8 +239,7 @@ def keep_packed(writer: Writer) -> bool:
 # --------------------------------------------------------------------------------------------------------- file index
 # The index at a finished file's end: what its summary section says of schemas, channels, counts, and places.
 
-TAIL = FOOTER.size + len(MAGIC)
-"""Bytes from the footer to the end of a finished file."""
+TAIL = FOOTER.size + len(MAGIC)  # bytes from the footer to the end of a finished file
 
 
 @dataclass(slots=True)

@@ -24,8 +24,7 @@ OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
 """Columns of a table of records: of a message, offset and length are those of its data."""
 MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
 """What the format has of each message before its data."""
-JOINED = 2**13
-"""Messages that are taken at once: what a batch costs beside its messages is nothing then."""
+JOINED = 2**13  # messages that are taken at once: what a batch costs beside its messages is nothing then
 _MESSAGE = int(Opcode.MESSAGE)  # compared with an array, numpy takes an enum's member for an object
 _BLOCK = 2**20
 _LENGTH_OF_RECORD = struct.Struct("<xQ")

@@ -14,8 +14,7 @@ from filters.errors import InputError
 
 Kind = Literal["double", "int64", "uint64", "bool", "string"]
 
-EXTRA = "parquet"
-"""What brings pyarrow, and nothing else."""
+EXTRA = "parquet"  # what brings pyarrow, and nothing else
 
 
 class Column(NamedTuple):

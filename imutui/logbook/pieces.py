@@ -10,8 +10,7 @@ from imutui.logbook import reader
 from imutui.logbook.reader import Log, UnreadableLogError, parts
 from imutui.logbook.sample_check import SampleCheck
 
-ROWS = 2**17
-"""Samples in a piece: a quarter of an hour at 133 Hz."""
+ROWS = 2**17  # samples in a piece: a quarter of an hour at 133 Hz
 _LATE_NS = 10_000_000_000
 """A temperature or a table's angles may stand so much later in the file than the samples that they belong to."""
 

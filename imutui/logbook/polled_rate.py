@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 _SHARE = 0.95
-RARE = 0.1
-"""Share of answers that may be late before that is how the unit is."""
-FEWEST = 5
-"""Requests from which a rate can be told."""
+RARE = 0.1  # share of answers that may be late before that is how the unit is
+FEWEST = 5  # requests from which a rate can be told
 
 
 class PolledRate:

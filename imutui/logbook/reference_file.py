@@ -46,8 +46,7 @@ from imutui.logbook import reference_file, trajectory_file
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.toml_text import Table
 
-ATTACHMENTS = ("reference.toml", "reference.csv")
-"""Names under which a reference travels."""
+ATTACHMENTS = ("reference.toml", "reference.csv")  # names under which a reference travels
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
 _LARGEST, _NEAREST_S, _SMALLEST = 1e9, 1e-6, 1e-15
 

@@ -34,10 +34,8 @@ from imutui.logbook.mcap_stream import MESSAGE_HEAD, tabulate, windows
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
 
-RECOVERED = "imutui.recovered"
-"""Metadata record of a file that was rebuilt: from what, and what was lost."""
-_DEPTH = 3
-"""Heads of records that must make sense one after the other before bytes count as records."""
+RECOVERED = "imutui.recovered"  # metadata record of a file that was rebuilt: from what, and what was lost
+_DEPTH = 3  # heads of records that must make sense one after the other before bytes count as records
 
 _ATTACHED = (summary.CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
 _MARKS: tuple[tuple[bytes, int, int], ...] = (
@@ -385,8 +383,7 @@ def _short(error: BaseException) -> str:
 # -------------------------------------------------------------------------------------------------------- mapped file
 # A mapped file that is walked from end to end: what has been looked at does not stay in memory.
 
-WINDOW = 8 * 2**20
-"""Bytes that are looked at before those behind are let go."""
+WINDOW = 8 * 2**20  # bytes that are looked at before those behind are let go
 
 
 def forget(data: mmap.mmap, first: int, last: int) -> None:

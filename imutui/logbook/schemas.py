@@ -33,8 +33,7 @@ TYPES = {
     TRANSFORMS: "tf2_msgs/msg/TFMessage",
 }
 """In the order of their channels' numbers: `recover` knows a channel by its number, so what is new comes last."""
-S1_PACKET = "imutui_msgs/msg/S1Packet"
-"""Type of `RAW` in logs of a unit whose packets have details."""
+S1_PACKET = "imutui_msgs/msg/S1Packet"  # type of `RAW` in logs of a unit whose packets have details
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 _LATCHED = f"""\
 - history: keep_last
@@ -79,14 +78,12 @@ _ESTIMATE = struct.Struct("<4siII13s7x31dB6?")
 _EVENT = struct.Struct("<4xiIB")
 _STATUS = struct.Struct("<IB")
 _UINT32 = struct.Struct("<I")
-_CDR_STAMP = 12
-"""Bytes up to the frame_id of a message with a header."""
+_CDR_STAMP = 12  # bytes up to the frame_id of a message with a header
 _IMU_FRAME, _IMU_LINK = "imu_link_ned", "imu_link"
 """Names of REP-145: x forward, y right, z down, the axes that samples are in; and x forward, y left, z up."""
 _PLAIN_ESTIMATES = {(struct.pack("<I", 13), _ESTIMATE.size), (struct.pack("<I", 9), _ESTIMATE.size - 8)}
 """Length of the frame_id, and size, of estimates as they are written, and as they were with the frame `imu_body`."""
-NO_ESTIMATE = -1.0
-"""First element of a covariance of sensor_msgs/Imu whose quantity has no estimate."""
+NO_ESTIMATE = -1.0  # first element of a covariance of sensor_msgs/Imu whose quantity has no estimate
 _ZEROS = (0.0,) * 8
 
 

@@ -79,7 +79,6 @@ def test_samples_are_the_same_to_the_last_bit_in_every_format(tmp_path: Path) ->
 
 
 def test_every_format_says_the_units(tmp_path: Path) -> None:
-    """In the lines before the names, in an array, with each column."""
     made(tmp_path)
     head = (tmp_path / "a.csv").read_text().splitlines()[0]
     assert head == "# units: t s, gyro deg/s, accel g, temp degC"
@@ -93,7 +92,6 @@ def test_every_format_says_the_units(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_import_reads_back_what_was_exported(tmp_path: Path, kind: str) -> None:
-    """With the flags that are printed: the same stamps, temperatures, readings and axes, to the last bit."""
     told = imutui("export", str(SAMPLE), "-o", str(tmp_path / f"a.{kind}")).stdout
     line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
     back = tmp_path / "back.mcap"
@@ -130,7 +128,6 @@ def turned_recording(tmp_path: Path, n: int = 400) -> Path:
 
 
 def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
-    """Angles as an array, the trajectory as a file beside: the log that is made of both is the same."""
     log = turned_recording(tmp_path)
     source = np.load(tmp_path / "in.npz")
     told = imutui("export", str(log), "-o", str(tmp_path / "a.npz")).stdout
@@ -158,7 +155,6 @@ def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
 
 
 def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
-    """Both ends count, t goes on; an empty part is refused and leaves no file."""
     found = made(tmp_path, "--start", "2", "--end", "3")
     assert_alike(found)
     t = samples_of(SAMPLE).seconds()
@@ -170,7 +166,6 @@ def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
 
 
 def test_what_a_receiver_and_a_reference_knew_is_exported(tmp_path: Path) -> None:
-    """Each row of the trajectory at its sample, in the names of an import; the log that comes back has the same."""
     n = 200
     t, rng = np.arange(n) / 20.0, np.random.default_rng(4)
     quat = np.full((n, 4), np.nan)
@@ -253,7 +248,6 @@ TOPICS = {
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
-    """A row a message with both of its times; fields by name, with their units."""
     found = made(tmp_path, "--topic", topic)
     assert_alike(found)
     assert list(found["npz"])[:2] == ["log_time", "publish_time"]
@@ -271,7 +265,6 @@ def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_json_says_what_was_made(tmp_path: Path, kind: str) -> None:
-    """One document; the file's columns and units."""
     path = tmp_path / f"a.{kind}"
     document = json.loads(imutui("export", str(SAMPLE), "-o", str(path), "--json").stdout)
     assert (document["format"], document["rows"], document["output"]) == (kind, 520, str(path))
@@ -280,7 +273,6 @@ def test_json_says_what_was_made(tmp_path: Path, kind: str) -> None:
 
 
 def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
-    """What, where, what next; nothing is made, nothing is replaced."""
     there = tmp_path / "there.csv"
     there.write_text("mine")
     (tmp_path / "empty.mcap").touch()
@@ -302,7 +294,6 @@ def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
 
 
 def test_parquet_without_pyarrow_says_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before any work."""
     from imutui.logbook import parquet
 
     monkeypatch.setattr(parquet, "available", lambda: False)
@@ -312,7 +303,6 @@ def test_parquet_without_pyarrow_says_what_to_type(tmp_path: Path, monkeypatch: 
 
 
 def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
-    """The same samples that a replay takes; the damage is told, exit 1."""
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(SAMPLE.read_bytes()[:60_000])
     done = imutui("export", str(cut), "-o", str(tmp_path / "a.npz"), check=1)
@@ -325,7 +315,6 @@ def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [1, 60, 10**6])
 def test_pieces_of_any_size_are_the_whole(tmp_path: Path, rows: int) -> None:
-    """Samples, temperatures and the table's angles at each are those of the log that is read at once."""
     for log in (SAMPLE, turned_recording(tmp_path)):
         whole = reader.read(log)
         known = pieces.outline(log, rows)
@@ -339,7 +328,6 @@ def test_pieces_of_any_size_are_the_whole(tmp_path: Path, rows: int) -> None:
 
 
 def test_what_is_in_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
-    """Blocks are as long as asked for and one chunk more, whatever the length of the log."""
     largest: dict[int, int] = {}
     for n in (2000, 16000):
         folder = tmp_path / str(n)
@@ -354,7 +342,6 @@ def test_what_is_in_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
 
 
 def test_a_permission_or_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was written so far is removed."""
     from imutui.logbook.export import formats
 
     def full(*_: object) -> int:

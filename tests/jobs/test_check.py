@@ -132,7 +132,6 @@ def codes(document: dict[str, Any]) -> list[str]:
 
 @pytest.mark.parametrize(("sampling", "rate"), [("stream", 20.0), ("stream", 133.0), ("polled", 400.0 / 3.0)])
 def test_a_take_as_it_is_recorded_is_fine(tmp_path: Path, sampling: str, rate: float) -> None:
-    """Averaged, streamed or polled: nothing is found, and the samples are what the packets say."""
     path = recorded(tmp_path / "a.mcap", sampling=sampling, rate=rate)
     document = check(path)
     assert document["findings"] == []
@@ -143,7 +142,6 @@ def test_a_take_as_it_is_recorded_is_fine(tmp_path: Path, sampling: str, rate: f
 
 
 def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_path: Path) -> None:
-    """Five in one place: both counts agree, so one figure is told, and the gap that they leave."""
     document = check(recorded(tmp_path / "a.mcap", rate=133.0, lost=5))
     assert codes(document) == ["gaps", "lost"]
     assert document["findings"][1]["what"] == "5 packets were lost on the line."
@@ -152,14 +150,12 @@ def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_pa
 
 
 def test_one_packet_was_lost_and_two_were(tmp_path: Path) -> None:
-    """Sentences agree with their numbers."""
     for lost, said in ((1, "1 packet was lost on the line."), (2, "2 packets were lost on the line.")):
         document = check(recorded(tmp_path / f"{lost}.mcap", rate=133.0, lost=lost))
         assert said in [finding["what"] for finding in document["findings"]]
 
 
 def test_counts_at_their_limit_are_named_by_channel(tmp_path: Path) -> None:
-    """Which channel, and when first."""
     document = check(recorded(tmp_path / "a.mcap", rate=133.0, limit=1))
     assert codes(document) == ["limits"]
     assert "(gy)" in document["findings"][0]["what"]
@@ -223,7 +219,6 @@ INSTRUMENT = pytest.mark.parametrize("instrument", INSTRUMENTS.values(), ids=lis
 @INSTRUMENT
 @pytest.mark.parametrize(("change", "code"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
 def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str, instrument: Instrument) -> None:
-    """What, where and what next stand in every finding; without the change there is none."""
     rate = instrument.most_rate_hz
     path = recorded(tmp_path / "a.mcap", rate=rate, instrument=instrument)
     assert check_once(path)["fine"]
@@ -241,7 +236,6 @@ def test_rewriting_alone_is_no_finding(tmp_path: Path) -> None:
 
 
 def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path) -> None:
-    """Two chunks broken: two findings with bytes and times, and the samples of the others counted."""
     data = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
     places = [at for at in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", at)]
     for place in (places[2], places[4]):
@@ -270,7 +264,6 @@ def test_damage_in_the_index_behind_a_chunk_is_found(tmp_path: Path, place: int)
 
 
 def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
-    """Cut before its index: usable, and what makes it whole is named."""
     data = recorded(tmp_path / "a.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"summary.json") - 29])
     document = check(tmp_path / "cut.mcap")
@@ -279,7 +272,6 @@ def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
 
 
 def test_a_log_without_its_session_or_attachments_says_so(tmp_path: Path) -> None:
-    """Metadata changed by hand, an effects file that is another one."""
     info = SessionInfo(kind="simulated", filter="none", effects_sha256="0" * 64)
     writer = LogWriter(tmp_path / "a.mcap", info, "", START)
     for k in range(40):
@@ -289,7 +281,6 @@ def test_a_log_without_its_session_or_attachments_says_so(tmp_path: Path) -> Non
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
-    """In the words of the reader."""
     (tmp_path / "a.mcap").write_text("no log")
     with pytest.raises(UnreadableLogError, match="not an MCAP log"):
         check(tmp_path / "a.mcap")
@@ -298,8 +289,6 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
 
 
 def test_losses_name_the_cable_only_where_there_is_one(tmp_path: Path) -> None:
-    """On a pseudo-terminal that is said; a computer that read late around the losses is named before anything else."""
-
     def advice(log: Path) -> str:
         return str(next(f["next"] for f in check(log)["findings"] if f["code"] == "lost"))
 

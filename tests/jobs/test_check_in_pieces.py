@@ -59,7 +59,6 @@ def sources(folder: Path) -> dict[str, bytes]:
 
 
 def test_parts_of_any_size_say_what_the_whole_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Logs with a gap, cut anywhere, with bytes changed or left out: every finding, note and figure."""
     rng, spoilt, whole_parts = random.Random(7), tmp_path / "c.mcap", audit.MESSAGES
     findings = 0
     for content in sources(tmp_path).values():
@@ -83,7 +82,6 @@ def test_parts_of_any_size_say_what_the_whole_says(tmp_path: Path, monkeypatch: 
 def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A channel without a reading in any part is no finding; an infinity in another channel is one."""
     monkeypatch.setattr(audit, "MESSAGES", 1)
     found = {f["code"]: f["what"] for f in check(with_gaps(tmp_path / "a.mcap"))["findings"]}
     assert "2 samples are not numbers" in found["stamps"]
@@ -93,7 +91,6 @@ def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
 
 
 def test_no_more_than_a_part_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of samples and packets; a chunk is not torn apart."""
     monkeypatch.setattr(audit, "MESSAGES", 100)
     found = scan.scan(SAMPLE)
     known = audit.belongings(found)
@@ -103,7 +100,6 @@ def test_no_more_than_a_part_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_numbers_and_times_of_messages_can_be_told_in_parts() -> None:
-    """Wherever they are cut: numbers left out or twice, and time that goes back."""
     rng = np.random.default_rng(1)
     for _ in range(40):
         heads = np.zeros(30, MESSAGE_HEAD)
@@ -120,7 +116,6 @@ def test_numbers_and_times_of_messages_can_be_told_in_parts() -> None:
 
 
 def test_steps_are_counted_exactly_and_the_median_is_that_of_all() -> None:
-    """Whatever the parts; the first of a row is the first that was taken."""
     rng = np.random.default_rng(2)
     stamps = START + np.cumsum(rng.integers(7_400_000, 7_400_040, 2001))
     steps, codes = np.diff(stamps).astype(float), rng.integers(0, 3, 2000)
@@ -136,7 +131,6 @@ def test_steps_are_counted_exactly_and_the_median_is_that_of_all() -> None:
 
 
 def test_steps_that_never_repeat_take_no_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are rounded, the median by less than a thousandth."""
     monkeypatch.setattr(check_times, "MOST", 300)
     rng, table = np.random.default_rng(4), StepCounts()
     steps = rng.normal(7.5e6, 1e5, 20_000)
@@ -148,7 +142,6 @@ def test_steps_that_never_repeat_take_no_more_room(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_mark_is_found_across_the_borders_of_what_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And a checksum is that of all bytes, though not all of them stay in memory."""
     import mmap
     import zlib
 

@@ -17,7 +17,6 @@ def arrivals(instants: np.ndarray, poll: float = 0.05) -> np.ndarray:
 
 
 def test_bursts_are_seen_and_jitter_is_not() -> None:
-    """Five samples at each look are bursts; a tenth of a period of jitter, or gaps, are not."""
     instants = np.arange(2000) * PERIOD
     rng = np.random.default_rng(1)
     assert "10.0" in arrival_stamps.bursts(arrivals(instants))
@@ -39,7 +38,6 @@ def test_the_instants_of_bursts_are_a_regular_grid_under_them(period: float) -> 
 
 
 def test_no_instant_is_after_its_arrival_and_time_increases() -> None:
-    """Whatever the delays are, and when the sensor's clock wanders so that joined lines are needed."""
     rng = np.random.default_rng(3)
     wander = np.cumsum(rng.normal(0.0, 3e-4, 30000))
     true = np.cumsum(PERIOD + np.diff(wander, prepend=0.0))
@@ -54,7 +52,6 @@ def test_no_instant_is_after_its_arrival_and_time_increases() -> None:
 
 
 def test_a_stall_that_is_caught_up_with_is_no_silence_and_a_silence_is_not_filled() -> None:
-    """After two seconds of a busy program the grid goes on; after two seconds without samples it starts anew."""
     true = np.arange(6000) * PERIOD
     stalled = true.copy()
     stalled[3000:3200] = true[3199] + np.arange(200) * 1e-4

@@ -22,7 +22,6 @@ def written(*, packed: bool, chunks: int = 50) -> tuple[bytes, Writer]:
 
 
 def test_a_file_is_the_same_to_the_byte() -> None:
-    """With the writer's own list, and with the bytes in its place; without a chunk too."""
     assert written(packed=True)[0] == written(packed=False)[0]
     assert written(packed=True, chunks=0)[0] == written(packed=False, chunks=0)[0]
 

@@ -57,7 +57,6 @@ def all_that_is_said(path: Path) -> Any:
 def test_damaged_files_say_the_same_by_batches_and_message_by_message(
     tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However a file is laid out, cut anywhere, and with bytes changed anywhere: the same arrays, the same words."""
     options = dict(LAYOUTS[case])
     if "index_types" in options:
         options["index_types"] = IndexType.NONE
@@ -81,7 +80,6 @@ def test_damaged_files_say_the_same_by_batches_and_message_by_message(
     st.binary(max_size=20),
 )
 def test_records_are_those_that_one_finds_head_by_head(parts: list[tuple[int, bytes, int]], rest: bytes) -> None:
-    """Records of any kind, lengths that are wrong by some bytes, and bytes that are none."""
     content = b"".join(
         HEAD.pack(opcode if opcode > 20 else 5, max(0, len(body) + (wrong if wrong > 25 else 0))) + body
         for opcode, body, wrong in parts
@@ -121,7 +119,6 @@ def message(kind: int, stamp: int, rng: random.Random) -> bytes:
 @settings(deadline=None)  # the first one loads the types
 @given(st.integers(0, 2**32), st.integers(0, 6))
 def test_plain_messages_are_taken_as_they_are_decoded(seed: int, changes: int) -> None:
-    """Bit by bit, with and without stamp; of messages that are not plain none is taken."""
     rng = random.Random(seed)
     content, plain = bytearray(), True
     for _ in range(rng.randrange(1, 9)):
@@ -155,7 +152,6 @@ def test_plain_messages_are_taken_as_they_are_decoded(seed: int, changes: int) -
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
 def test_a_chunk_takes_no_more_memory_than_it_says(compression: str) -> None:
-    """A chunk of a few bytes that says little and holds much, or says too much, is damage in words."""
     content = bytes(2**22)
     packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](content)
     inflater = mcap_format.Inflater(len(packed))
@@ -174,7 +170,6 @@ def test_a_chunk_takes_no_more_memory_than_it_says(compression: str) -> None:
 
 
 def test_many_small_chunks_do_not_unpack_to_more_than_the_file_lets_expect() -> None:
-    """Each is within bounds, all of them are not."""
     content = bytes(2**22)
     chunk = Chunk("zstd", zstandard.compress(content), 0, 0, 0, len(content))
     inflater = mcap_format.Inflater(1000)

@@ -50,7 +50,6 @@ include_as = "N"
 
 
 def test_an_effects_file_is_read_as_it_stands() -> None:
-    """Names, parameters, states with their defaults, correlation of all states in order."""
     document = effects_file.parse(GOOD.encode())
     assert document.source == "trace of two runs"
     assert [entry.effect for entry in document.effects] == ["thermal_lin", "gauss_markov", "noise_level"]
@@ -88,20 +87,17 @@ def test_an_effects_file_is_read_as_it_stands() -> None:
     ],
 )
 def test_what_is_no_effects_file_is_refused_with_the_place(old: str, new: str, words: str) -> None:
-    """The message names the effect, the state and the key."""
     assert old in GOOD
     with pytest.raises(ValueError, match=words):
         effects_file.parse(GOOD.replace(old, new).encode())
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """And where such files come from."""
     with pytest.raises(ValueError, match=r"nothing\.toml: No such file .*imutui trace"):
         effects_file.from_file(tmp_path / "nothing.toml")
 
 
 def test_no_effects_need_no_catalogue() -> None:
-    """Empty content makes nothing, and has no hash."""
     assert effects_file.maker(effects_file.NONE, SessionInfo()) is None
     assert effects_file.digest(effects_file.NONE) == ""
     assert SessionInfo().config_sha256() != SessionInfo(effects_sha256=effects_file.digest(b"x")).config_sha256()

@@ -13,7 +13,6 @@ from imutui.logbook import atomic_file, effects_file
 
 
 def test_every_number_comes_back_as_it_was() -> None:
-    """States, parameters, correlation; infinity is legal."""
     made = traces.trace()
     read = tomllib.loads(effects_file.dumps(made, 'trace of "a".mcap'))
     assert read["version"] == 1
@@ -29,7 +28,6 @@ def test_every_number_comes_back_as_it_was() -> None:
 
 
 def test_parameters_of_any_kind_are_written() -> None:
-    """Arrays, texts, whole numbers, tables, names with odd letters; what is None is left out."""
     parameters = {
         "knots": np.linspace(0.0, 1.0, 3),
         "order": 2,
@@ -48,7 +46,6 @@ def test_parameters_of_any_kind_are_written() -> None:
 
 
 def test_nothing_included_is_a_valid_file() -> None:
-    """The filter with it is the filter without."""
     text = effects_file.dumps(traces.nothing(), "trace of a.mcap")
     assert effects_file.parse(text.encode()).effects == ()
     read = tomllib.loads(text)
@@ -56,7 +53,6 @@ def test_nothing_included_is_a_valid_file() -> None:
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
-    """Nothing is replaced unasked, and nothing half-written is left."""
     path = tmp_path / "effects.toml"
     atomic_file.write(path, "a = 1\n", overwrite=False)
     with pytest.raises(FileExistsError):

@@ -68,7 +68,6 @@ def test_a_small_log_takes_no_gigabytes(name: str, tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "uncompressed"])
 def test_a_damaged_chunk_is_passed_over_whatever_packed_it(compression: str, tmp_path: Path) -> None:
-    """The messages before and behind it are kept; another program's compression is no reason to give up."""
     source = rewritten(recorded(tmp_path / "a.mcap", 4), tmp_path / "b.mcap", chunk_size=9000, **LAYOUTS[compression])
     data = bytearray(source.read_bytes())
     chunks = [piece for piece in scan(source).pieces if piece.opcode == Opcode.CHUNK]
@@ -84,7 +83,6 @@ def test_a_damaged_chunk_is_passed_over_whatever_packed_it(compression: str, tmp
 
 @pytest.mark.parametrize("stamp", [2**63, 2**64 - 1, 16_725_225_600_000_000_000])
 def test_a_stamp_that_is_no_time_is_told(stamp: int, tmp_path: Path) -> None:
-    """The year 2500, and what a counter of 64 bits can hold: no command calculates with it."""
     path = tmp_path / "a.mcap"
     log = LogWriter(path, SessionInfo(rate_hz=20, kind="simulated"), "", START)
     for ns in (START, START + 50_000_000, stamp):
@@ -104,13 +102,11 @@ def test_a_stamp_that_is_no_time_is_told(stamp: int, tmp_path: Path) -> None:
      ("kappa", "-1e9"), ("baud", "1e400"), ("accel_range_g", "0.0")],
 )  # fmt: skip
 def test_a_number_that_is_none_in_the_metadata_is_named(field: str, value: str, tmp_path: Path) -> None:
-    """`replay` refuses the log, `check` finds it, `info` leaves the number out."""
     with pytest.raises(ValueError, match=f"`{field}`"):
         SessionInfo.from_strings(SESSION | {field: value})
 
 
 def test_info_prints_json_whatever_the_metadata_hold(tmp_path: Path) -> None:
-    """Infinity and NaN are no JSON."""
     path = tmp_path / "a.mcap"
     log = LogWriter(path, SessionInfo(rate_hz=20, latitude_deg=float("nan"), height_m=float("inf")), "", START)
     log.imu(START, START, np.zeros(3), np.ones(3))
@@ -124,12 +120,10 @@ def test_info_prints_json_whatever_the_metadata_hold(tmp_path: Path) -> None:
     ["[" * 100_000, '{"duration_s": 1e400, "gaps": 3, "alarms": {"a": 1}, "converged": "yes"}', "[]", "1" * 9999],
 )
 def test_a_quality_summary_is_what_it_must_be_or_nothing(text: str) -> None:
-    """Anybody may have attached it; a list of logs reads it."""
     assert summary.quality(text.encode()) == {}
 
 
 def test_a_quality_summary_keeps_what_fits() -> None:
-    """A number that is none becomes unknown."""
     told = {"samples": 3, "converged": True, "final": {"rpy_deg": [1.0, None, 2.0]}, "gaps": [{"t": 1.0}], "x": 1}
     assert summary.quality(json.dumps(told).encode()) == {k: v for k, v in told.items() if k != "x"}
     assert summary.quality(b'{"final": {"rpy_deg": [NaN, 1e999, -Infinity]}}') == {
@@ -198,7 +192,6 @@ T, THREE = saved(np.arange(9.0)), saved(np.zeros((9, 3)))
     ],
 )
 def test_an_npz_made_to_harm_is_refused_with_exit_code_3(data: bytes, words: str, tmp_path: Path) -> None:
-    """Shapes that ask for terabytes, pickles, heads without end, readings that are none."""
     path = tmp_path / "a.npz"
     path.write_bytes(data)
     done = imutui("import", str(path), "-o", str(tmp_path / "b.mcap"), check=3)

@@ -121,7 +121,6 @@ def test_a_receivers_fix_is_one_row_when_it_is_new(home: Path, imported: Import)
 def test_a_reference_named_on_the_command_line_wins_and_the_arrays_are_named_as_left(
     home: Path, imported: Import
 ) -> None:
-    """`--reference level` is level, and nothing else goes into the log."""
     code, said = imported({"ang": np.zeros((N, 3)), "counts": np.zeros(3)}, "--reference", "level")
     assert code == 0
     assert "ang, counts" in said
@@ -131,7 +130,6 @@ def test_a_reference_named_on_the_command_line_wins_and_the_arrays_are_named_as_
 
 
 def test_a_trajectorys_file_travels_in_the_log_byte_for_byte(home: Path, imported: Import) -> None:
-    """--reference FILE.csv; a file that is none is an error with its line, and no log is begun."""
     text = b"t,lat,lon,h,vn,ve,vd\r\n0,,,,0,0,0\r\n"
     (home / "path.csv").write_bytes(text)
     assert imported({}, "--reference", "path.csv")[0] == 0
@@ -148,7 +146,6 @@ def test_a_trajectorys_file_travels_in_the_log_byte_for_byte(home: Path, importe
 
 
 def test_a_tables_profile_travels_in_the_log(home: Path, imported: Import) -> None:
-    """--reference FILE.toml, or a CSV of outer, middle, inner; the reference is then a profile."""
     toml = b"[[segment]]\nkind = 'dwell'\nangles_deg = [0, 0, 0]\nseconds = 5\n"
     csv = b"t,outer,middle,inner\n0,0,0,0\n1,0,0,10\n"
     for name, content in (("table.toml", toml), ("table.csv", csv)):
@@ -188,7 +185,6 @@ BAD: dict[str, tuple[dict[str, Any], tuple[str, ...], int, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_what_cannot_be_known_is_refused_in_words(home: Path, imported: Import, case: str) -> None:
-    """Exit code, array and row; no log is begun."""
     changes, flags, wanted, words = BAD[case]
     code, said = imported(changes, *flags)
     assert code == wanted
@@ -197,7 +193,6 @@ def test_what_cannot_be_known_is_refused_in_words(home: Path, imported: Import, 
 
 
 def test_arrays_that_know_nothing_leave_the_reference_as_configured(home: Path, imported: Import) -> None:
-    """All NaN is no trajectory; they are named as not imported."""
     code, said = imported({"ref_quat": np.full((N, 4), np.nan)})
     assert code == 0
     assert "ref_quat" in said
@@ -205,7 +200,6 @@ def test_arrays_that_know_nothing_leave_the_reference_as_configured(home: Path, 
 
 
 def test_a_moving_recording_with_a_trajectory_needs_no_gravity_check(home: Path, imported: Import) -> None:
-    """The checks are for still recordings; nothing is warned of."""
     rng = np.random.default_rng(1)
     moved = {"gyro": rng.normal(0, 50, (N, 3)), "accel": rng.normal(0, 1, (N, 3)), "ang": rng.normal(0, 9, (N, 3))}
     assert "warning" not in imported(moved)[1]
@@ -213,7 +207,6 @@ def test_a_moving_recording_with_a_trajectory_needs_no_gravity_check(home: Path,
 
 
 def test_bursts_are_named_and_their_instants_rebuilt_when_asked(home: Path, imported: Import) -> None:
-    """By default stamps stay as they are; the metadata say what was done."""
     t = np.arange(N) // 5 * 0.25 + np.arange(N) % 5 * 0.001
     code, said = imported({"t": t})
     assert code == 0
@@ -229,7 +222,6 @@ def test_bursts_are_named_and_their_instants_rebuilt_when_asked(home: Path, impo
 
 
 def test_optional_vectors_are_columns_of_a_csv_too(home: Path) -> None:
-    """ang_x … for ang, ref_quat_w … for the quaternion."""
     a = arrays()
     quat = np.tile([1.0, 0.0, 0.0, 0.0], (N, 1))
     table = np.column_stack([a["t"], a["gyro"], a["accel"], np.ones((N, 3)), quat])

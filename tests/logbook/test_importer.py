@@ -28,7 +28,6 @@ def saved(path: Path, **changes: np.ndarray) -> Path:
 
 
 def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
-    """deg/s and g become rad/s and m/s² in body axes, time and temperature stay."""
     source = saved(tmp_path / "a.npz")
     info = SessionInfo(accel_sign=1, mount="x,-y,-z")
     importer.write(importer.load(source), info, source, tmp_path / "a.mcap", overwrite=False)
@@ -44,7 +43,6 @@ def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
 
 
 def test_a_csv_says_the_same_as_an_npz(tmp_path: Path) -> None:
-    """Vectors are columns gyro_x … accel_z."""
     a = arrays()
     table = np.column_stack([a["t"], a["gyro"], a["accel"], a["temp"]])
     names = "t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"
@@ -68,7 +66,6 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_data_that_cannot_be_imported_are_named_with_their_row(tmp_path: Path, case: str) -> None:
-    """The error says file, array and row."""
     changes, words = BAD[case]
     with pytest.raises(ImportDataError, match=words) as caught:
         importer.load(saved(tmp_path / "bad.npz", **changes))
@@ -76,7 +73,6 @@ def test_data_that_cannot_be_imported_are_named_with_their_row(tmp_path: Path, c
 
 
 def test_a_misspelt_name_is_an_error_that_lists_what_is_there(tmp_path: Path) -> None:
-    """`gyr` is not `gyro`."""
     a = arrays()
     a["gyr"] = a.pop("gyro")
     np.savez(tmp_path / "a.npz", **a)
@@ -85,7 +81,6 @@ def test_a_misspelt_name_is_an_error_that_lists_what_is_there(tmp_path: Path) ->
 
 
 def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
-    """What is not imported is said."""
     assert importer.load(saved(tmp_path / "a.npz", counts=np.zeros(3))).not_imported == ("counts",)
 
 
@@ -111,7 +106,6 @@ def test_a_magnitude_that_is_off_is_a_warning_that_names_tilt_bias_and_scale(tmp
 
 
 def test_a_part_starts_and_ends_where_it_was_asked(tmp_path: Path) -> None:
-    """--start and --end count from the first sample, both ends included."""
     r = importer.load(saved(tmp_path / "a.npz", t=100.0 + np.arange(N) / 20.0), 0.5, 1.0)
     assert (r.t[0], r.t[-1]) == (100.5, 101.0)
     with pytest.raises(ImportDataError, match="fewer than two"):

@@ -19,7 +19,6 @@ from imutui.logbook.line_advice import LossAdvice
     ],
 )
 def test_what_the_line_is_shows_in_the_port_and_in_what_the_unit_says(port: str, firmware: str, kind: str) -> None:
-    """A cable is blamed only where there is one."""
     assert line_advice.kind(port, firmware) == kind
     for said in (
         line_advice.of_losses(port, firmware, held_up=False),
@@ -30,7 +29,6 @@ def test_what_the_line_is_shows_in_the_port_and_in_what_the_unit_says(port: str,
 
 
 def test_a_link_to_a_pseudo_terminal_is_one(tmp_path: Path) -> None:
-    """As `imutui virtual --link` makes them."""
     master, slave = os.openpty()
     tty.setraw(slave)
     link = tmp_path / "unit"

@@ -54,7 +54,6 @@ def write(path: Path, seconds: int = 3, *, finish: bool = True, rate: int = 20) 
 
 @given(packets)
 def test_a_raw_packet_is_what_rosbags_makes_of_it(packet: RawPacket) -> None:
-    """Our fixed-size bytes and the definition's, decoded by an independent library, say the same."""
     data = schemas.encode_raw(packet)
     assert schemas.decode_raw(data) == packet
     typename = schemas.raw_type(details=packet.details is not None)
@@ -71,7 +70,6 @@ def test_a_raw_packet_is_what_rosbags_makes_of_it(packet: RawPacket) -> None:
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
-    """Samples, packets, marks, diagnostics, metadata and attachments come back, to the last bit."""
     write(tmp_path / "a.mcap")
     log = reader.read(tmp_path / "a.mcap", raw=True)
     rng = np.random.default_rng(1)
@@ -90,7 +88,6 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 def test_metadata_survives_with_every_digit() -> None:
-    """SessionInfo → strings → SessionInfo is the identity."""
     info = replace(SessionInfo(), gravity_mps2=9.7863716970205, seed=7, mount="x,-y,-z", note='a "b", c')
     assert SessionInfo.from_strings(info.strings()) == info
     with pytest.raises(ValueError, match="rate_hz"):
@@ -98,7 +95,6 @@ def test_metadata_survives_with_every_digit() -> None:
 
 
 def test_other_libraries_open_the_file(tmp_path: Path) -> None:
-    """rosbags decodes Imu and our own message; mcap's indexed reader sees every channel, profile ros2."""
     write(tmp_path / "a.mcap")
     with AnyReader([tmp_path / "a.mcap"]) as bag:
         imu = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.IMU]
@@ -151,7 +147,6 @@ def test_an_estimate_of_an_older_version_is_known_as_one() -> None:
 
 
 def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
-    """Whatever was flushed is there; the log says that it is not finished."""
     writer = write(tmp_path / "a.mcap", finish=False)
     log = reader.read(tmp_path / "a.mcap")
     assert log.stamp_ns.size == 60
@@ -161,7 +156,6 @@ def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
 
 
 def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path) -> None:
-    """The checksum tells; what came before is used."""
     write(tmp_path / "a.mcap")
     data = bytearray((tmp_path / "a.mcap").read_bytes())
     chunks = [
@@ -175,7 +169,6 @@ def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path)
 
 
 def test_a_full_disk_leaves_the_last_good_flush(tmp_path: Path) -> None:
-    """When writing fails, the file is cut back to its last flush, finish() does nothing, and all before is read."""
     import resource
 
     path = tmp_path / "a.mcap"
@@ -210,7 +203,6 @@ def test_a_full_disk_leaves_the_last_good_flush(tmp_path: Path) -> None:
 
 
 def test_an_own_log_without_samples_says_so(tmp_path: Path) -> None:
-    """A recording that ended before its first sample is an error in words."""
     write(tmp_path / "a.mcap", seconds=0)
     with pytest.raises(UnreadableLogError, match="no samples"):
         reader.read(tmp_path / "a.mcap")

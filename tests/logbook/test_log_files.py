@@ -38,7 +38,6 @@ def permissions(path: Path) -> int:
 
 
 def test_the_hash_made_while_writing_is_that_of_the_file(tmp_path: Path) -> None:
-    """Of every size of file; it stands beside the log once that is finished, and not before."""
     for count in (0, 1, 40, 3000):
         path = tmp_path / f"{count}.mcap"
         log = written(path, count)
@@ -52,7 +51,6 @@ def test_the_hash_made_while_writing_is_that_of_the_file(tmp_path: Path) -> None
 
 
 def test_sha256sum_reads_what_stands_beside_a_log(tmp_path: Path) -> None:
-    """Also of names that it escapes; one changed byte and it says so."""
     for name in ("a.mcap", "with a space.mcap", "back\\slash.mcap", "two\nlines.mcap"):
         written(tmp_path / name)
         line = ["sha256sum", "-c", f"{name}.sha256"]
@@ -63,7 +61,6 @@ def test_sha256sum_reads_what_stands_beside_a_log(tmp_path: Path) -> None:
 
 
 def test_check_compares_the_sum_beside_a_log(tmp_path: Path) -> None:
-    """Said where it agrees, a finding where it does not, nothing where there is none or the log was renamed."""
     path = written(tmp_path / "a.mcap").path
     assert "Its SHA-256 is the one in a.mcap.sha256." in check(path)["notes"]
     assert "sha256" not in [finding["code"] for finding in check(path)["findings"]]
@@ -82,7 +79,6 @@ def test_check_compares_the_sum_beside_a_log(tmp_path: Path) -> None:
 
 
 def test_a_sum_goes_with_its_log_whatever_its_name(tmp_path: Path) -> None:
-    """Both renamed: the name in it is the old one, the sum is right."""
     path = written(tmp_path / "a.mcap").path
     checksum_file.path_of(path).rename(tmp_path / "b.mcap.sha256")
     path.rename(tmp_path / "b.mcap")
@@ -90,7 +86,6 @@ def test_a_sum_goes_with_its_log_whatever_its_name(tmp_path: Path) -> None:
 
 
 def test_a_new_log_of_a_name_is_not_judged_by_an_older_ones_sum(tmp_path: Path) -> None:
-    """Replaced, or made where one was removed: an unfinished file has no sum beside it."""
     path = written(tmp_path / "a.mcap").path
     LogWriter(path, SessionInfo(), "", START, overwrite=True)
     assert checksum_file.read(path) is None
@@ -101,13 +96,11 @@ def test_a_new_log_of_a_name_is_not_judged_by_an_older_ones_sum(tmp_path: Path) 
 
 
 def test_sums_are_no_logs(tmp_path: Path) -> None:
-    """The list of a folder has the recording once."""
     written(tmp_path / "a.mcap")
     assert [brief.path.name for brief in info.recordings(tmp_path)] == ["a.mcap"]
 
 
 def test_a_log_is_for_its_owner_and_group(tmp_path: Path) -> None:
-    """0640 with its sum, or what is wanted, whatever the umask: recorded, imported, rebuilt, estimates."""
     before = os.umask(0)
     try:
         path = written(tmp_path / "a.mcap").path
@@ -124,7 +117,6 @@ def test_a_log_is_for_its_owner_and_group(tmp_path: Path) -> None:
 
 
 def test_commands_make_logs_with_the_configured_permissions(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """0640, or `paths.file_mode`; estimates have no sum beside them, and take none over from a log they replace."""
     rows = "".join(f"{i / 20},0.1,0.2,0.3,0,0,0.998\n" for i in range(60))
     (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + rows)
     imutui("import", "a.csv", "-o", "a.mcap")
@@ -142,8 +134,6 @@ def test_commands_make_logs_with_the_configured_permissions(home: Path, monkeypa
 
 
 def test_a_log_that_cannot_be_begun_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither an empty file nor a header without a message, but what was flushed before stays."""
-
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -163,7 +153,6 @@ def test_a_log_that_cannot_be_begun_leaves_nothing(tmp_path: Path, monkeypatch: 
 
 
 def test_names_are_on_the_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The folder is synced after a file in it is made or renamed, and its parent if it is new itself."""
     synced: list[Path] = []
     monkeypatch.setattr(atomic_file, "sync_directory", synced.append)
     folder = tmp_path / "logs" / "deep"

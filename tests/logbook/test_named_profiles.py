@@ -13,7 +13,6 @@ NAMES = [made.name for made in reference_file.ready_made()]
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_does_wherever_a_profiles_file_does(name: str, tmp_path: Path) -> None:
-    """For --reference, in a scenario, as a scenario, in the operator's list: the same motion."""
     wanted = reference_file.find(name)
     assert wanted is not None
     (tmp_path / "scenario.toml").write_text(f'profile = "{name}"\n')
@@ -27,7 +26,6 @@ def test_a_name_does_wherever_a_profiles_file_does(name: str, tmp_path: Path) ->
 
 
 def test_capitals_and_spaces_do_not_count_and_a_file_of_the_name_goes_first(tmp_path: Path) -> None:
-    """As somebody types it; what lies beside a scenario is never out of reach."""
     assert reference_file.find("Six positions,  each axis +-30 +-90 deg/s") == reference_file.ready_made()[2]
     (tmp_path / NAMES[0]).write_text('[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n')
     (tmp_path / "scenario.toml").write_text(f'profile = "{NAMES[0]}"\n')
@@ -37,7 +35,6 @@ def test_capitals_and_spaces_do_not_count_and_a_file_of_the_name_goes_first(tmp_
 
 
 def test_an_unknown_name_is_answered_with_those_there_are(tmp_path: Path) -> None:
-    """Wherever it was used; words for a reference are no names."""
     (tmp_path / "scenario.toml").write_text('profile = "seven positions"\n')
     said = [operator_steps.offer_of(Path("seven positions")).error]
     with pytest.raises(ValueError, match="level, gravity, turned") as refused:

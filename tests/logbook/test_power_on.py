@@ -39,7 +39,6 @@ def continued(first: Path, begins: float, *more: str, check: int = 0) -> tuple[P
 
 
 def test_time_after_the_end_counts_on_the_clock_of_the_log(first: Path) -> None:
-    """A recording that begins 30 s after the other's first sample does so in the logs."""
     output, said = continued(first, 130.0)
     a, b = reader.read(first), reader.read(output)
     assert (b.stamp_ns[0] - a.stamp_ns[0]) / 1e9 == pytest.approx(30.0, abs=1e-6)
@@ -49,7 +48,6 @@ def test_time_after_the_end_counts_on_the_clock_of_the_log(first: Path) -> None:
 
 @pytest.mark.parametrize("begins", [0.0, 100.0, 100.0 + PERIOD * (N - 1)])
 def test_other_time_is_placed_one_period_after_the_end(first: Path, begins: float) -> None:
-    """Also where it begins with the other's very last sample; and it is said."""
     output, said = continued(first, begins)
     a, b = reader.read(first), reader.read(output)
     assert (b.stamp_ns[0] - a.stamp_ns[-1]) / 1e9 == pytest.approx(PERIOD, abs=1e-6)
@@ -57,7 +55,6 @@ def test_other_time_is_placed_one_period_after_the_end(first: Path, begins: floa
 
 
 def test_the_metadata_name_the_log_and_the_power_on(first: Path) -> None:
-    """Id, SHA-256, power-on, and which part; a third part names the second and the same power-on."""
     output, _ = continued(first, 130.0)
     a, b = reader.read(first).info, reader.read(output).info
     assert a.power_on == a.log_id != ""
@@ -91,7 +88,6 @@ def test_a_log_without_an_id_is_known_by_its_hash() -> None:
     ],
 )
 def test_another_unit_or_mounting_is_refused_with_the_cure(first: Path, flags: tuple[str, ...], words: str) -> None:
-    """Exit 2, nothing written, the flag that agrees with the log."""
     output, said = continued(first, 130.0, *flags, check=2)
     assert words in said
     assert "a.mcap" in said
@@ -99,7 +95,6 @@ def test_another_unit_or_mounting_is_refused_with_the_cure(first: Path, flags: t
 
 
 def test_another_instrument_or_unit_of_g_is_refused_and_none_is_the_same(first: Path) -> None:
-    """Two names are two units; what nobody named is taken from the log."""
     log = power_on.preceding(first)
     named = replace(log, info=replace(log.info, instrument="A"))
     with pytest.raises(ValueError, match='--instrument "A"'):
@@ -112,7 +107,6 @@ def test_another_instrument_or_unit_of_g_is_refused_and_none_is_the_same(first: 
 
 
 def test_a_log_that_cannot_be_read_is_exit_3(first: Path, tmp_path: Path) -> None:
-    """Missing, no log, and a clock ten years off."""
     (tmp_path / "text.mcap").write_text("no log")
     for log in ("missing.mcap", "text.mcap"):
         _, said = continued(tmp_path / log, 130.0, check=3)

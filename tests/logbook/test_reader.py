@@ -74,7 +74,6 @@ def assert_same(log: Log, content: bytes) -> None:
 
 @pytest.mark.parametrize("case", LAYOUTS)
 def test_every_field_is_what_the_message_loop_reads(tmp_path: Path, case: str) -> None:
-    """However the file is laid out, and whether the fast walk or rosbags decoded it."""
     from mcap.writer import IndexType
 
     options = dict(LAYOUTS[case])
@@ -91,7 +90,6 @@ def test_every_field_is_what_the_message_loop_reads(tmp_path: Path, case: str) -
 def test_the_recorders_own_file_is_read_without_decoding_a_sample(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The fast walk takes all of them; so does it with another frame_id."""
     path = recorded(tmp_path / "a.mcap")
     other = rewritten(path, tmp_path / "b.mcap", "someone's imu")
     decode, decoded = schemas.decode, []
@@ -103,7 +101,6 @@ def test_the_recorders_own_file_is_read_without_decoding_a_sample(
 
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_cut_file_gives_what_the_message_loop_gives(tmp_path: Path, chunked: bool) -> None:
-    """At seeded places all over the file: every whole chunk, or message outside chunks, and nothing else."""
     path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", chunk_size=3000, use_chunking=chunked)
     content = path.read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -147,7 +144,6 @@ def test_a_changed_byte_costs_no_more_than_the_message_loop_loses(tmp_path: Path
 
 
 def test_a_record_longer_than_the_limit_ends_the_reading(tmp_path: Path) -> None:
-    """A damaged length asks for no memory: what came before is there, and the limit is named."""
     content = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
     at, chunks = 8, []
     while at + 9 < len(content) - 8:
@@ -162,7 +158,6 @@ def test_a_record_longer_than_the_limit_ends_the_reading(tmp_path: Path) -> None
 
 
 def test_a_message_that_cannot_be_decoded_ends_the_reading_at_its_place(tmp_path: Path) -> None:
-    """All samples before it are used, none after it, though they share a chunk."""
     spoils = {schemas.IMU: 30, schemas.TEMPERATURE: 12, schemas.RAW: 5, schemas.EVENTS: 0}
     for topic, number in spoils.items():
         path = tmp_path / "bad.mcap"
@@ -189,7 +184,6 @@ def test_a_message_that_cannot_be_decoded_ends_the_reading_at_its_place(tmp_path
 
 
 def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
-    """They replace one another; if the last one is spoilt, the log says so and keeps its samples."""
     log = LogWriter(tmp_path / "a.mcap", SessionInfo(), "", START)
     log.imu(START, START, np.zeros(3), np.zeros(3))
     log._add(schemas.DIAGNOSTICS, b"\0\1\0\0", START, START)
@@ -206,7 +200,6 @@ def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
 def test_what_is_packed_by_hand_is_what_rosbags_writes(
     stamp: int, degc: float, gyro: Any, accel: Any, kind: str
 ) -> None:
-    """Samples, flagged or not, temperatures and angles: what is decoded is what was given, and encodes to the bytes."""
     packed = {
         schemas.IMU: schemas.encode_imu(stamp, np.array(gyro), np.array(accel), valid=bool(kind)),
         schemas.TEMPERATURE: schemas.encode_temperature(stamp, degc),
@@ -226,7 +219,6 @@ def test_what_is_packed_by_hand_is_what_rosbags_writes(
 
 
 def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -> None:
-    """As ROS says it, so that others' programs see it too; every other sample is valid."""
     log = reader.read(recorded(tmp_path / "a.mcap"))
     assert np.flatnonzero(~log.valid).tolist() == [5, 25, 45]
     m = schemas.decode(schemas.TYPES[schemas.IMU], schemas.encode_imu(START, np.ones(3), np.ones(3), valid=False))
@@ -236,7 +228,6 @@ def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -
 
 
 def test_a_sample_without_stamp_has_its_publish_time(tmp_path: Path) -> None:
-    """A foreign header may be empty; the fast walk and rosbags take the same."""
     for frame in ("imu", ""):
         with (tmp_path / "a.mcap").open("wb") as stream:
             writer = Writer(stream)
@@ -254,7 +245,6 @@ def test_a_sample_without_stamp_has_its_publish_time(tmp_path: Path) -> None:
 
 
 def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
-    """`packets` has the fields of `raw` in one record each; neither is read unless asked for."""
     path = recorded(tmp_path / "a.mcap")
     log = reader.read(path, raw=True)
     assert log.packets["sequence"].tolist() == [packet.sequence for packet in log.raw]
@@ -267,7 +257,6 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
 
 
 def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
-    """Between temperatures the one before, its own at equal stamps, the first for samples before all; NaN for none."""
     log = Log(tmp_path / "a.mcap", stamp_ns=np.array([0, 10, 20, 30, 40]))
     assert np.isnan(log.temperature()).all()
     log.temperature_stamp_ns, log.temperature_degc = np.array([10, 25, 40]), np.array([1.0, 2.0, 3.0])
@@ -284,7 +273,6 @@ def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
 def test_events_and_diagnostics_read_by_hand_are_what_rosbags_reads(
     stamp: int, text: str, values: dict[str, str], seed: int, changes: int
 ) -> None:
-    """Of whole messages, and of spoilt ones, which fail as rosbags fails or give what it gives."""
     rng = random.Random(seed)
     for topic, message in (
         (schemas.EVENTS, schemas.event(stamp, text, text[::-1])),
@@ -328,7 +316,6 @@ by_definition: dict[str, Callable[[bytes], Any]] = {
 
 
 def test_our_texts_of_ros_types_are_those_of_ros() -> None:
-    """Each definition in a log is what the store of ROS 2 Humble makes of it, with our own types added."""
     humble = get_typestore(Stores.ROS2_HUMBLE)
     for name, text in message_definitions.OWN.items():
         humble.register(get_types_from_msg(text, name))

@@ -90,7 +90,6 @@ def recovered(source: Path) -> tuple[dict[str, Any], Path]:
 
 @pytest.mark.parametrize("finish", [True, False])
 def test_a_log_recovers_to_the_same_messages(tmp_path: Path, *, finish: bool) -> None:
-    """Finished or not: every message, attachment and metadata field, numbers and times, and a footer."""
     written(tmp_path / "a.mcap", finish=finish)
     before = (tmp_path / "a.mcap").read_bytes()
     document, output = recovered(tmp_path / "a.mcap")
@@ -110,7 +109,6 @@ def test_a_log_recovers_to_the_same_messages(tmp_path: Path, *, finish: bool) ->
 
 
 def test_a_rebuilt_log_says_so_and_from_what(tmp_path: Path) -> None:
-    """The note names the source and what was lost."""
     data = written(tmp_path / "a.mcap")
     at, length = list(chunks(data))[1]
     made(tmp_path / "a.mcap", data[: at + 60] + bytes([data[at + 60] ^ 1]) + data[at + 61 :])
@@ -123,7 +121,6 @@ def test_a_rebuilt_log_says_so_and_from_what(tmp_path: Path) -> None:
 
 
 def test_what_was_added_to_a_log_goes_along_with_the_rebuilt_one(tmp_path: Path) -> None:
-    """A note that was written later; of a file that was replaced nothing stays."""
     log, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
     written(log)
     added_notes.add(log, "second cold start", "ana")
@@ -135,7 +132,6 @@ def test_what_was_added_to_a_log_goes_along_with_the_rebuilt_one(tmp_path: Path)
 
 
 def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:
-    """Cut at every byte of the last kilobytes and at random ones: a finished file of a true prefix, or words."""
     data = written(tmp_path / "a.mcap")
     whole = messages(tmp_path / "a.mcap")
     # packets, samples and a mark each second; before the first sample its transform
@@ -157,7 +153,6 @@ def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:
 
 
 def test_a_flipped_byte_costs_its_chunk_and_nothing_else(tmp_path: Path) -> None:
-    """Wherever it is: header, metadata, chunk, index, footer. What is behind it is kept, and nothing is doubled."""
     data = written(tmp_path / "a.mcap")
     whole = messages(tmp_path / "a.mcap")
     rng = random.Random(3)
@@ -194,7 +189,6 @@ def test_a_lost_first_chunk_takes_no_other_with_it(tmp_path: Path, details: sche
 
 
 def test_garbage_behind_the_end_is_left_out_and_told(tmp_path: Path) -> None:
-    """A disk's old content after the footer is not part of the log."""
     data = written(tmp_path / "a.mcap")
     garbage = random.Random(1).randbytes(5000)
     document, output = recovered(made(tmp_path / "a.mcap", data + garbage))
@@ -204,7 +198,6 @@ def test_garbage_behind_the_end_is_left_out_and_told(tmp_path: Path) -> None:
 
 
 def test_a_hole_in_the_middle_is_skipped(tmp_path: Path) -> None:
-    """Blocks of zeros, and bytes that are missing altogether: the chunks behind them are found by their marks."""
     data = written(tmp_path / "a.mcap", finish=False)
     (_, _), (at, length), (after, _), *_ = chunks(data)
     for broken in (data[: at + 5] + bytes(length) + data[at + 5 + length :], data[: at + 5] + data[at + 400 :]):
@@ -219,7 +212,6 @@ def test_a_hole_in_the_middle_is_skipped(tmp_path: Path) -> None:
 
 
 def test_a_chunk_that_stands_twice_is_taken_once(tmp_path: Path) -> None:
-    """No message is doubled."""
     data = written(tmp_path / "a.mcap", finish=False)
     _, (at, length), *_ = chunks(data)
     document, output = recovered(made(tmp_path / "b.mcap", data[: at + length] + data[at:]))
@@ -228,7 +220,6 @@ def test_a_chunk_that_stands_twice_is_taken_once(tmp_path: Path) -> None:
 
 
 def test_the_replay_of_a_recovered_log_equals_that_of_the_unfinished_one(tmp_path: Path) -> None:
-    """In every field but the file's own."""
     written(tmp_path / "a.mcap", seconds=8, rate=10, finish=False)
     _, output = recovered(tmp_path / "a.mcap")
     before, after = (replay(path, ReplayOptions()) for path in (tmp_path / "a.mcap", output))
@@ -239,7 +230,6 @@ def test_the_replay_of_a_recovered_log_equals_that_of_the_unfinished_one(tmp_pat
 
 
 def test_another_programs_file_is_rebuilt_as_it_is(tmp_path: Path) -> None:
-    """Without chunks, with schemas, channels and numbers of its own; those with gaps are no loss."""
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, use_chunking=False)
@@ -262,7 +252,6 @@ def test_another_programs_file_is_rebuilt_as_it_is(tmp_path: Path) -> None:
 
 
 def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None:
-    """Missing, empty, foreign; the log itself as output; one that exists; one that is being written."""
     out = tmp_path / "out.mcap"
     for name, content, said in (
         ("none", None, "no such file"),
@@ -292,7 +281,6 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
 def test_pieces_of_any_size_make_the_same_file_and_say_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Logs cut anywhere, spoilt, with parts left out or doubled: the file to the byte, the report or the refusal."""
     monkeypatch.setattr(time, "gmtime", lambda: time.struct_time((2026, 1, 1, 0, 0, 0, 3, 1, 0)))
     whole, rng = pieces.ROWS, random.Random(11)
     path, out = tmp_path / "a.mcap", tmp_path / "out.mcap"
@@ -320,7 +308,6 @@ def test_pieces_of_any_size_make_the_same_file_and_say_the_same(
 def test_a_rebuilt_file_that_lacks_what_the_source_has_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int, last: bool
 ) -> None:
-    """One reading that differs, or a last chunk that is missing, though the file reads well: the error, and no file."""
     monkeypatch.setattr(pieces, "ROWS", rows)
     data, other = written(tmp_path / "a.mcap"), written(tmp_path / "b.mcap", seconds=3)
     (tmp_path / "b.mcap").unlink()
@@ -347,7 +334,6 @@ def test_a_rebuilt_file_that_lacks_what_the_source_has_is_not_kept(
 
 
 def test_four_times_the_log_takes_no_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In pieces of 200 samples: it grows by less than half of what the samples that the longer log has more take."""
     monkeypatch.setattr(pieces, "ROWS", 200)
     # what is held of a file at a time, whatever is in it
     monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)

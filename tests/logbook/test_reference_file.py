@@ -37,7 +37,6 @@ seconds = 20.0
 
 
 def test_a_document_is_the_profile_it_describes() -> None:
-    """Degrees become radians; every key lands where it belongs."""
     assert from_document(tomllib.loads(DOCUMENT)) == Profile(
         (
             Dwell((0.0, 90 * DEG, 0.0), 30.0),
@@ -80,20 +79,17 @@ WRONG: list[tuple[dict[str, Any], list[str]]] = [
 
 @pytest.mark.parametrize(("document", "words"), WRONG)
 def test_a_wrong_document_is_refused_by_key_and_value(document: dict[str, Any], words: list[str]) -> None:
-    """The message names what is wrong and what may be there."""
     with pytest.raises(ValueError, match="`") as caught:
         from_document(document)
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 def test_what_is_written_reads_as_the_same_profile() -> None:
-    """A billionth of a degree is kept; a document that was read is written as it was."""
     profile = from_document(tomllib.loads(DOCUMENT))
     assert from_document(tomllib.loads(to_toml(profile))) == profile
     assert reference_file.parse("tumble.toml", to_toml(profile).encode()) == profile
 
 
 def test_sampled_angles_are_not_written_as_a_document() -> None:
-    """They belong into a CSV file, and the message says so."""
     with pytest.raises(ValueError, match="CSV"):
         to_toml(from_samples([0.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]))

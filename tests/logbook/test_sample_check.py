@@ -34,7 +34,6 @@ def spoil(fault: str, rng: np.random.Generator, stamps: np.ndarray, readings: np
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_told_with_its_sample_however_the_samples_come(fault: str) -> None:
-    """Alone or with another one, in logs that lack a channel or none: the same sentence, the sample's number in it."""
     for seed in range(12):
         rng = np.random.default_rng(seed)
         stamps, readings = 10**18 + 10**7 * np.arange(60), rng.normal(size=(60, 6))

@@ -27,7 +27,6 @@ rows = st.tuples(
 
 @given(st.lists(rows, min_size=1, max_size=5))
 def test_a_trajectory_survives_as_text(table: list[tuple[float, ...]]) -> None:
-    """What is unknown stays unknown, the rest is good to 11 um and 1e-8 degrees; the text itself is stable."""
     degrees = np.array(table)
     values = degrees * np.where(np.isin(np.arange(9), [0, 1, 6, 7, 8]), np.pi / 180.0, 1.0)
     text = trajectory_file.format(Trajectory(np.arange(len(table)) / 7.0, values))
@@ -39,7 +38,6 @@ def test_a_trajectory_survives_as_text(table: list[tuple[float, ...]]) -> None:
 
 
 def test_columns_may_stand_in_any_order_and_attitude_may_be_absent() -> None:
-    """Units are degrees and metres outside, radians and metres inside; empty cells are unknown."""
     read = trajectory_file.parse("h, lat,lon,vn,ve,vd,t\n641,-23,-45,,,,0\n\n,,,1,2,3,0.5\n", "a.csv")
     assert read.t.tolist() == [0.0, 0.5]
     assert np.allclose(read.values[0, :3], [np.deg2rad(-23), np.deg2rad(-45), 641])
@@ -66,7 +64,6 @@ BAD = {
 
 @pytest.mark.parametrize("text", BAD)
 def test_a_text_that_is_no_trajectory_is_named_with_line_and_column(text: str) -> None:
-    """The error says file, line, column and what stands there."""
     with pytest.raises(InputError) as caught:
         trajectory_file.parse(text, "path.csv")
     assert all(word in str(caught.value) for word in ("path.csv", *BAD[text])), caught.value

@@ -19,8 +19,7 @@ from imutui.plain_text import in_line
 # ------------------------------------------------------------------------------------------------------------ columns
 # What is exported: columns with their units, in blocks of rows, whatever the format.
 
-Block: TypeAlias = dict[str, np.ndarray]
-"""Rows of each column, shape (n,) or (n, width)."""
+Block: TypeAlias = dict[str, np.ndarray]  # rows of each column, shape (n,) or (n, width)
 
 _PARTS = {3: "xyz", 4: "wxyz"}
 
@@ -64,8 +63,7 @@ def components(column: Column, rows: np.ndarray) -> list[np.ndarray]:
 # ------------------------------------------------------------------------------------------------------------ formats
 
 FORMATS = ("csv", "npz", "parquet")
-Progress = Callable[[int], None]
-"""Told the number of rows written."""
+Progress = Callable[[int], None]  # told the number of rows written
 
 _COPIED = 2**20
 _KINDS: dict[str, parquet.Kind] = {"f8": "double", "i8": "int64", "u8": "uint64", "?": "bool", "U": "string"}
