@@ -172,7 +172,7 @@ def records(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
                 continue
             opcode, at, length = item
             if opcode == Opcode.CHUNK:
-                yield from _chunk(held[at : at + length], inflater)
+                yield from chunk_records(held[at : at + length], inflater)
                 continue
             record = _record(held, opcode, at, length)
             if isinstance(record, DataEnd):
@@ -235,7 +235,7 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
         raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
 
 
-def _chunk(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecord | Batch]:
+def chunk_records(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecord | Batch]:
     """A chunk's records: all of them are there, or none is given.
 
     `body`: content of the chunk's record.

@@ -7,17 +7,18 @@ our samples are numbered, so their number and time are exact; what lies between 
 import contextlib
 import json
 import math
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
 from imutui.logbook import log_stream, mcap_format, schemas
-from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, MESSAGE, OPCODES, parse, records
+from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
+from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
 from imutui.logbook.session_info import METADATA
 
 FINISHED = "finished"
@@ -159,42 +160,29 @@ def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) 
 # -- any other file ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    """Number and instant of a sample."""
-
-    sequence: int
-    stamp_ns: int
-
-
 def _from_ends(stream: IO[bytes], found: Summary) -> None:
     """Take what the beginning and the last whole chunk say, and how the file ends."""
     inflater = mcap_format.Inflater(found.bytes, _MOST)
-    first, channels = _beginning(stream, found, inflater)
-    last, how = _ending(stream, found, channels, inflater)
+    first, topics = _beginning(stream, found, inflater)
+    last, how = _ending(stream, found, topics, inflater)
     found.by_ends = True
     if found.state != DAMAGED:
         found.state = DAMAGED if how else UNFINISHED
         found.why = how or found.why or "it ends without its index: the recorder was killed, or the file was cut"
     if first is not None:
-        last = last or first
-        found.started_ns = first.stamp_ns
-        found.seconds = (last.stamp_ns - first.stamp_ns) / 1e9
+        last = first if last is None else last
+        found.started_ns = int(first["publish_ns"])
+        found.seconds = (int(last["publish_ns"]) - found.started_ns) / 1e9
         # other programs may leave the numbers out
-        found.samples = last.sequence - first.sequence + 1 if last.sequence or last is first else None
+        known = bool(last["sequence"]) or last is first
+        found.samples = int(last["sequence"]) - int(first["sequence"]) + 1 if known else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """Channels of the samples and of the diagnostics; None where the beginning does not say."""
-
-    samples: int | None = None
-    diagnostics: int | None = None
-
-
-def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater) -> tuple[_Sample | None, _Numbers]:
-    """Metadata and attachments before the first chunk with samples; that chunk's first sample, and its channels."""
-    at, names, topics = len(MAGIC), dict[int, str](), dict[int, str]()
+def _beginning(
+    stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater
+) -> tuple[np.ndarray | None, dict[str, int]]:
+    """Metadata and attachments before the first chunk with samples; head of the first sample, and channels by topic."""
+    at, types, topics = len(MAGIC), dict[int, str](), dict[str, int]()
     for _ in range(_FIRST_RECORDS):
         stream.seek(at)
         head = stream.read(HEAD.size)
@@ -212,71 +200,54 @@ def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater
                 attachment = parse(Attachment, content)
                 found.attachments[attachment.name] = len(attachment.data)
             elif opcode == Opcode.CHUNK:
-                inside = inflater.content(mcap_format.chunk_of(content))
-                _channels(inside, names, topics)
-                found.types = {topic: names.get(number, "") for number, topic in topics.items()}
-                sample, channel = _first_sample(inside, found.types, topics)
-                if sample is not None:
-                    return sample, _Numbers(channel, _number_of(schemas.DIAGNOSTICS, topics))
+                inside = chunk_records(content, inflater)
+                for item in inside:
+                    if isinstance(item, Schema):
+                        types[item.id] = item.name
+                    elif isinstance(item, Channel):
+                        topics.setdefault(item.topic, item.id)
+                        found.types[item.topic] = types.get(item.schema_id, "")
+                if (samples := _heads(inside, topics.get(imu_topic(found.types) or ""))).size:
+                    return samples[0], topics
         at += HEAD.size + length
-    return None, _Numbers()
+    return None, {}
 
 
-def _number_of(topic: str | None, topics: dict[int, str]) -> int | None:
-    return next((number for number, name in topics.items() if name == topic), None)
-
-
-def _channels(content: bytes, names: dict[int, str], topics: dict[int, str]) -> None:
-    """Add the channels that a chunk declares: their topics, and by the same numbers their types."""
-    types: dict[int, str] = {}
-    for opcode, at, length in records(content):
-        if opcode == Opcode.SCHEMA:
-            schema = parse(Schema, content[at : at + length])
-            types[schema.id] = schema.name
-        elif opcode == Opcode.CHANNEL:
-            channel = parse(Channel, content[at : at + length])
-            topics[channel.id] = channel.topic
-            names[channel.id] = types.get(channel.schema_id, "")
-
-
-def _first_sample(content: bytes, types: dict[str, str], topics: dict[int, str]) -> tuple[_Sample | None, int | None]:
-    channel = _number_of(imu_topic(types), topics)
-    samples = _samples(content, channel)
-    return next(samples, None), channel
+def _heads(inside: list[McapRecord | Batch], channel: int | None) -> np.ndarray:
+    """Heads of a chunk's messages of a channel."""
+    each = [batch.heads for batch in inside if isinstance(batch, Batch)]
+    return np.concatenate([heads[heads["channel"] == channel] for heads in each]) if each else np.empty(0, MESSAGE_HEAD)
 
 
 def _ending(
-    stream: IO[bytes], found: Summary, channels: _Numbers, inflater: mcap_format.Inflater
-) -> tuple[_Sample | None, str]:
-    """Last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
+    stream: IO[bytes], found: Summary, topics: dict[str, int], inflater: mcap_format.Inflater
+) -> tuple[np.ndarray | None, str]:
+    """Head of the last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
     stream.seek(max(0, found.bytes - _TAIL))
     tail = stream.read()
     at, how, judged, described = len(tail), "", False, False
     while (at := _chunk_before(tail, at)) >= 0:
         _, length = HEAD.unpack_from(tail, at)
         try:
-            chunk = mcap_format.chunk_of(tail[at + HEAD.size : at + HEAD.size + length])
-            content = inflater.content(chunk)
-            # the last one; a list of all could be far longer than the chunk
-            latest = deque(_samples(content, channels.samples), 1)
-            described = described or _take_description(content, channels.diagnostics, found)
+            inside = chunk_records(tail[at + HEAD.size : at + HEAD.size + length], inflater)
         except MALFORMED:
             how, judged = how or "a chunk near its end cannot be read", True
             continue
+        described = described or _take_description(inside, topics.get(schemas.DIAGNOSTICS), found)
         if not judged:
             how, judged = _behind(tail, at), True
-        if latest:
-            return latest[0], how
+        if (samples := _heads(inside, topics.get(imu_topic(found.types) or ""))).size:
+            return samples[-1], how
     return None, how
 
 
-def _take_description(content: bytes, channel: int | None, found: Summary) -> bool:
+def _take_description(inside: list[McapRecord | Batch], channel: int | None, found: Summary) -> bool:
     """Take note and operator as they are now, where they were changed since the file was begun; whether they were."""
     told: dict[str, str] = {}
-    for number, data in _messages(content):
-        if channel is not None and number == channel:
+    for batch in (item for item in inside if isinstance(item, Batch)):
+        for row in np.flatnonzero(batch.table[:, CHANNEL] == channel).tolist() if channel is not None else ():
             with contextlib.suppress(schemas.UndecodableError):
-                told |= schemas.decode_diagnostics(data) or {}
+                told |= schemas.decode_diagnostics(batch.message(row).data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)
 
@@ -306,24 +277,6 @@ def _behind(tail: bytes, at: int) -> str:
             return "bytes that are no record follow its last chunk"
         at += HEAD.size + length
     return ""
-
-
-# -- bytes -------------------------------------------------------------------------------------------------------------
-
-
-def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
-    for opcode, at, length in records(content):
-        if opcode == Opcode.MESSAGE and length >= MESSAGE.size:
-            number, sequence, _, publish_ns = MESSAGE.unpack_from(content, at)
-            if number == channel:
-                yield _Sample(sequence, publish_ns)
-
-
-def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Channel and data of each message of a chunk."""
-    for opcode, at, length in records(content):
-        if opcode == Opcode.MESSAGE and length >= MESSAGE.size:
-            yield MESSAGE.unpack_from(content, at)[0], content[at + MESSAGE.size : at + length]
 
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:
