@@ -285,6 +285,8 @@ class _FileWalk:
         go_on = end if inside else min(self._found_again(at), self._told_by_index(at))
         of_index = self._in_summary and opcode not in _MESSAGES
         what = "summary" if of_index else _name(opcode) if opcode in mcap_format.OPCODES else ""
+        if opcode == Opcode.MESSAGE_INDEX and not inside and go_on < self._found.size:
+            what = ""  # what else stood there is not known
         self._found.damages.append(Damage(at, go_on - at, why, what))
         return go_on
 

@@ -249,18 +249,24 @@ def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path
     assert document["state"] == "damaged"
 
 
-@pytest.mark.parametrize("place", [-5, 0, 2, 6, 14], ids=["length", "channel", "size", "time", "offset"])
-def test_damage_in_the_index_behind_a_chunk_is_found(tmp_path: Path, place: int) -> None:
+@pytest.mark.parametrize(
+    ("place", "code"),
+    [(-8, "damage"), (-5, "damage"), (0, "index"), (2, "index"), (6, "index"), (14, "index")],
+    ids=["length", "more than the file", "channel", "size", "time", "offset"],
+)
+def test_damage_in_the_index_behind_a_chunk_is_found(tmp_path: Path, place: int, code: str) -> None:
+    """Where its length is wrong, too, though nothing tells what stood between it and the next record."""
     path = recorded(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     first = next(at for opcode, at, _ in records(bytes(data[8:])) if opcode == Opcode.MESSAGE_INDEX) + 8
     data[first + place] ^= 0x41
     path.write_bytes(data)
     document = check(path)
-    assert codes(document) == ["index"]
+    assert codes(document) == [code]
+    assert document["samples"] == 119
     assert "at byte" in document["findings"][0]["where"]
     assert "imutui recover" in document["findings"][0]["next"]
-    assert document["state"] == "finished"
+    assert document["state"] == ("finished" if code == "index" else "damaged")
 
 
 def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:

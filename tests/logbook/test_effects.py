@@ -71,7 +71,7 @@ def test_an_effects_file_is_read_as_it_stands() -> None:
         ("version = 1", "version 1", "this is not"),
         ("source =", "sources =", "`sources` is unknown in the file; known: version"),
         ('channels = ["gy"]', 'channels = ["wy"]', r'effect 1 \("thermal_lin"\): `channels` is'),
-        ('include_as = "S"', 'include_as = "X"', r"effect 2 .*`include_as` is .*not one of A, N, S, P"),
+        ('include_as = "S"', 'include_as = "X"', r"effect 2 .*`include_as` is .*not one of: A, N, S, P"),
         ('effect = "gauss_markov"', "", "effect 2 has no name"),
         ("mean = 0.02", 'mean = "much"', r"effect 1 .*, state 1: `mean` is 'much', not a finite number"),
         ("mean = 0.02", "mean = nan", "`mean` is nan"),
