@@ -257,10 +257,10 @@ def test_a_wrong_scenario_is_refused_by_file_key_and_value(tmp_path: Path, text:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.csv", "", ["nothing", "t, outer, middle, inner"]),
+        ("a.csv", "", ["is empty", "t, outer, middle, inner"]),
         ("a.csv", "time,o,m,i\n1,2,3,4\n", ['"time, o, m, i"']),
-        ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,0\n", ["row 3"]),
-        ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,x,0\n", ["row 3", '"1, 0, x, 0"']),
+        ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,0\n", ["line 3", "3 cells"]),
+        ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,x,0\n", ["line 3", "`middle`", '"x"']),
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n0,0,0,0\n", ["does not increase"]),
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n", ["at least 2"]),
         ("a.toml", "segment = 3", ["`segment` is missing"]),

@@ -186,10 +186,10 @@ def _fed(path: Path, options: ReplayOptions) -> Feed:
     """Samples of a log: those of a long one in pieces, unless something has to be looked for in all of them at once."""
     known = replay_input.outline_of_long(path)
     if known is None or not known.log.own or known.lacks.any() or _is_aligned(known.log, options):
-        fed = replay_input.whole(path, options.start, options.end)
-        part = fed.first
-        filled = replay_input.filled(part.t, part.gyro, part.accel, session_of(fed.log, options), path)
-        return fed.with_part(replace(part, gyro=filled.gyro, accel=filled.accel, unread=filled.unread))
+        log = reader.read(path)
+        part = replay_input.select(log, options.start, options.end)
+        part = replay_input.filled(part, session_of(log, options), path)
+        return Feed(log, part, lambda: iter([part]), float(part.t[-1]))
     return replay_input.in_pieces(known, options.start, options.end)
 
 

@@ -13,7 +13,7 @@ from filters.imu import Noise
 from filters.kalman.settings import GAP_PERIODS
 from filters.motion import alignment
 from filters.motion import reference as references
-from imutui.logbook import pieces, reader, sample_check
+from imutui.logbook import pieces, sample_check
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
 from imutui.logbook.session_info import SessionInfo
@@ -45,17 +45,6 @@ class Feed:
     first: Part  # the first samples; all of them where they come at once
     parts: Callable[[], Iterator[Part]]  # gives all samples in order, anew by each call; times count from the first one
     seconds: float  # how long they are
-
-    def with_part(self, part: Part) -> "Feed":
-        """Another part instead of the only one."""
-        return replace(self, first=part, parts=lambda: iter([part]))
-
-
-def whole(path: Path, start: float | None, end: float | None) -> Feed:
-    """All samples of a log in one part; see `select`."""
-    log = reader.read(path)
-    part = select(log, start, end)
-    return Feed(log, part, lambda: iter([part]), float(part.t[-1]))
 
 
 def outline_of_long(path: Path) -> Outline | None:
@@ -158,16 +147,6 @@ _LEVELLED_S = 10.0
 _FLAT = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class Filled:
-    """Readings with every channel."""
-
-    # gyro, accel: rad/s and m/s², body axes, shape (N, 3)
-    gyro: np.ndarray
-    accel: np.ndarray
-    unread: tuple[bool, ...] = ()  # of accelerometers and gyros, body axes, those that were made up; empty if none was
-
-
 def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
     """Mean specific force of a unit at rest, body axes, with an axis that was not read made up to gravity.
 
@@ -194,26 +173,25 @@ def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
     return made
 
 
-def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo, path: Path) -> Filled:
-    """Readings with every channel.
+def filled(part: Part, info: SessionInfo, path: Path) -> Part:
+    """All samples of a log with readings in every channel.
 
-    `t`: s since the first sample, shape (N,).
-    `gyro`, `accel`: as the log has them, body axes, NaN where a channel was not read, shape (N, 3).
+    `part`: as the log has them, NaN where a channel was not read.
     `info`: with the reference in force.
     `path`: the log, for messages.
     Raises InputError if the reference does not say what the channels would have read.
     """
-    lacks = sample_check.unread(gyro, accel)
+    lacks = sample_check.unread(part.gyro, part.accel)
     if not lacks.any():
-        return Filled(gyro, accel)
+        return part
     told = ", ".join(sample_check.names(sample_check.in_instrument_axes(lacks, info.axes())))
     site = info.site()
     if info.reference == "level":
         still = references.level(site)
     elif info.reference == "gravity":
-        early = t <= _LEVELLED_S
+        early = part.t <= _LEVELLED_S
         try:
-            force = level_force(accel[early].mean(axis=0), site.gravity)
+            force = level_force(part.accel[early].mean(axis=0), site.gravity)
             still = alignment.level_by_gravity(site, force, 0.0)
         except InputError as error:
             raise InputError(f"{path} has no readings of {told}: {error}. If it is level: --reference level") from error
@@ -223,11 +201,11 @@ def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo
             " have read there is not known. Replay a part at rest with --reference level or gravity, or trace it:"
             " `imutui trace` leaves these channels out."
         )
-    gyro, accel = gyro.copy(), accel.copy()
+    gyro, accel = part.gyro.copy(), part.accel.copy()
     rate, force = still.rates_and_forces()
     gyro[:, lacks[:3]] = rate[lacks[:3]]
     accel[:, lacks[3:]] = force[lacks[3:]]
-    return Filled(gyro, accel, (*lacks[3:].tolist(), *lacks[:3].tolist()))
+    return replace(part, gyro=gyro, accel=accel, unread=(*lacks[3:].tolist(), *lacks[:3].tolist()))
 
 
 # ---------------------------------------------------------------------------------------------------------- log noise

@@ -48,7 +48,7 @@ from imutui.toml_text import Table
 
 ATTACHMENTS = ("reference.toml", "reference.csv")  # names under which a reference travels
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
-_LARGEST, _NEAREST_S, _SMALLEST = 1e9, 1e-6, 1e-15
+_NEAREST_S, _SMALLEST = 1e-6, 1e-15
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,32 +96,18 @@ def text_of(content: bytes, name: str) -> str:
 def parse_angles(text: str, name: str) -> Profile:
     """Profile of a CSV text `t, outer, middle, inner` (s, deg).
 
-    Raises InputError if a row does not read as four numbers, or time does not increase; the message names the row.
+    Raises InputError if a cell is no number, or time does not increase; the message names the line.
     """
-    try:
-        rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(c.strip() for c in row)]
-    except csv.Error as error:
-        raise InputError(f"{name} is not a CSV file: {error}") from error
-    if not rows or tuple(rows[0]) != PROFILE_COLUMNS:
-        found = ", ".join(rows[0]) if rows else "nothing"
-        raise InputError(f'{name} begins with "{found}"; its heading is {", ".join(PROFILE_COLUMNS)} (s, deg).')
-    values = np.empty((len(rows) - 1, 4))
-    for n, row in enumerate(rows[1:]):
-        try:
-            values[n] = [float(cell) for cell in row]
-        except ValueError as error:
-            raise InputError(f'{name}, row {n + 2}: "{", ".join(row)}" is not four numbers') from error
-    # NaN has words of its own further on
-    large = (np.abs(values) > _LARGEST).any(axis=1)
-    if large.any():
-        raise InputError(f"{name}, row {int(np.argmax(large)) + 2}: a number beyond {_LARGEST:g}")
-    near = np.abs(np.diff(values[:, 0])) < _NEAREST_S
+    columns = trajectory_file.table(text, name, PROFILE_COLUMNS, PROFILE_COLUMNS, empty=False)
+    t, *angles = (columns[column] for column in PROFILE_COLUMNS)
+    near = np.diff(t) < _NEAREST_S
     if near.any():
         raise InputError(f"{name}, row {int(np.argmax(near)) + 3}: time does not increase by a microsecond at least")
-    values[np.abs(values) < _SMALLEST] = 0.0  # what is left of a zero by other programs' arithmetic
-    t, outer, middle, inner = values.T
+    for values in (t, *angles):
+        values[np.abs(values) < _SMALLEST] = 0.0  # what is left of a zero by other programs' arithmetic
+    outer, middle, inner = map(np.deg2rad, angles)
     try:
-        return profile.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
+        return profile.from_samples(t, outer, middle, inner)
     except InputError as error:
         raise InputError(f"{name}: {error} (rows counted from 0, after the heading)") from error
 

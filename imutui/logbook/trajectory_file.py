@@ -5,6 +5,7 @@ The form in which a reference lies beside a recording or travels in a log; docs/
 
 import csv
 import io
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,25 +30,38 @@ def parse(text: str, name: str) -> Trajectory:
     Raises InputError if a column is missing, unknown or named twice, a cell is no number or outside its range, or time
       does not increase.
     """
+    columns = table(text, name, COLUMNS, _REQUIRED, empty=True)
+    unknown = np.full(columns["t"].size, np.nan)
+    values = np.column_stack([columns.get(column, unknown) for column in COLUMNS[1:]])
+    return Trajectory(columns["t"], values * _SCALE)
+
+
+def table(text: str, name: str, known: Sequence[str], required: Sequence[str], *, empty: bool) -> dict[str, np.ndarray]:
+    """Columns of CSV text by name, of which `t` is time.
+
+    `known`, `required`: columns that there may be, and must.
+    `empty`: whether cells may be; they are NaN then.
+    Raises InputError as `parse`.
+    """
     try:
-        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text.lstrip("\ufeff"))), 1) if row]
+        reader = csv.reader(io.StringIO(text.lstrip("\ufeff")))
+        rows = [(number, row) for number, row in enumerate(reader, 1) if (row if empty else any(map(str.strip, row)))]
     except csv.Error as error:
         raise InputError(f"{name} is not CSV text ({error}).") from error
     if not rows:
-        raise InputError(f"{name} is empty. Its first row must name the columns: {', '.join(COLUMNS)}.")
+        raise InputError(f"{name} is empty. Its first row must name the columns: {', '.join(known)}.")
     names = [cell.strip() for cell in rows[0][1]]
-    _check_names(names, rows[0][0], name)
+    _check_names(names, f"{name}, line {rows[0][0]}", known, required)
     lines = [number for number, _ in rows[1:]]
     for number, row in rows[1:]:
         if len(row) != len(names):
             raise InputError(f"{name}, line {number}: {len(row)} cells where the first row names {len(names)}.")
     if not lines:
         raise InputError(f"{name} has column names and no rows.")
-    columns = {column: _numbers([row[i] for _, row in rows[1:]], column, lines, name) for i, column in enumerate(names)}
+    cells = {column: [row[i].strip() for _, row in rows[1:]] for i, column in enumerate(names)}
+    columns = {column: _numbers(cells[column], column, lines, name, empty=empty) for column in names}
     _check_time(columns["t"], lines, name)
-    unknown = np.full(len(lines), np.nan)
-    values = np.column_stack([columns.get(column, unknown) for column in COLUMNS[1:]])
-    return Trajectory(columns["t"], values * _SCALE)
+    return columns
 
 
 def format(trajectory: Trajectory) -> str:  # noqa: A001 - the pair of parse
@@ -65,28 +79,26 @@ def _cell(value: float, digits: int) -> str:
     return "0" if text == "-0" else text
 
 
-def _check_names(names: list[str], line: int, name: str) -> None:
-    wanted = ", ".join(COLUMNS)
+def _check_names(names: list[str], where: str, known: Sequence[str], required: Sequence[str]) -> None:
     for column in names:
-        if column not in COLUMNS:
-            raise InputError(f'{name}, line {line}: unknown column "{column}". Columns are: {wanted}.')
+        if column not in known:
+            raise InputError(f'{where}: unknown column "{column}". Columns are: {", ".join(known)}.')
         if names.count(column) > 1:
-            raise InputError(f"{name}, line {line}: column `{column}` is named twice.")
-    missing = [column for column in _REQUIRED if column not in names]
-    if missing:
+            raise InputError(f"{where}: column `{column}` is named twice.")
+    if missing := [column for column in required if column not in names]:
         raise InputError(
-            f"{name}, line {line}: no column `{missing[0]}`. Columns are: {wanted}; only roll, pitch, yaw may be"
-            " absent, and cells may be empty."
+            f"{where}: no column `{missing[0]}`. Columns are: {', '.join(known)}"
+            + ("; only roll, pitch, yaw may be absent, and cells may be empty." if known is COLUMNS else ".")
         )
 
 
-def _numbers(cells: list[str], column: str, lines: list[int], name: str) -> np.ndarray:
-    filled = [cell.strip() or "nan" for cell in cells]
+def _numbers(cells: list[str], column: str, lines: list[int], name: str, *, empty: bool) -> np.ndarray:
+    filled = [cell or "nan" for cell in cells]
     try:
         out = np.array(filled).astype(float)
     except ValueError:
         out = np.array([_number(cell, column, line, name) for cell, line in zip(filled, lines, strict=True)])
-    bad = np.isinf(out) | (np.isnan(out) if column == "t" else False)
+    bad = np.isinf(out) | (np.isnan(out) if column == "t" or not empty else False)
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(f'{name}, line {lines[row]}, column `{column}`: "{cells[row]}" is not a number.')
