@@ -258,7 +258,7 @@ def test_a_wrong_scenario_is_refused_by_file_key_and_value(tmp_path: Path, text:
     ("name", "text", "words"),
     [
         ("a.csv", "", ["is empty", "t, outer, middle, inner"]),
-        ("a.csv", "time,o,m,i\n1,2,3,4\n", ['"time, o, m, i"']),
+        ("a.csv", "time,o,m,i\n1,2,3,4\n", ['"time"', "t, outer, middle, inner"]),
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,0\n", ["line 3", "3 cells"]),
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n1,0,x,0\n", ["line 3", "`middle`", '"x"']),
         ("a.csv", "t,outer,middle,inner\n0,0,0,0\n0,0,0,0\n", ["does not increase"]),
