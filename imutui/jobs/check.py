@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from imutui.jobs import check_file
-from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding, lossy
+from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, lossy
 from imutui.jobs.check_packets import PacketSteps
 from imutui.jobs.check_samples import Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
-from imutui.jobs.documents import CheckDocument, FindingField
+from imutui.jobs.documents import CheckDocument
 from imutui.jobs.info import lacking_channels, status_words
 from imutui.jobs.quantities import plural
 from imutui.logbook import audit, checksum_file, reader, scan, summary
@@ -51,7 +51,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "log": str(path.resolve()),
         "state": _state(found),
         "fine": not findings,
-        "findings": [_field(finding) for finding in findings],
+        "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
         "notes": list(_notes(log)),
         "bytes": found.size,
         "chunks": sum(piece.last_ns > 0 for piece in found.pieces),
@@ -62,10 +62,6 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "duration_s": log.seconds_at(content.latest_ns) if content.samples else 0.0,
         "log_sha256": log.sha256,
     }
-
-
-def _field(finding: Finding) -> FindingField:
-    return {"code": finding.code, "what": finding.what, "where": finding.where, "next": finding.next}
 
 
 def _notes(log: CheckContext) -> Iterator[str]:

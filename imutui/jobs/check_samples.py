@@ -20,7 +20,11 @@ class SamplesOfPackets:
     def __init__(self, known: Audit) -> None:
         info = known.info
         self._info = info if info is not None and info.sampling in ("stream", "polled") else None
-        self._groups = None if self._info is None else _Groups(self._info, each=_one_each(known, self._info))
+        self._groups = (
+            None
+            if self._info is None
+            else _Groups(self._info, each=is_polled(known) or of_model(self._info.instrument).gives(self._info.rate_hz))
+        )
         self._made, self._samples = _Queue(2), _Queue(3)
         self._made_degc, self._degc = _Queue(1), _Queue(1)
         self._last_number = -1
@@ -87,11 +91,6 @@ class SamplesOfPackets:
             count = that_many(self._degc_off, "temperature", "is not what its", "are not what their")
             what = f"{count} packets say."
             yield Finding("temperatures", what, "over the whole log", "Trust the packets; write to us.")
-
-
-def _one_each(known: Audit, info: SessionInfo) -> bool:
-    """Whether each packet is a sample."""
-    return is_polled(known) or of_model(info.instrument).gives(info.rate_hz)
 
 
 class _Queue:

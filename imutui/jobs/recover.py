@@ -132,6 +132,7 @@ def _document(
     found: Scan, output: Path, kept: RebuiltContent, known: Outline | None, trouble: str, sha256: tuple[str, str]
 ) -> RecoverDocument:
     lost = _lost(found, kept)
+    told = f"It can't be replayed: {trouble}" if known is None else f"It can be replayed in part: {trouble}."
     state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
     return {
         "version": VERSION,
@@ -149,7 +150,7 @@ def _document(
         "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
         "complete": not lost and not trouble,
         "readable": known is not None,
-        "sentences": [*_ending(found), *lost, *([_told(known, trouble)] if trouble else [])],
+        "sentences": [*_ending(found), *lost, *([told] if trouble else [])],
         "log_sha256": sha256[0],
         "output_sha256": sha256[1],
     }
@@ -162,10 +163,6 @@ def _damages(found: Scan) -> list[DamageField]:
          "after_s": since(d.after_ns, start_ns), "before_s": since(d.before_ns, start_ns)}
         for d in found.damages
     ]  # fmt: skip
-
-
-def _told(known: Outline | None, trouble: str) -> str:
-    return f"It can't be replayed: {trouble}" if known is None else f"It can be replayed in part: {trouble}."
 
 
 def _missing(found: Scan, kept: RebuiltContent, topic: str | None) -> int | None:

@@ -15,7 +15,7 @@ from imutui.logbook import mcap_format, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import HEAD, Index, parse
 from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, RecordTable, joined, records_of, tabulate
-from imutui.logbook.scan import Scan
+from imutui.logbook.scan import Scan, reason
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
@@ -316,8 +316,7 @@ class _Work(Channels):
     def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
         self.audit.undecodable_count += 1
         if len(self.audit.undecodable) < _SHOWN:
-            reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-            self.audit.undecodable.append((topic, message.log_time, reason))
+            self.audit.undecodable.append((topic, message.log_time, reason(error)))
         return True
 
     def part(self) -> Part:

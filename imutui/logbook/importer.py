@@ -98,7 +98,9 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
                 f"{path} has no `{name}`; it has: {near}. Needed: t in s, gyro in deg/s, accel in g, each sample a row."
             )
         _check_shape(path, name, arrays[name], width)
-    references = [name for name, width in _REFERENCES.items() if _is_known(path, arrays, name, width)]
+    references = [name for name in _REFERENCES if name in arrays]
+    for name in references:
+        _check_shape(path, name, arrays[name], _REFERENCES[name])
     used = dict.fromkeys(_REQUIRED) | {name: None for name in (*_OPTIONAL, *references) if name in arrays}
     _check_lengths(path, {name: arrays[name] for name in used})
     values = {name: np.asarray(arrays[name], dtype=float) for name in used}
@@ -116,7 +118,8 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
             _check_finite(path, name, column, part)
         if name != "t":  # whose step and span are looked at
             _check_large(path, name, column)
-    _check_some(path, values["gyro"][part], values["accel"][part])
+    if part.any() and sample_check.unread(values["gyro"][part], values["accel"][part]).all():
+        raise ImportDataError(f"{path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
     _check_time(path, t)
     if np.count_nonzero(part) < 2:
         raise ImportDataError(
@@ -397,14 +400,6 @@ def _cell(path: Path, line: int, name: str, cell: str) -> float:
         raise ImportDataError(f'{path}, line {line}, column `{name}`: "{cell[:40]}" is not a number.') from None
 
 
-def _is_known(path: Path, arrays: dict[str, Any], name: str, width: int) -> bool:
-    """Whether an array of the motion is there; what is there under its name must have its shape."""
-    if name not in arrays:
-        return False
-    _check_shape(path, name, arrays[name], width)
-    return True
-
-
 def _check_shape(path: Path, name: str, array: np.ndarray, width: int) -> None:
     wanted = "(N,)" if width == 1 else f"(N, {width})"
     if (
@@ -450,11 +445,6 @@ def _check_large(path: Path, name: str, column: np.ndarray) -> None:
             f"{path}: `{name}` is beyond {_LARGEST:g} in row {beyond[0]} (first row is 0; {beyond.size} such rows)."
             " Nothing is that large in the units of this array; remove these rows."
         )
-
-
-def _check_some(path: Path, gyro: np.ndarray, accel: np.ndarray) -> None:
-    if gyro.size and sample_check.unread(gyro, accel).all():
-        raise ImportDataError(f"{path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
 
 
 def _check_time(path: Path, t: np.ndarray) -> None:

@@ -247,7 +247,7 @@ class _FileWalk:
         except ChecksumError:
             return "a checksum is wrong"
         except (*MALFORMED, MemoryError) as error:
-            return f"{_article(_name(opcode))} cannot be read ({_short(error)})"
+            return f"{_article(_name(opcode))} cannot be read ({reason(error)})"
         return ""
 
     def _check(self, opcode: int, body: bytes) -> None:
@@ -281,7 +281,8 @@ class _FileWalk:
 
     def _after_damage(self, at: int, why: str, end: int = 0, opcode: int = 0) -> int:
         """Note damage and return where the next whole record begins."""
-        inside = end and self._trouble_is_inside(end)
+        # its length may be right all the same: others follow it
+        inside = 0 < end < self._found.size and self._follows(end)
         go_on = end if inside else min(self._found_again(at), self._told_by_index(at))
         of_index = self._in_summary and opcode not in _MESSAGES
         what = "summary" if of_index else _name(opcode) if opcode in mcap_format.OPCODES else ""
@@ -289,10 +290,6 @@ class _FileWalk:
             what = ""  # what else stood there is not known
         self._found.damages.append(Damage(at, go_on - at, why, what))
         return go_on
-
-    def _trouble_is_inside(self, end: int) -> bool:
-        """Whether a damaged record's length is right all the same: others follow it."""
-        return end < self._found.size and self._follows(end)
 
     def _follows(self, at: int) -> bool:
         """Whether records begin here, as far as their heads tell."""
@@ -378,7 +375,8 @@ def _article(name: str) -> str:
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
-def _short(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
+    """What an error says, briefly."""
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
 
 

@@ -81,9 +81,9 @@ def write(kind: str, table: Table, path: Path, progress: Progress = lambda rows:
 
 
 def _csv(table: Table, path: Path, progress: Progress) -> int:
-    rows = 0
+    rows, units = 0, ", ".join(f"{name} {unit}" for name, unit in table.units().items())
     with path.open("w", newline="", encoding="utf-8") as stream:
-        for line in (_units(table), *(f"{name}: {value}" for name, value in table.about.items())):
+        for line in (f"units: {units}", *(f"{name}: {value}" for name, value in table.about.items())):
             stream.write(f"# {in_line(line)}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([part for column in table.columns for part in column.parts])
@@ -94,10 +94,6 @@ def _csv(table: Table, path: Path, progress: Progress) -> int:
             rows += len(columns[0])
             progress(rows)
     return rows
-
-
-def _units(table: Table) -> str:
-    return "units: " + ", ".join(f"{name} {unit}" for name, unit in table.units().items())
 
 
 def _npz(table: Table, path: Path, progress: Progress) -> int:
