@@ -20,11 +20,10 @@ class SamplesOfPackets:
     def __init__(self, known: Audit) -> None:
         info = known.info
         self._info = info if info is not None and info.sampling in ("stream", "polled") else None
-        self._groups = (
-            None
-            if self._info is None
-            else _Groups(self._info, each=is_polled(known) or of_model(self._info.instrument).gives(self._info.rate_hz))
-        )
+        self._groups: _Groups | None = None
+        if self._info is not None:
+            each = is_polled(known) or of_model(self._info.instrument).gives(self._info.rate_hz)
+            self._groups = _Groups(self._info, each=each)
         self._made, self._samples = _Queue(2), _Queue(3)
         self._made_degc, self._degc = _Queue(1), _Queue(1)
         self._last_number = -1

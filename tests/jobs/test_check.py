@@ -256,12 +256,11 @@ def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path
 )
 def test_damage_in_the_index_behind_a_chunk_is_found(tmp_path: Path, place: int, code: str) -> None:
     """Where its length is wrong, too, though nothing tells what stood between it and the next record."""
-    path = recorded(tmp_path / "a.mcap")
-    data = bytearray(path.read_bytes())
+    data = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
     first = next(at for opcode, at, _ in records(bytes(data[8:])) if opcode == Opcode.MESSAGE_INDEX) + 8
     data[first + place] ^= 0x41
-    path.write_bytes(data)
-    document = check(path)
+    (tmp_path / "b.mcap").write_bytes(data)
+    document = check(tmp_path / "b.mcap")
     assert codes(document) == [code]
     assert document["samples"] == 119
     assert "at byte" in document["findings"][0]["where"]
