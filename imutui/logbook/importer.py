@@ -428,22 +428,21 @@ def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) ->
     # a channel that is never there is one that the recording lacks
     lacks = np.isnan(columns[part]).all(axis=0) if name != "t" else np.zeros(columns.shape[1], bool)
     finite = (np.isfinite(columns) | lacks).all(axis=1)
-    bad = np.flatnonzero(~finite & part)
-    if bad.size:
-        raise ImportDataError(
-            f"{path}: `{name}` is not a number in row {bad[0]} (first row is 0; {bad.size} such rows)."
-            " Remove these rows, or take a part without them with --start and --end."
-        )
+    cure = "Remove these rows, or take a part without them with --start and --end."
+    _refuse_rows(path, name, ~finite & part, "not a number", cure)
 
 
 def _check_large(path: Path, name: str, column: np.ndarray) -> None:
-    rows = column[:, None] if column.ndim == 1 else column
     with np.errstate(invalid="ignore"):
-        beyond = np.flatnonzero((np.abs(rows) > _LARGEST).any(axis=1))
-    if beyond.size:
+        beyond = (np.abs(column.reshape(len(column), -1)) > _LARGEST).any(axis=1)
+    cure = "Nothing is that large in the units of this array; remove these rows."
+    _refuse_rows(path, name, beyond, f"beyond {_LARGEST:g}", cure)
+
+
+def _refuse_rows(path: Path, name: str, bad: np.ndarray, what: str, cure: str) -> None:
+    if (rows := np.flatnonzero(bad)).size:
         raise ImportDataError(
-            f"{path}: `{name}` is beyond {_LARGEST:g} in row {beyond[0]} (first row is 0; {beyond.size} such rows)."
-            " Nothing is that large in the units of this array; remove these rows."
+            f"{path}: `{name}` is {what} in row {rows[0]} (first row is 0; {rows.size} such rows). {cure}"
         )
 
 

@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,7 @@ class LogWriter:
         self._broken = False
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         mcap_format.keep_packed(self._writer)
-        try:
+        with self._or_abandoned():
             self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
@@ -75,9 +75,6 @@ class LogWriter:
                 told = schemas.CHANNEL_METADATA.get(topic, {})
                 self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, told)
             self.flush()
-        except OSError as error:
-            self._abandon(error)
-            raise
 
     @property
     def is_empty(self) -> bool:
@@ -121,29 +118,20 @@ class LogWriter:
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
         """Add an attachment, stamped with `now_ns`, UTC, ns."""
-        try:
+        with self._or_abandoned():
             self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
-        except OSError as error:
-            self._abandon(error)
-            raise
 
     def describe(self, info: SessionInfo) -> None:
         """Write the session's metadata again, with what has changed in it; readers take the last."""
-        try:
+        with self._or_abandoned():
             self._writer.add_metadata(METADATA, info.strings())
-        except OSError as error:
-            self._abandon(error)
-            raise
 
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
-        try:
+        with self._or_abandoned():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._file.flush()
             os.fdatasync(self._file.fileno())
-        except OSError as error:
-            self._abandon(error)
-            raise
         self._take_note()
 
     def _take_note(self) -> None:
@@ -155,14 +143,11 @@ class LogWriter:
         """Write the quality summary and the index, and close; after a failure there is nothing left to do."""
         if self._broken:
             return
-        try:
+        with self._or_abandoned():
             text = json.dumps(summary, indent=1, allow_nan=False)
             self.attach(SUMMARY, "application/json", text.encode(), now_ns)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
-        except OSError as error:
-            self._abandon(error)
-            raise
         self.sha256 = self._raw_file.sha256()
         # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
         with contextlib.suppress(OSError):
@@ -186,6 +171,14 @@ class LogWriter:
         self._file.flush()
         os.fsync(self._file.fileno())
         self._take_note()
+
+    @contextlib.contextmanager
+    def _or_abandoned(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._abandon(error)
+            raise
 
     def _abandon(self, error: OSError) -> None:
         # A writer that failed once must not finish: part of a chunk may be on the disk, and writing it again would
