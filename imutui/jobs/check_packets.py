@@ -6,7 +6,7 @@ import numpy as np
 
 from imutui.instrument.registry import of_model
 from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled, lossy
-from imutui.jobs.check_times import StepCounts, median
+from imutui.jobs.check_times import Places, StepCounts, median
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook import line_advice, scan, schemas
 from imutui.logbook.audit import Audit, Part
@@ -24,7 +24,8 @@ class PacketSteps:
     def __init__(self, known: Audit) -> None:
         self._polled = is_polled(known)
         self._counter_spec = of_model("" if known.info is None else known.info.instrument).counter
-        self._numbers = _Numbers()
+        self._off = Places()
+        self._last_number: int | None = None
         self._steps = StepCounts()
         self._held_up = _HeldUp()
         self._last: list[np.ndarray] = []
@@ -36,7 +37,10 @@ class PacketSteps:
             return
         flags = part.packets["flags"]
         self._held_up.take(heads["log_ns"], heads["publish_ns"], flags)
-        self._numbers.take(part.packets["sequence"].astype(np.int64), heads["publish_ns"])
+        numbers = part.packets["sequence"].astype(np.int64)
+        before = numbers[0] - 1 if self._last_number is None else self._last_number
+        self._off.take(heads["publish_ns"], np.diff(numbers, prepend=before) != 1)
+        self._last_number = int(numbers[-1])
         if self._polled:
             return
         rows = heads["publish_ns"], heads["sequence"].astype(np.int64), part.packets["ticks"].astype(np.int64), flags
@@ -49,8 +53,12 @@ class PacketSteps:
         """What it found."""
         yield from self._line(log)
         yield from self._counter(log)
-        if log.paired:
-            yield from self._numbers.findings(log)
+        # where a file is damaged, or was rebuilt, that says more
+        if self._off.count and log.paired and not lossy(log.found) and scan.RECOVERED not in log.audit.metadata:
+            places = plural(self._off.count, "place")
+            what = f"The packets' numbers do not go on by one in {places}: some are missing, or changed."
+            cure = "Trust no more than a copy that has its own sum (.sha256)."
+            yield Finding("packets", what, f"first {log.at(self._off.first_ns)}", cure)
 
     def _line(self, log: CheckContext) -> Iterator[Finding]:
         """What was lost on the line, by the recorder's count and by the packets themselves."""
@@ -131,31 +139,6 @@ class PacketSteps:
             what = f"The unit's time counter jumps in {plural(count, 'place')} without a packet missing."
             where = f"first {log.at(int(table.after_ns[table.first(off)]))}"
             yield Finding("counter", what, where, "Check the unit's supply: it may have begun anew.")
-
-
-class _Numbers:
-    """Whether the packets' own numbers, which count what was received, go on by one."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self._off = 0
-        self._first_ns = 0
-
-    def take(self, numbers: np.ndarray, stamps: np.ndarray) -> None:
-        """More packets: their numbers, and when they were sampled, UTC, ns."""
-        off = np.diff(numbers, prepend=numbers[0] - 1 if self._last is None else self._last) != 1
-        if off.any() and not self._off:
-            self._first_ns = int(stamps[int(np.argmax(off))])
-        self._off += int(np.count_nonzero(off))
-        self._last = int(numbers[-1])
-
-    def findings(self, log: CheckContext) -> Iterator[Finding]:
-        """What it found; where a file is damaged, or was rebuilt, that says more."""
-        if self._off and not lossy(log.found) and scan.RECOVERED not in log.audit.metadata:
-            places = plural(self._off, "place")
-            what = f"The packets' numbers do not go on by one in {places}: some are missing, or changed."
-            cure = "Trust no more than a copy that has its own sum (.sha256)."
-            yield Finding("packets", what, f"first {log.at(self._first_ns)}", cure)
 
 
 class _HeldUp:

@@ -7,6 +7,7 @@ import numpy as np
 from filters.imu import CHANNELS
 from imutui.instrument.registry import of_model
 from imutui.jobs.check_context import CheckContext, Finding, is_polled
+from imutui.jobs.check_times import Places
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.session_info import SessionInfo
@@ -27,7 +28,7 @@ class SamplesOfPackets:
         self._made, self._samples = _Queue(2), _Queue(3)
         self._made_degc, self._degc = _Queue(1), _Queue(1)
         self._last_number = -1
-        self._off, self._first_ns, self._degc_off = 0, 0, 0
+        self._off, self._degc_off = Places(), 0
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
@@ -61,9 +62,7 @@ class SamplesOfPackets:
         same = made == stamps
         same &= np.isclose(gyro, told_gyro, rtol=1e-9, atol=1e-9).all(axis=1)
         same &= np.isclose(accel, told_accel, rtol=1e-9, atol=1e-9).all(axis=1)
-        if not same.all():
-            self._first_ns = self._first_ns if self._off else int(stamps[int(np.argmin(same))])
-            self._off += int(np.count_nonzero(~same))
+        self._off.take(stamps, ~same)
 
     def _compare_temperatures(self, info: SessionInfo) -> None:
         count = min(self._made_degc.waiting, self._degc.waiting)
@@ -82,9 +81,9 @@ class SamplesOfPackets:
         if abs(made - samples) > (1 if log.found.cut else 0):
             what = f"The packets make {plural(made, 'sample')}, the log has {samples:,}."
             yield Finding("samples", what, "over the whole log", log.recover())
-        if self._off:
-            what = f"{that_many(self._off, 'sample', 'is not what its', 'are not what their')} packets say."
-            yield Finding("samples", what, f"first {log.at(self._first_ns)}", "Trust the packets; write to us.")
+        if self._off.count:
+            what = f"{that_many(self._off.count, 'sample', 'is not what its', 'are not what their')} packets say."
+            yield Finding("samples", what, f"first {log.at(self._off.first_ns)}", "Trust the packets; write to us.")
         # a file that was cut off has a packet, or a sample, whose temperature is not there yet
         if self._degc_off and self._degc.total == samples:
             count = that_many(self._degc_off, "temperature", "is not what its", "are not what their")

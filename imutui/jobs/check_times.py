@@ -104,7 +104,7 @@ _CHANNEL_BITS = 2 ** np.arange(6)
 
 
 @dataclass(slots=True)
-class _Places:
+class Places:
     """How often something was, and the stamp where first, UTC, ns."""
 
     count: int = 0
@@ -122,7 +122,7 @@ class Times:
 
     def __init__(self, known: Audit) -> None:
         self._own = bool(known.session)
-        self._back, self._early, self._other = _Places(), _Places(), _Places()
+        self._back, self._early, self._other = Places(), Places(), Places()
         self._no_numbers: dict[int, tuple[int, int, int]] = {}
         self._samples = 0
         self._last = np.empty(0, np.int64)
