@@ -9,11 +9,12 @@ import math
 import re
 import tomllib
 from collections.abc import Collection, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from filters.errors import InputError
 from imutui.plain_text import quoted
 
+Document: TypeAlias = Mapping[str, Any]  # of any shape until whoever reads it has looked at it
 LIMIT = 4 * 2**20  # bytes of the longest document
 DEPTH = 20  # of tables and lists in each other; ours have five
 LARGEST = 1e12  # number, of either sign

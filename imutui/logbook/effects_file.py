@@ -27,7 +27,7 @@ is the container; what the effects mean is made of it by `build`.
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,7 +41,7 @@ from filters.errors import InputError
 from filters.imu import CHANNELS
 from imutui import outside_file, plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
-from imutui.toml_text import Table, tables_of
+from imutui.toml_text import Document, Table, tables_of
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import Effects, MakeEffects
@@ -179,7 +179,7 @@ def of_other_unit(content: bytes, info: SessionInfo) -> str:
     return f"the effects are of another unit ({listed}) than the log ({plain_text.in_line(own)})"
 
 
-def _effect(values: Mapping[str, Any], of: str) -> Included:
+def _effect(values: Document, of: str) -> Included:
     if not (name := Table(values, _EFFECT, of).text("effect", None)):
         raise InputError(f"{of} has no name: `effect` is {name!r}")
     of = f'{of} ("{name}")'
@@ -196,7 +196,7 @@ def _effect(values: Mapping[str, Any], of: str) -> Included:
     return Included(name, tuple(channels), kind, parameters, entries)
 
 
-def _state(values: Mapping[str, Any], of: str) -> State:
+def _state(values: Document, of: str) -> State:
     table = Table(values, _STATE, of)
     name, unit = table.text("name", None), table.text("unit", None)
     if name is None or unit is None:

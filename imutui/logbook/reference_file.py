@@ -44,7 +44,7 @@ from filters.motion.segments import AXES, SIX, TWELVE, Dwell, Rate, Sampled, Seg
 from imutui import toml_text
 from imutui.logbook import reference_file, trajectory_file
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.toml_text import Table
+from imutui.toml_text import Document, Table
 
 ATTACHMENTS = ("reference.toml", "reference.csv")  # names under which a reference travels
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
@@ -115,7 +115,7 @@ def parse_angles(text: str, name: str) -> Profile:
 # -------------------------------------------------------------------------------------- a profile as a TOML document
 
 
-def from_document(document: Mapping[str, Any]) -> Profile:
+def from_document(document: Document) -> Profile:
     """Profile from the content of a TOML file; the module shows one.
 
     `document`: as `tomllib` gives it; nothing in it is taken for granted.
