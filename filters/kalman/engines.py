@@ -5,7 +5,6 @@ Both keep the same totals, in the layout of `filters.kalman.layout`, and stop at
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
 from typing import Any
@@ -26,40 +25,32 @@ from filters.kalman.rows import covariance_of, nav_of, padded, row_of
 from filters.kalman.settings import FILTERS, GAP_PERIODS, Settings
 from filters.kalman.spkf import Belief, DivergenceError
 from filters.motion import reference
-from filters.state import NavState, Site
+from filters.state import NavState
 from filters.types import Array
 
 _ROOM = 128
 
 
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """What does not change during a run."""
-
-    period: float  # sample period, s
-    kappa: float
-    site: Site  # its gravity is the local one; elsewhere normal gravity is added or taken away
-    linear: bool  # whether readings are linear between samples; else each is held over the step that it ends
-    noise: Noise  # process noise
-    every: float  # least time between two rows of output, s; infinity for none
-    effects: Effects | None = None  # whose states join the 15
-
-    def gravity_anomaly(self) -> float:
-        """What the site's gravity has beyond normal gravity there, m/s²."""
-        normal = earth.normal_gravity(np.array(self.site.latitude), np.array(self.site.height))
-        return self.site.gravity - float(normal)
-
-
 class FilterEngine(ABC):
-    """A filter in a run."""
+    """A filter in a run.
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.parameters = parameters
+    `settings`: of the run.
+    `linear`: whether readings are linear between samples; else each is held over the step that it ends.
+    `every`: least time between two rows of output, s; infinity for none.
+    `effects`: whose states join the 15.
+    """
+
+    def __init__(self, settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> None:
+        self.settings, self.linear, self.every, self.effects = settings, linear, every, effects
+        self.noise = settings.process_noise()
+        # what the site's gravity has beyond normal gravity there; elsewhere normal gravity is added to it, m/s²
+        site = settings.site
+        self.anomaly = site.gravity - float(earth.normal_gravity(np.array(site.latitude), np.array(site.height)))
         # totals, sums of the block, moments of the errors, rows of output: `filters.kalman.layout`
         self.core = np.zeros(layout.CORE)
         self.core[layout.CORE_NU :] = np.nan
         self.core[layout.CORE_NIS_LAST] = np.nan
-        self.core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(parameters.every) else 0.0
+        self.core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(every) else 0.0
         self.sums, self.moments = np.zeros(layout.SUMS), np.zeros(layout.MOMENTS)
         self.out = np.zeros((_ROOM, layout.OUT))
 
@@ -77,9 +68,9 @@ class FilterEngine(ABC):
     def resume(self, samples: FilterInput, k: int) -> None:
         """Begin navigation anew at sample k, which is the next one, behind a long gap; the biases are carried over."""
         seconds = float(samples.t[k]) - float(self.core[layout.CORE_T])
-        noise = self.parameters.noise
-        self.go_on(long_gap.belief_behind(self.belief(), _known(samples, k), noise, seconds), samples, k, seconds)
-        long_gap.set_clock(self.core, samples, k, self.parameters.period)
+        belief = long_gap.belief_behind(self.belief(), _known(samples, k), self.noise, seconds)
+        self.go_on(belief, samples, k, seconds)
+        long_gap.set_clock(self.core, samples, k, self.settings.period)
 
     @abstractmethod
     def go_on(self, belief: Belief, samples: FilterInput, k: int, seconds: float) -> None:
@@ -106,32 +97,28 @@ class FilterEngine(ABC):
 class Compiled(FilterEngine):
     """`spkf`, by the compiled step."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        super().__init__(parameters)
+    def __init__(self, settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> None:
+        super().__init__(settings, linear, every, effects)
         par = np.zeros(layout.PAR)
-        par[layout.PAR_PERIOD] = parameters.period
-        par[layout.PAR_KAPPA] = parameters.kappa
-        par[layout.PAR_GRAVITY_ANOMALY] = parameters.gravity_anomaly()
-        par[layout.PAR_LINEAR] = parameters.linear
-        par[layout.PAR_EVERY] = parameters.every
-        noise = parameters.noise
+        par[layout.PAR_PERIOD], par[layout.PAR_KAPPA] = settings.period, settings.kappa
+        par[layout.PAR_GRAVITY_ANOMALY] = self.anomaly
+        par[layout.PAR_LINEAR], par[layout.PAR_EVERY] = linear, every
+        noise = self.noise
         densities = np.concatenate([noise.accel_vrw, noise.gyro_arw, noise.accel_walk, noise.gyro_walk])
         par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
         par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
         par[layout.PAR_WHITE :] = densities[:6] ** 2
-        self._extra, self._across = _extra_of(parameters.effects)
+        self._extra, self._across = _extra_of(effects)
         self._run = step.Run(self.core, np.zeros(state.SIZE * STRIDE), par, self.sums, self.moments, self.out)
         self._work = step.make_work()
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
         self.core[: layout.NAV] = row_of(nav)
         self._run.P[:] = padded(np.diag(P0_sd**2))
-        self._extra, self._across = _extra_of(self.parameters.effects)
+        self._extra, self._across = _extra_of(self.effects)
 
     def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
-        fed = step.Samples(
-            samples.t, samples.gyro, samples.accel, samples.known.reshape(-1), samples.draws, samples.noise_scale
-        )
+        fed = samples._replace(known=samples.known.reshape(-1))
         extra = step.Extra(self._extra, self._across, samples.phi) if self._across.size else None
         k, rows, why, row = step.advance(self._run, fed, first, stop, self._work, extra)
         if why == layout.INDEFINITE:
@@ -141,10 +128,9 @@ class Compiled(FilterEngine):
         return int(k), int(rows)
 
     def go_on(self, belief: Belief, samples: FilterInput, k: int, seconds: float) -> None:
-        effects = self.parameters.effects
-        if effects is not None and self._across.size:
+        if self.effects is not None and self._across.size:
             before = augmentation.Augmented(self.belief().nav, *self.extra())
-            long_gap.resume_extra(self._extra, self._across, before, effects, samples.phi[k], seconds)
+            long_gap.resume_extra(self._extra, self._across, before, self.effects, samples.phi[k], seconds)
         self.core[: layout.NAV] = row_of(belief.nav)
         self._run.P[:] = padded(belief.P)
 
@@ -166,14 +152,14 @@ class Compiled(FilterEngine):
 class Stepwise(FilterEngine):
     """A filter written as functions of one step: `start`, `predict`, `correct`, `common`, perhaps `alarm`.
 
-    `module`: `filters.kalman.spkf`, `ekf` or `spkf_paper`.
-    `parameters`: of the run.
+    `module`: `filters.kalman.spkf`, `ekf` or `spkf_paper`; the others as in `FilterEngine`.
     """
 
-    def __init__(self, module: ModuleType, parameters: Parameters) -> None:
-        super().__init__(parameters)
+    def __init__(
+        self, module: ModuleType, settings: Settings, linear: bool, every: float, effects: Effects | None = None
+    ) -> None:
+        super().__init__(settings, linear, every, effects)
         self._module = module
-        self._anomaly = parameters.gravity_anomaly()
         self._gates = nis_gates()
         self._belief: Any = None
         self._alarm: str | None = None  # what it said last: what the biases went through stays in them
@@ -213,20 +199,20 @@ class Stepwise(FilterEngine):
         self._belief = self._module.of_common(belief)
 
     def _step(self, t: float, gyro: Array, accel: Array, known: Array, draw: Array | None) -> None:
-        core, p = self.core, self.parameters
+        core, settings = self.core, self.settings
         dt = t - core[layout.CORE_T]
-        held = max(1.0, dt / p.period)
+        held = max(1.0, dt / settings.period)
         gyros, accels = np.array([gyro, gyro]), np.array([accel, accel])
-        if p.linear:
+        if self.linear:
             gyros[0] = core[layout.CORE_GYRO : layout.CORE_GYRO + 3]
             accels[0] = core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3]
         nav = self.belief().nav
         turned = 0.0
         if held > GAP_PERIODS:
             turned = float(np.linalg.norm(np.max(np.abs(gyros - nav.gyro_bias), axis=0))) * dt
-        Q_d = spkf.process_noise(p.noise, nav.C_nb, dt, held, turned)
-        gravity = self._anomaly + float(earth.normal_gravity(nav.latitude, nav.height))
-        self._belief = self._module.predict(self._belief, gyros, accels, dt, gravity, Q_d, p.kappa)
+        Q_d = spkf.process_noise(self.noise, nav.C_nb, dt, held, turned)
+        gravity = self.anomaly + float(earth.normal_gravity(nav.latitude, nav.height))
+        self._belief = self._module.predict(self._belief, gyros, accels, dt, gravity, Q_d, settings.kappa)
         self._correct(known, draw)
 
     def _correct(self, known: Array, draw: Array | None) -> None:
@@ -288,9 +274,9 @@ class Stepwise(FilterEngine):
         row[layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
         row[layout.OUT_NU : layout.OUT_P] = core[layout.CORE_NU :]
         row[layout.OUT_P :] = padded(belief.P)
-        core[layout.CORE_NEXT_OUT] += self.parameters.every
+        core[layout.CORE_NEXT_OUT] += self.every
         if core[layout.CORE_NEXT_OUT] <= t:
-            core[layout.CORE_NEXT_OUT] = t + self.parameters.every
+            core[layout.CORE_NEXT_OUT] = t + self.every
 
 
 def _known(samples: FilterInput, k: int) -> Array:
@@ -309,14 +295,7 @@ def _extra_of(effects: Effects | None) -> tuple[Array, Array]:
     return extra.ravel(), np.zeros(2 * p * STRIDE)
 
 
-def engine_of(settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> FilterEngine:
-    """FilterEngine for a filter by name; `linear`, `every` and `effects` as in `Parameters`."""
-    noise = settings.process_noise()
-    parameters = Parameters(settings.period, settings.kappa, settings.site, linear, noise, every, effects)
-    return ENGINES[settings.filter](parameters)
-
-
-ENGINES: dict[str, Callable[[Parameters], FilterEngine]] = {
+ENGINES: dict[str, Callable[..., FilterEngine]] = {
     "spkf": Compiled,
     "spkf-paper": partial(Stepwise, spkf_paper),
     "ekf": partial(Stepwise, ekf),
@@ -331,8 +310,7 @@ _STATES = [f"{axis} {name}" for name in ("position", "velocity", "attitude") for
 def compile_step(say: Callable[[str], None] | None = None, effects: bool = False) -> None:
     """Compile the step, or load it from the disk, by running it once on two samples; see `runner.warm_up`."""
     noise = Noise((1.0,) * 3, (1.0,) * 3)
-    joined = _OneState() if effects else None
-    engine = Compiled(Parameters(1.0, 0.0, state.PAPER_SITE, False, noise, np.inf, joined))
+    engine = Compiled(Settings(1.0, noise=noise), False, np.inf, _OneState() if effects else None)
     still = reference.level(state.PAPER_SITE)
     nav, P0_sd = still.start()
     engine.start(nav, np.append(P0_sd, np.ones(6)))

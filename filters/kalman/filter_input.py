@@ -4,6 +4,7 @@ Before that, `SampleTimes` looks whether the readings follow each other in a way
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +106,7 @@ class Readings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class FilterInput:
+class FilterInput(NamedTuple):
     """Samples with what is known at each, as an engine takes them; arrays are C-contiguous float64."""
 
     # t, gyro, accel: s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3)
@@ -116,9 +116,9 @@ class FilterInput:
     known: Array  # what the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all
     draws: Array  # standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones
     # regressor of the p extra states, (N, 6, p), accelerometer then gyro; empty without effects
-    phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
+    phi: Array = np.empty((0, 6, 0))
     # factor on the white noise of each channel, (N, 6), same order; empty without effects
-    noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
+    noise_scale: Array = np.empty((0, 6))
 
 
 def draws(seed: int, first: int, count: int) -> Array:

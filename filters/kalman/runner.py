@@ -69,12 +69,12 @@ class Estimator:
     def _begin(self, found: Reference) -> None:
         self.reference = found
         # here, since it brings the compiler along, which a command that only reads settings should not wait for
-        from filters.kalman.engines import engine_of
+        from filters.kalman.engines import ENGINES
 
         settings = self.settings
         nav, P0_sd = found.start()
         self._P0_sd = np.concatenate([P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
-        self._engine = engine_of(settings, found.moving, self.every, self.effects)
+        self._engine = ENGINES[settings.filter](settings, found.moving, self.every, self.effects)
         self._engine.start(nav, self._P0_sd)
         self._long_gaps = LongGaps(settings.period, moving=found.moving)
         self._inputs = InputBuilder(settings, found, self.effects, self._times, self._marks)

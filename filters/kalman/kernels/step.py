@@ -34,18 +34,6 @@ class Run(NamedTuple):
     out: Array  # room for output, shape (rows, OUT)
 
 
-class Samples(NamedTuple):
-    """Samples and what is known of them."""
-
-    # t, gyro, accel: s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3)
-    t: Array
-    gyro: Array
-    accel: Array
-    known: Array  # KNOWN numbers for what never changes, or N · KNOWN
-    draws: Array  # standard normal draws, (N, 9), or empty for exact measurements
-    noise_scale: Array  # factors on white noise, (N, 6), or empty
-
-
 class Extra(NamedTuple):
     """The p states beyond the 15, p at least 1."""
 
@@ -192,7 +180,7 @@ def _loop(sources: int) -> Callable[..., Any]:
         """Feed samples from `first` while t < `stop` and the output has room.
 
         `run`: changed in place.
-        `samples`: as many as there are, N.
+        `samples`: a `FilterInput` of N, `known` in one row of KNOWN numbers or N · KNOWN.
         `first`: the first to be used.
         `stop`: s.
         `work`: scratch.

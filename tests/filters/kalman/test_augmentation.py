@@ -73,17 +73,17 @@ def constants(mean: list[float], sd: list[float], column: Callable[..., np.ndarr
 # ------------------------------------------------------------------------------------------------ compiled and readable
 
 
-def by_numpy(parameters: engines.Parameters, feed: FilterInput, nav: state.NavState, P0_sd: np.ndarray) -> Augmented:
+def by_numpy(engine: engines.FilterEngine, feed: FilterInput, nav: state.NavState, P0_sd: np.ndarray) -> Augmented:
     """The filter on 15 + p states as `inclusion` writes it, over all samples of a feed."""
-    effects, noise = parameters.effects, parameters.noise
+    effects, noise = engine.effects, engine.noise
     assert effects is not None
     belief = augmentation.start(nav, P0_sd, effects)
     for k in range(1, feed.t.size):
-        first = k - 1 if parameters.linear else k
+        first = k - 1 if engine.linear else k
         dt = feed.t[k] - feed.t[k - 1]
         ends = [first, k]
         belief = augmentation.drift(belief, effects.tau, effects.q, dt)
-        held = max(1.0, dt / parameters.period)
+        held = max(1.0, dt / engine.settings.period)
         turned = 0.0
         if held > GAP_PERIODS:
             rates = feed.gyro[ends] - np.einsum("eip,p->ei", feed.phi[ends], belief.x)[:, 3:] - belief.nav.gyro_bias
@@ -139,19 +139,18 @@ def test_the_compiled_step_is_the_readable_one(p: int, moving: bool) -> None:
     known[::3, reference.VARIANCES][:, 2:5] = -1.0
     scale = 1.0 + 0.5 * np.sin(t)[:, None] * np.ones(6)
     feed = FilterInput(t, gyro, accel, known, draws(7, 0, n), phi, scale)
-    parameters = engines.Parameters(DT, 0.0, PAPER_SITE, moving, noise, np.inf, effects)
+    engine = engines.Compiled(Settings(DT, noise=noise), moving, np.inf, effects)
     nav, P0_sd = found.start()
     P0_sd = np.append(P0_sd, [0.2] * 3 + [0.03] * 3)
-    compiled = engines.Compiled(parameters)
-    compiled.start(nav, P0_sd)
+    engine.start(nav, P0_sd)
     for n_used in (1, n):
-        compiled.advance(feed, 0 if n_used == 1 else 1, np.inf if n_used == n else t[1])
-    readable = by_numpy(parameters, feed, nav, P0_sd)
-    x, P = compiled.extra()
+        engine.advance(feed, 0 if n_used == 1 else 1, np.inf if n_used == n else t[1])
+    readable = by_numpy(engine, feed, nav, P0_sd)
+    x, P = engine.extra()
     sd = np.sqrt(np.diag(readable.P))
     assert x.shape == (p,)
-    assert not compiled.core[layout.CORE_REJECTED]
-    assert np.max(np.abs(compiled.belief().nav.minus(readable.nav)) / sd[:15]) < 1e-3
+    assert not engine.core[layout.CORE_REJECTED]
+    assert np.max(np.abs(engine.belief().nav.minus(readable.nav)) / sd[:15]) < 1e-3
     assert np.max(np.abs(x - readable.x) / sd[15:]) < 1e-3
     assert np.max(np.abs(P - readable.P) / np.outer(sd, sd)) < 1e-3
 

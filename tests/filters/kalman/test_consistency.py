@@ -39,7 +39,7 @@ def trial(name: str, seed: int, hz: float, times: tuple[float, ...], noise: floa
     rate, force = LEVEL.rates_and_forces()
     gyro = rate + bias[3:] + rng.standard_normal((n, 3)) * noise * SPEC.gyro_arw * np.sqrt(hz)
     accel = force + bias[:3] + rng.standard_normal((n, 3)) * noise * SPEC.accel_vrw * np.sqrt(hz)
-    engine = engines.ENGINES[name](engines.Parameters(1.0 / hz, 0.0, PAPER_SITE, False, Noise.of(SPEC), np.inf))
+    engine = engines.ENGINES[name](Settings(1.0 / hz, noise=Noise.of(SPEC)), False, np.inf)
     engine.start(LEVEL.nav.plus(np.append(wrong[:9], np.zeros(6))), P0_SD)
     t = np.arange(n) / hz
     feed = FilterInput(t, gyro, accel, LEVEL.known(t, -np.inf, gyro), draws(seed, 0, n))

@@ -72,8 +72,8 @@ def test_the_compiled_step_is_the_readable_one() -> None:
     noise = Noise((0.02, 0.01, 0.03), (1e-3, 2e-3, 3e-3), (1e-4, 0.0, 0.0), (0.0, 1e-5, 0.0))
     still = alignment.level_by_gravity(PAPER_SITE, attitude.from_rpy(0.3, -1.3, 0.0).T @ FORCE, 0.1)
     for linear, found in ((False, reference.level(PAPER_SITE)), (True, still)):
-        parameters = engines.Parameters(DT, 0.0, PAPER_SITE, linear, noise, 0.0)
-        fast, slow = engines.Compiled(parameters), engines.Stepwise(spkf, parameters)
+        run = Settings(DT, noise=noise), linear, 0.0
+        fast, slow = engines.Compiled(*run), engines.Stepwise(spkf, *run)
         nav, P0_sd = found.start()
         known = np.repeat(found.known(t, -np.inf, gyro), n, axis=0)
         # rows are known now and then only, as on a table that moves
