@@ -6,11 +6,7 @@ from filters.types import Array
 
 
 def skew(v: Array) -> Array:
-    """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``.
-
-    `v`: vectors, shape (..., 3).
-    Returns matrices, shape (..., 3, 3).
-    """
+    """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``; of vectors (..., 3), matrices (..., 3, 3)."""
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -21,10 +17,7 @@ def skew(v: Array) -> Array:
 def exp(rotation_vector: Array) -> Array:
     """Rotation matrix of a rotation vector (Rodrigues).
 
-    exp(ρ) = I + (sin θ/θ) [ρ×] + ((1 - cos θ)/θ²) [ρ×]², θ = |ρ|.
-
-    `rotation_vector`: rad, shape (..., 3).
-    Returns rotation matrices, shape (..., 3, 3).
+    exp(ρ) = I + (sin θ/θ) [ρ×] + ((1 - cos θ)/θ²) [ρ×]², θ = |ρ|; rad, shape (..., 3), to matrices, (..., 3, 3).
     """
     x, y, z = rotation_vector[..., 0], rotation_vector[..., 1], rotation_vector[..., 2]
     # the tiny number makes 0/0 a 1 and changes nothing else
@@ -42,11 +35,7 @@ def exp(rotation_vector: Array) -> Array:
 
 
 def log(C: Array) -> Array:
-    """Rotation vector of a rotation matrix, the inverse of `exp`.
-
-    `C`: rotation matrices, shape (..., 3, 3).
-    Returns rotation vectors, rad, shape (..., 3), norm at most π.
-    """
+    """Rotation vector of a rotation matrix (..., 3, 3), the inverse of `exp`: rad, (..., 3), norm at most π."""
     axis = np.empty(C.shape[:-1])
     axis[..., 0] = C[..., 2, 1] - C[..., 1, 2]
     axis[..., 1] = C[..., 0, 2] - C[..., 2, 0]
@@ -66,12 +55,9 @@ def _log_by_quaternion(C: Array) -> Array:
 
 
 def to_quaternion(C: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix.
+    """Unit quaternion (w, x, y, z), w >= 0, shape (..., 4), of a rotation matrix (..., 3, 3).
 
     From the largest of its four components (Shepperd 1978).
-
-    `C`: rotation matrices, shape (..., 3, 3).
-    Returns shape (..., 4).
     """
     m = np.moveaxis(C.reshape(*C.shape[:-2], 9), -1, 0)
     xx, xy, xz, yx, yy, yz, zx, zy, zz = m
@@ -92,11 +78,7 @@ def to_quaternion(C: Array) -> Array:
 
 
 def from_quaternion(q: Array) -> Array:
-    """Rotation matrix of a unit quaternion (w, x, y, z), the inverse of `to_quaternion`.
-
-    `q`: shape (..., 4).
-    Returns shape (..., 3, 3).
-    """
+    """Rotation matrix of a unit quaternion (w, x, y, z), the inverse of `to_quaternion`; (..., 4) to (..., 3, 3)."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     C = np.empty((*q.shape[:-1], 3, 3))
     C[..., 0, 0], C[..., 0, 1], C[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -106,20 +88,12 @@ def from_quaternion(q: Array) -> Array:
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Attitude from roll, pitch, yaw (3-2-1): C_nb = Rz(yaw) Ry(pitch) Rx(roll), R_p2n of equation (4).
-
-    `roll`, `pitch`, `yaw`: rad.
-    Returns C_nb, shape (3, 3).
-    """
+    """C_nb = Rz(yaw) Ry(pitch) Rx(roll), R_p2n of equation (4), of roll, pitch and yaw (3-2-1), rad; shape (3, 3)."""
     return _axis(2, yaw) @ _axis(1, pitch) @ _axis(0, roll)
 
 
 def from_rpys(angles: Array) -> Array:
-    """Attitudes of many roll, pitch, yaw, C_nb = Rz(yaw) Ry(pitch) Rx(roll).
-
-    `angles`: rad, shape (..., 3).
-    Returns C_nb, shape (..., 3, 3).
-    """
+    """C_nb, shape (..., 3, 3), of many roll, pitch, yaw, rad, shape (..., 3); see `from_rpy`."""
     (sr, sp, sy), (cr, cp, cy) = np.moveaxis(np.sin(angles), -1, 0), np.moveaxis(np.cos(angles), -1, 0)
     C = np.empty((*angles.shape, 3))
     C[..., 0, 0], C[..., 0, 1], C[..., 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
@@ -129,10 +103,9 @@ def from_rpys(angles: Array) -> Array:
 
 
 def to_rpy(C_nb: Array) -> Array:
-    """Roll, pitch, yaw of an attitude (3-2-1 reading).
+    """Roll, pitch, yaw (3-2-1), rad, shape (..., 3), of an attitude (..., 3, 3).
 
-    `C_nb`: shape (..., 3, 3).
-    Returns rad, shape (..., 3). At pitch ±90° only roll ∓ yaw is defined; yaw is then what atan2(0, 0) gives, 0.
+    At pitch ±90° only roll ∓ yaw is defined; yaw is then what atan2(0, 0) gives, 0.
     """
     roll = np.arctan2(C_nb[..., 2, 1], C_nb[..., 2, 2])
     pitch = np.arctan2(-C_nb[..., 2, 0], np.hypot(C_nb[..., 2, 1], C_nb[..., 2, 2]))
@@ -141,11 +114,7 @@ def to_rpy(C_nb: Array) -> Array:
 
 
 def rpy_jacobian(C_nb: Array) -> Array:
-    """Linear map from the error ε_n to errors of roll, pitch, yaw; the inverse of (3)'s rate matrix, in n.
-
-    `C_nb`: shape (..., 3, 3).
-    Returns d(roll, pitch, yaw)/dε_n, shape (..., 3, 3); not finite at pitch ±90°.
-    """
+    """d(roll, pitch, yaw)/dε_n, the inverse of (3)'s rate matrix, in n; shape (..., 3, 3), not finite at pitch ±90°."""
     rpy = to_rpy(C_nb)
     pitch, c, s = rpy[..., 1], np.cos(rpy[..., 2]), np.sin(rpy[..., 2])
     J = np.zeros_like(C_nb)

@@ -19,8 +19,7 @@ _M_RATIO = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_
 def radii(sine: Array) -> tuple[Array, Array]:
     """Radii of curvature in the meridian and in the prime vertical, m; R_n and R_e of equation (1) without height.
 
-    `sine`: of the geodetic latitude, any shape.
-    Returns m, same shape each. Numba compiles this for the filter's step.
+    `sine` is that of the geodetic latitude, of any shape. Numba compiles this for the filter's step.
     """
     w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
     w = np.sqrt(w2)
@@ -28,21 +27,13 @@ def radii(sine: Array) -> tuple[Array, Array]:
 
 
 def curvature(latitude: Array, height: Array) -> tuple[Array, Array]:
-    """Radii of curvature with height, R_n and R_e, m: in the meridian and in the prime vertical.
-
-    `latitude`, `height`: geodetic, rad and m, any shape.
-    """
+    """R_n and R_e of equation (1), m, with height: `radii` at a geodetic latitude, rad, and a height, m, any shape."""
     R_n, R_e = radii(np.sin(latitude))
     return R_n + height, R_e + height
 
 
 def normal_gravity(latitude: Array, height: Array) -> Array:
-    """WGS-84 normal gravity: Somigliana's formula with the second-order height term (NIMA TR8350.2, eq. 4-1, 4-3).
-
-    `latitude`: geodetic latitude, rad.
-    `height`: height above the ellipsoid, m.
-    Returns magnitude of gravity, m/s², attraction and centrifugal part together.
-    """
+    """WGS-84 normal gravity, m/s²: Somigliana's formula with the second-order height term (NIMA TR8350.2, 4-1, 4-3)."""
     s = np.sin(latitude)
     s2 = s * s
     surface = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s2)
@@ -51,10 +42,6 @@ def normal_gravity(latitude: Array, height: Array) -> Array:
 
 
 def earth_rate_n(latitude: Array) -> Array:
-    """Rotation of the Earth in navigation axes, Ω_e (cos φ, 0, -sin φ), of equation (3).
-
-    `latitude`: geodetic latitude, rad, shape (...).
-    Returns rate, rad/s, shape (..., 3).
-    """
+    """Rotation of the Earth in navigation axes, Ω_e (cos φ, 0, -sin φ), of equation (3), rad/s, shape (..., 3)."""
     zero = np.zeros_like(latitude)
     return EARTH_RATE * np.stack([np.cos(latitude), zero, -np.sin(latitude)], axis=-1)

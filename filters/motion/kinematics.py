@@ -55,10 +55,7 @@ class PieceTable:
 def body_rate(angles: Array, rates: Array) -> Array:
     """Angular rate of the body relative to n, in body axes, of C_nb = Rx(outer) Ry(middle) Rz(inner).
 
-    ω = Rzᵀ Ryᵀ x̂ o' + Rzᵀ ŷ m' + ẑ i'.
-
-    `angles`, `rates`: as `Profile` gives them, rad and rad/s, shape (N, 3).
-    Returns rad/s, shape (N, 3).
+    ω = Rzᵀ Ryᵀ x̂ o' + Rzᵀ ŷ m' + ẑ i'; angles and rates as `Profile` gives them, rad and rad/s, shape (N, 3).
     """
     sin_m, cos_m = each(math.sin, angles[:, 1]), each(math.cos, angles[:, 1])
     sin_i, cos_i = each(math.sin, angles[:, 2]), each(math.cos, angles[:, 2])
@@ -67,11 +64,7 @@ def body_rate(angles: Array, rates: Array) -> Array:
 
 
 def attitudes(angles: Array) -> Array:
-    """Attitudes C_nb = Rx(outer) Ry(middle) Rz(inner) of many angles.
-
-    `angles`: as `Profile` gives them, rad, shape (N, 3).
-    Returns shape (N, 3, 3).
-    """
+    """C_nb = Rx(outer) Ry(middle) Rz(inner), shape (N, 3, 3), of angles as `Profile` gives them, rad, shape (N, 3)."""
     (so, sm, si), (co, cm, ci) = ([each(f, column) for column in angles.T] for f in (math.sin, math.cos))
     C = np.empty((len(angles), 3, 3))
     C[:, 0] = np.stack([cm * ci, -(cm * si), sm], axis=-1)
@@ -84,10 +77,7 @@ def angles_of(C_nb: Array) -> Array:
     """Outer, middle and inner rotation of attitudes, the inverse of `attitudes`.
 
     middle = asin C₁₃, outer = atan2(-C₂₃, C₃₃), inner = atan2(-C₁₂, C₁₁); with middle at ±90° only the sum or the
-    difference of the other two is known, and means little there.
-
-    `C_nb`: shape (N, 3, 3).
-    Returns rad, shape (N, 3), middle within ±π/2, the others within ±π.
+    difference of the other two is known, and means little there. Rad, shape (N, 3), middle within ±π/2.
     """
     middle = np.arcsin(np.clip(C_nb[:, 0, 2], -1.0, 1.0))
     outer = np.arctan2(-C_nb[:, 1, 2], C_nb[:, 2, 2])

@@ -92,11 +92,7 @@ class Profile:
         return max([peak, *(swing.amplitude * swing.omega for swing in pieces.swings.values())])
 
     def angles(self, t: ArrayLike) -> Array:
-        """Rotations about north, east and down (outer, middle, inner times sign).
-
-        `t`: times, s, shape (N,) or a number.
-        Returns rad, shape (N, 3).
-        """
+        """Rotations about north, east and down (outer, middle, inner times sign), rad, shape (N, 3), at times, s."""
         piece, tau = self._located(t)
         c = self._pieces.cubics[piece]
         x = tau[:, None]
@@ -107,11 +103,7 @@ class Profile:
         return out * np.array(self.sign, np.float64)
 
     def rates(self, t: ArrayLike) -> Array:
-        """Time derivatives of `angles`.
-
-        `t`: times, s, shape (N,) or a number.
-        Returns rad/s, shape (N, 3); zero before the first segment and after the last.
-        """
+        """Time derivatives of `angles`, rad/s; zero before the first segment and after the last."""
         piece, tau = self._located(t)
         c = self._pieces.cubics[piece]
         x = tau[:, None]

@@ -6,11 +6,10 @@ known, else rest. What it leaves out: files (`imutui.cli.played_recording`), wha
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from filters import earth
+from filters import attitude, earth
 from filters.errors import InputError
 from filters.imu import AxisMap
 from filters.motion.kinematics import angles_of, attitudes, body_rate
@@ -24,42 +23,26 @@ _KELVIN_SPAN_S = 30.0
 _SAME_FORCE = 0.2  # g: a recording that differs more from what a unit at rest reads has another sign or attitude
 
 
-class Sensed(Protocol):
-    """What there is to sense at any time, without errors of the instrument."""
-
-    def perfect(self, t: Array) -> Array:
-        """What a perfect instrument reads, rad/s and m/s², instrument axes and sign, shape (N, 6)."""
-        ...
-
-    def angles(self, t: Array) -> Array:
-        """Rotations of the table about north, east, down, rad, shape (N, 3)."""
-        ...
-
-    def rates(self, t: Array) -> Array:
-        """Their derivatives, rad/s, shape (N, 3)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
     """Motion known at instants, straight lines between them; one row is rest."""
 
     t: Array  # s, increasing, shape (M,)
-    sensed: Array  # as `Sensed.perfect`, shape (M, 6)
-    # table_angles, table_rates: as `Sensed.angles` and `Sensed.rates`, unwrapped, shape (M, 3)
+    sensed: Array  # as `World.perfect`, shape (M, 6)
+    # table_angles, table_rates: as `World.angles` and `World.rates`, unwrapped, shape (M, 3)
     table_angles: Array
     table_rates: Array
 
     def perfect(self, t: Array) -> Array:
-        """As `Sensed`."""
+        """As `World`."""
         return self._between(t, self.sensed)
 
     def angles(self, t: Array) -> Array:
-        """As `Sensed`."""
+        """As `World`."""
         return self._between(t, self.table_angles)
 
     def rates(self, t: Array) -> Array:
-        """As `Sensed`."""
+        """As `World`."""
         return self._between(t, self.table_rates)
 
     @property
@@ -102,20 +85,12 @@ def from_attitudes(t: Array, C_nb: Array, axes: AxisMap, site: Site) -> Recorded
     # one row alone has turned by nothing
     seconds = np.maximum(t[ahead] - t[behind], 1e-9)
     C_bn = np.swapaxes(C_nb, 1, 2)
-    turning = _rotation_vectors(turned) / seconds[:, None] + C_bn @ earth.earth_rate_n(np.array(site.latitude))
+    turning = attitude.log(turned) / seconds[:, None] + C_bn @ earth.earth_rate_n(np.array(site.latitude))
     force = C_bn @ np.array([0.0, 0.0, -site.gravity])
     angles = np.unwrap(angles_of(C_nb), axis=0)
     rates = (angles[ahead] - angles[behind]) / seconds[:, None]
     sensed = np.hstack([axes.gyro_to_instrument(turning), axes.accel_to_instrument(force)])
     return RecordedMotion(t, sensed, angles, rates)
-
-
-def _rotation_vectors(C: Array) -> Array:
-    """Rotation vectors of rotations by less than half a turn, shape (N, 3, 3) to (N, 3)."""
-    axis = 0.5 * np.stack([C[:, 2, 1] - C[:, 1, 2], C[:, 0, 2] - C[:, 2, 0], C[:, 1, 0] - C[:, 0, 1]], axis=1)
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(C, axis1=1, axis2=2) - 1.0))
-    return axis * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)[:, None]
 
 
 @dataclass(frozen=True, slots=True)

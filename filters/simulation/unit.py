@@ -12,8 +12,8 @@ from filters.first_order import first_order
 from filters.imu import IMU400CD_200, LOOP_HZ, ImuSpec, Samples
 from filters.motion.profile import Profile
 from filters.simulation.additive import Additive
-from filters.simulation.background import Background, RecordedTemperature, Sensed
-from filters.simulation.catalogue import Effect
+from filters.simulation.background import Background, RecordedMotion, RecordedTemperature
+from filters.simulation.catalogue import EFFECTS, Effect
 from filters.simulation.output import (
     Bandwidth,
     Coarse,
@@ -43,6 +43,8 @@ _OUTPUT_ORDER = (Saturation, Coarse, Stuck, Spikes)
 
 # what changes made noise: a recording has its own
 _OF_NOISE = (NoiseLevel, NoiseCrosstalk, Bandwidth)
+
+Made = list[tuple[int, EffectKind]]  # effects at work, and the numbers of their channels
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +103,9 @@ class Unit:
         self.truth = _biases(scenario, power_on, made=background is None)
         self._blocks = self._stream()
         self._start = 0
-        if background is not None:
-            _check_no_noise(scenario)
+        noisy = [effect.name for effect in scenario.effects if issubclass(EFFECTS[effect.name], _OF_NOISE)]
+        if background is not None and noisy:
+            raise InputError(f"{noisy[0]} changes noise that is made; a recording has its own: leave {noisy[0]} out")
         self._block = next(self._blocks)
 
     def reading(self, k: int) -> tuple[Array, Array]:
@@ -127,7 +130,7 @@ class Unit:
         """Temperature inside the case at reading k, degC."""
         return float(self.temperature.at(np.array([k / self.rate_hz]))[0])
 
-    def sensed(self) -> Sensed:
+    def sensed(self) -> World | RecordedMotion:
         """What there is to sense, without the scenario's effects."""
         scenario, background = self.scenario, self.background
         if background is not None and scenario.profile is None:
@@ -151,14 +154,9 @@ class Unit:
             np.concatenate([getattr(block, name) for block in blocks])[kept]
             for name in ("gyro", "accel", "stamps", "temperature")
         )
-        t = kept / self.rate_hz
-        profile = self.scenario.profile
-        angles, rates = (
-            (np.zeros((kept.size, 3)), np.zeros((kept.size, 3)))
-            if profile is None
-            else (profile.angles(t), profile.rates(t))
-        )
-        return Recording(Samples(stamps, gyro, accel), kept, temperature, angles, rates, self.truth)
+        t, motion = kept / self.rate_hz, World(self.scenario.profile, self.scenario.site, self.scenario.axes)
+        samples = Samples(stamps, gyro, accel)
+        return Recording(samples, kept, temperature, motion.angles(t), motion.rates(t), self.truth)
 
     def _row(self, k: int) -> int:
         if k < self._start:
@@ -179,7 +177,7 @@ class Unit:
         outputs = [(channel, thing) for channel, thing in made if isinstance(thing, Output)]
         outputs.sort(key=lambda pair: _OUTPUT_ORDER.index(type(pair[1])))
         poles = _poles(scenario.spec, made, self.rate_hz)
-        band = _BandLimit(poles)
+        band = _BandLimit(poles, is_settled=False)
         noise = _noise(self, made, _BandLimit(poles)) if self.background is None else _played(self.background)
         bias = np.concatenate(
             [axes.gyro_to_instrument(self.truth.gyro_bias), axes.accel_to_instrument(self.truth.accel_bias)]
@@ -191,7 +189,6 @@ class Unit:
             for channel, error in errors:
                 values[:, channel] += error.error(inputs)
             if errors or scenario.profile is not None:
-                band.settle(values[0])
                 values = band.limited(values)
             values += noise(inputs)
             for channel, output in outputs:
@@ -204,7 +201,7 @@ class Unit:
             gyro, accel = axes.gyro_to_body(values[:, :3]), axes.accel_to_body(values[:, 3:])
             yield _Block(t + late, gyro, accel, inputs.temperature, lost)
 
-    def _world(self, made: list[tuple[int, EffectKind]]) -> tuple[Sensed, Callable[[TrueInputs], Array]]:
+    def _world(self, made: Made) -> tuple[World | RecordedMotion, Callable[[TrueInputs], Array]]:
         """What is sensed with the effects of motion, and what of it comes to the readings.
 
         A recording has sensed its own motion: to that only what the scenario changes is added.
@@ -223,7 +220,7 @@ class Unit:
         background.check_rest(rest[0], scenario.site.gravity)
         return world, lambda inputs: inputs.perfect - rest
 
-    def _made(self, number: int, effect: Effect) -> list[tuple[int, EffectKind]]:
+    def _made(self, number: int, effect: Effect) -> Made:
         key = [_seed(self.scenario, self.power_on), _EFFECT, self.power_on, number]
         return effect.made(self.rate_hz, lambda channel: np.random.default_rng([*key, channel]))
 
@@ -279,14 +276,6 @@ def simulate(
     return unit.samples(round(seconds * rate_hz)), unit.truth
 
 
-def _check_no_noise(scenario: Scenario) -> None:
-    for effect in scenario.effects:
-        if any(isinstance(thing, _OF_NOISE) for _, thing in effect.made(1.0, lambda _: np.random.default_rng(0))):
-            raise InputError(
-                f"{effect.name} changes noise that is made; a recording has its own: leave {effect.name} out"
-            )
-
-
 def _seed(scenario: Scenario, power_on: int) -> int:
     own = scenario.power_ons[power_on].seed
     return scenario.seed if own is None else own
@@ -314,7 +303,7 @@ def _biases(scenario: Scenario, power_on: int, *, made: bool) -> Truth:
     )
 
 
-def _poles(spec: ImuSpec, made: list[tuple[int, EffectKind]], rate_hz: float) -> Array:
+def _poles(spec: ImuSpec, made: Made, rate_hz: float) -> Array:
     """Poles of the six first-order band limits; 0 where there is none."""
     hz = np.repeat([spec.gyro_bandwidth, spec.accel_bandwidth], 3)
     for channel, thing in made:
@@ -324,28 +313,25 @@ def _poles(spec: ImuSpec, made: list[tuple[int, EffectKind]], rate_hz: float) ->
 
 
 class _BandLimit:
-    """First-order band limits of unit gain at zero frequency: a density that a filter integrates passes unchanged."""
+    """First-order band limits of unit gain at zero frequency: a density that a filter integrates passes unchanged.
 
-    def __init__(self, poles: Array) -> None:
-        self._poles = poles
-        self._memory = np.zeros(6)
-        self._settled = False
+    Unless `is_settled`, from nothing before, the first values of all have been there for ever.
+    """
 
-    def settle(self, values: Array) -> None:
-        """Let the first values of all, shape (6,), have been there for ever."""
-        if not self._settled:
-            self._memory[:] = self._poles * values
-            self._settled = True
+    def __init__(self, poles: Array, *, is_settled: bool = True) -> None:
+        self._poles, self._memory, self._is_settled = poles, np.zeros(6), is_settled
 
     def limited(self, values: Array) -> Array:
         """The next values, shape (N, 6)."""
+        if not self._is_settled:
+            self._memory[:], self._is_settled = self._poles * values[0], True
         out = np.empty_like(values)
         for c, pole in enumerate(self._poles.tolist()):
             out[:, c], self._memory[c] = first_order(values[:, c], 1.0 - pole, pole, self._memory[c])
         return out
 
 
-def _noise(unit: Unit, made: list[tuple[int, EffectKind]], band: _BandLimit) -> Callable[[TrueInputs], Array]:
+def _noise(unit: Unit, made: Made, band: _BandLimit) -> Callable[[TrueInputs], Array]:
     """What gives the band-limited noise of the next readings, instrument axes, shape (N, 6)."""
     spec, axes = unit.scenario.spec, unit.scenario.axes
     rng = np.random.default_rng([_seed(unit.scenario, unit.power_on), _NOISE, unit.power_on])
