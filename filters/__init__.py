@@ -47,8 +47,8 @@ Where things are
     `kalman`      the filters: `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the
                   same step, compiled · `augmentation` effects as further states and noise · `spkf_paper` the paper's
                   own form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its arrays,
-                  `filter_input` what they take · `settings`, `sample_times`, `rows`, `runner` a run, one sample or many
-                  · `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model
+                  `filter_input` what they take · `settings`, `rows`, `runner` a run, one sample or many · `long_gap`
+                  biases without a reference · `consistency` NIS, noise, convergence · `alarms` what contradicts it
     `effects`     the catalogue of what may be wrong with a unit
     `simulation`  units with known truth
     `tracing`     from residual to effect; its docstring has the steps in order

@@ -137,12 +137,7 @@ def start(nav: NavState, P0_sd: Array, effects: Effects) -> Augmented:
 
 
 def drift(belief: Augmented, tau: Array, q: Array, dt: float) -> Augmented:
-    """The extra states `dt` later: x e^(-dt/τ), with variance q² τ/2 (1 - e^(-2 dt/τ)) added, or q² dt for τ infinite.
-
-    `belief`: at the start of the step.
-    `tau`, `q`: time constants, s, and noise densities, shape (p,).
-    `dt`: s.
-    """
+    """The extra states `dt` s later: x e^(-dt/τ), with variance q² τ/2 (1 - e^(-2 dt/τ)) more, q² dt for τ infinite."""
     keep = np.exp(-dt / tau)
     A = np.concatenate([np.ones(state.SIZE), keep])
     P = belief.P * np.outer(A, A)
@@ -165,13 +160,8 @@ def predict(
 ) -> Augmented:
     """Prediction (11)-(15) on 15 + p states: each sigma point takes its own φ x from the readings.
 
-    The extra states are those of the step's end, by `drift`, and constant over the step.
-
-    `belief`: at the start of the step, the extra states at its end.
-    `gyro`, `accel`: readings at the start and the end of the step, rad/s and m/s², body, shape (2, 3).
-    `phi`: regressors there, shape (2, 6, p); twice that of the end for readings that are held.
-    `dt`, `gravity`, `Q_d`, `kappa`: as `spkf.predict`; n is 15 + p.
-    Returns at the end of the step.
+    The extra states of `belief` are those of the step's end, by `drift`, and constant over the step. `phi` has regressors
+    at start and end, shape (2, 6, p); twice that of the end for readings that are held. Else as `spkf.predict`.
     """
     deviations, weights = spkf.sigma_points(belief.P, kappa)
     x = belief.x + deviations[:, state.SIZE :]

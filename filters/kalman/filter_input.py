@@ -23,22 +23,16 @@ from filters.types import Array
 
 
 class SampleTimes:
-    """Looks at samples as they come, refuses those that no filter can use, and notes the gaps.
-
-    `period`: sample period, s.
-    `gaps`: time of the sample before each gap, and its length, s.
-    """
+    """Looks at samples of a period, s, as they come, refuses those that no filter can use, and notes the gaps."""
 
     def __init__(self, period: float) -> None:
-        self.gaps: list[tuple[float, float]] = []
+        self.gaps: list[tuple[float, float]] = []  # time of the sample before each, and its length, s
         self._period = period
         self._last_t = -np.inf
 
     def check(self, t: Array, gyro: Array, seen: int) -> None:
-        """Take the next samples, after `seen` others.
+        """Take the next samples, s and rad/s, shapes (N,) and (N, 3), after `seen` others.
 
-        `t`, `gyro`: s since the first sample, and rad/s; shapes (N,), (N, 3).
-        `seen`: samples before these.
         Raises InputError if time does not increase, or the unit turns too far between two samples.
         """
         before = np.concatenate([[self._last_t], t[:-1]])
@@ -151,13 +145,10 @@ class InputBuilder:
     _shown_t: float = -np.inf
 
     def input(self, readings: Readings, index: int, before: float) -> FilterInput:
-        """Input of the next readings.
+        """Input of those of the next readings, at least one, that are used.
 
-        `readings`: the next ones, at least one.
-        `index`: samples that the engine has used.
-        `before`: time of the last of them, s; -inf for none.
-        Returns of the readings that are used; those that effects flag are predicted through, as samples that are
-          flagged in the log are: the engine never sees them.
+        Those that effects flag are predicted through, as samples that are flagged in the log are: the engine, which has
+        used `index` samples, the last at `before` s (-inf: none), never sees them.
         """
         known = self._known(readings, before if self.effects is None else self._shown_t)
         included: list[Array] = []

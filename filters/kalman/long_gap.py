@@ -41,8 +41,7 @@ _GROUPS = (
 class LongGaps:
     """Finds the samples at which navigation begins anew.
 
-    `period`: sample period, s.
-    `moving`: whether the unit may move: then all that the reference can know has to be known at such a sample.
+    Where the unit may be `moving`, all that the reference can know has to be known at such a sample.
     """
 
     def __init__(self, period: float, *, moving: bool) -> None:
@@ -98,11 +97,7 @@ def belief_behind(before: Belief, known: Array, noise: Noise, seconds: float) ->
 def resume_extra(extra: Array, across: Array, before: Augmented, effects: Effects, phi: Array, seconds: float) -> None:
     """Take states of effects over a long gap: they drift, and have nothing to do with navigation any more.
 
-    `extra`, `across`: as `filters.kalman.layout` says; changed in place.
-    `before`: what the filter held before the gap.
-    `effects`: whose states they are.
-    `phi`: regressor of the sample behind the gap, shape (6, p).
-    `seconds`: length of the gap, s.
+    `extra`, `across`: as `filters.kalman.layout` says; changed in place. `phi`: regressor of the sample behind, (6, p).
     """
     after, p = augmentation.drift(before, effects.tau, effects.q, seconds), effects.mean.size
     own, cross = extra.reshape(-1, p), across.reshape(2 * p, layout.STRIDE)

@@ -213,7 +213,7 @@ class Estimator:
         first = self.first_nis
         if first is not None and first > nis_gates()[9] and not any("off the reference" in text for text in out):
             out.append(f"the first innovation is far outside what the filter expects (NIS {first:.0f}): {causes}")
-        if not out and self._forces_are_off():
+        if not out and self._forces_are_off(self._engine.sums):
             out.append(f"accelerometers are off the reference by over 0.5 g: {causes}")
         departure = self.departure()
         # an effect of some per cent is no reference that belongs to something else; where it is, is told elsewhere
@@ -235,10 +235,8 @@ class Estimator:
         least = TOLERANCE if is_loud else _DRIFTING * TOLERANCE
         return self._departures.worst(*self._engine.biases(), self.monitor.noise(), least)
 
-    def _forces_are_off(self) -> bool:
+    def _forces_are_off(self, sums: Array) -> bool:
         """Whether, before there is a mean over 10 s, that of the present second says so."""
-        assert self._engine is not None
-        sums = self._engine.sums
         if self.monitor.convergence().apparent is not None or not sums[layout.SUM_RESIDUALS]:
             return False
         mean = sums[layout.SUM_RESIDUAL : layout.SUM_RESIDUAL + 3] / sums[layout.SUM_RESIDUALS]
@@ -348,21 +346,17 @@ class Estimator:
         sums = engine.sums
         with np.errstate(invalid="ignore"):
             residual = sums[layout.SUM_RESIDUAL : layout.SUM_BIAS] / sums[layout.SUM_RESIDUALS]
-        if isinstance(self.reference, TableMotion) and np.isfinite(residual).all():
-            self._note_departure(self.reference, residual)
+        found, seconds = self.reference, self.monitor.block
+        if isinstance(found, TableMotion) and np.isfinite(residual).all():
+            begin = self.monitor.end - seconds
+            first, last = found.segment_of(np.array([begin, self.monitor.end - _SAME]))
+            if first == last:  # a block that lies in one segment
+                known = found.motion(np.array([self.monitor.end - 0.5 * seconds]))[0]
+                self._departures.add(int(first), seconds, residual, known[reference.RATE], known[reference.FORCE])
         mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]
         self.monitor.close(t, residual, mean_bias, *engine.biases())
         sums[:] = 0.0
-        still = self.reference is not None and not self.reference.moving
-        engine.core[layout.CORE_SPREAD] = float(still and self.converged)
-
-    def _note_departure(self, found: TableMotion, residual: Array) -> None:
-        """Add a block that lies in one segment to what is known of that."""
-        end, seconds = self.monitor.end, self.monitor.block
-        first, last = found.segment_of(np.array([end - seconds, end - _SAME]))
-        if first == last:
-            known = found.motion(np.array([end - 0.5 * seconds]))[0]
-            self._departures.add(int(first), seconds, residual, known[reference.RATE], known[reference.FORCE])
+        engine.core[layout.CORE_SPREAD] = float(found is not None and not found.moving and self.converged)
 
 
 def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature: float = np.nan) -> list[Estimate]:
@@ -370,11 +364,10 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature:
 
     A reference that has to be found first holds back the first samples, then all of them come at once.
 
-    `estimator`: changed in place.
     `t`: s since the first sample, increasing.
     `gyro`, `accel`: angular rate (rad/s) and specific force (m/s²), body axes, shape (3,).
     `temperature`: degC; NaN where it is not known. Effects look at it, the filter does not.
-    Returns at most one every `estimator.every` s; none while the reference is being found.
+    Returns at most one estimate every `estimator.every` s; none while the reference is being found.
     Raises InputError if `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
     Raises DivergenceError if the filter broke down; the message names the sample.
     """

@@ -44,12 +44,7 @@ class Innovation:
 
 
 def start(nav: NavState, P0_sd: Array) -> Belief:
-    """Belief before the first sample.
-
-    `nav`: what is known, or found by alignment.
-    `P0_sd`: standard deviations of its errors, shape (15,).
-    Raises ValueError if `P0_sd` has another shape.
-    """
+    """Belief before the first sample: what is known, and standard deviations of its errors, shape (15,)."""
     if P0_sd.shape != (state.SIZE,):
         raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({state.SIZE},)")
     return Belief(nav, np.diag(P0_sd**2))
@@ -161,12 +156,10 @@ def correct(
 
 
 def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Array, Array, Innovation]:
-    """Gain and covariance of (10), for any number of states n.
+    """Gain (n, m) and covariance (n, n) of (10), for any number of states n, and the innovation with S and NIS.
 
     `P`: covariance before, shape (n, n).
     `nu`, `rows`, `R_sd`: innovation, which states it is of, standard deviations of the measurement; shape (m,).
-    Returns `K, P`, shapes (n, m) and (n, n).
-    Returns `innovation`, with S and NIS.
     """
     PHt = P[:, rows]
     S = PHt[rows] + np.diag(R_sd**2)
@@ -179,13 +172,7 @@ def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Arra
 
 
 def gain_and_nis(L: Array, PHt: Array, nu: Array) -> tuple[Array, float]:
-    """K = P Hᵀ S⁻¹ and νᵀ S⁻¹ ν, from the lower factor of S.
-
-    `L`: S = L Lᵀ, shape (m, m).
-    `PHt`: P Hᵀ, shape (n, m).
-    `nu`: innovation, shape (m,).
-    Returns `K`, shape (n, m).
-    """
+    """K = P Hᵀ S⁻¹, shape (n, m), and νᵀ S⁻¹ ν, from the lower factor of S, P Hᵀ (n, m), and the innovation (m,)."""
     # here, since the compiled filter shares this module's records and should not wait for it
     from scipy import linalg
 

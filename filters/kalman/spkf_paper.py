@@ -42,13 +42,7 @@ class PaperBelief:
 
 
 def start(nav: NavState, P0_sd: Array) -> PaperBelief:
-    """Belief before the first sample.
-
-    `nav`: the state to start from.
-    `P0_sd`: standard deviations of its 15 errors, m, m/s, rad about n, m/s², rad/s, shape (15,).
-    Raises ValueError if `P0_sd` has another shape.
-    Raises DivergenceError if the pitch of `nav` is ±90°.
-    """
+    """Belief before the first sample, as `spkf.start`; raises DivergenceError if the pitch of `nav` is ±90°."""
     if P0_sd.shape != (SIZE,):
         raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({SIZE},)")
     x = _from_nav(nav)
@@ -125,10 +119,7 @@ def correct(
 
 
 def common(belief: PaperBelief) -> spkf.Belief:
-    """Estimate and covariance in the errors of `filters.state`: metres and the rotation vector ε in n, to first order.
-
-    `belief`: in the paper's coordinates.
-    """
+    """Estimate and covariance in the errors of `filters.state`: metres and the rotation vector in n, to first order."""
     x = belief.x
     C_nb = attitude.from_rpy(x[ROLL], x[PITCH], x[YAW])
     nav = NavState.of(x[POSITION], x[VELOCITY], C_nb, x[ACCEL_BIAS], x[GYRO_BIAS])

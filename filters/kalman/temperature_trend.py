@@ -22,8 +22,7 @@ class TemperatureTrend:
         self._means: deque[tuple[float, float]] = deque(maxlen=SPAN_S)
         self._second = -1
         self._count = 0
-        self._t_sum = 0.0
-        self._sum = 0.0
+        self._sums = np.zeros(2)  # of times and of temperatures
 
     def take(self, t: Array, temperature: Array) -> None:
         """Take samples at `t` s, (N,), and their temperatures, degC, (N,); NaN where one is not known."""
@@ -34,20 +33,14 @@ class TemperatureTrend:
         seconds = np.floor(t).astype(np.int64)
         edges = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1, append=seconds[-1] + 1))
         for first, last in pairwise(edges.tolist()):
-            self._add(int(seconds[first]), t[first:last], temperature[first:last])
-
-    def _add(self, second: int, t: Array, temperature: Array) -> None:
-        if second != self._second:
-            self._close()
-            self._second, self._count, self._t_sum, self._sum = second, 0, 0.0, 0.0
-        self._count += t.size
-        # a running sum adds one after the other, which a sum of many need not
-        self._t_sum = float(np.cumsum(np.concatenate([[self._t_sum], t]))[-1])
-        self._sum = float(np.cumsum(np.concatenate([[self._sum], temperature]))[-1])
-
-    def _close(self) -> None:
-        if self._count:
-            self._means.append((self._t_sum / self._count, self._sum / self._count))
+            if seconds[first] != self._second:
+                if self._count:
+                    self._means.append((self._sums[0] / self._count, self._sums[1] / self._count))
+                self._second, self._count, self._sums = int(seconds[first]), 0, np.zeros(2)
+            self._count += last - first
+            # a running sum adds one after the other, which a sum of many need not
+            rows = np.stack([t[first:last], temperature[first:last]], axis=1)
+            self._sums = np.cumsum(np.vstack([self._sums, rows]), axis=0)[-1]
 
     def k_per_min(self) -> float | None:
         """Slope over the last minute, K/min; None before half of one has come."""

@@ -120,7 +120,7 @@ def calibrate(
 
 
 def _rests_of(run: Run) -> tuple[Rest, ...]:
-    if not rests.has_accelerometers(run):
+    if not rests.has(run, ACCELS):
         have = rests.recorded(run)
         lack = ", ".join(name for name, c in zip(("x", "y", "z"), ACCELS, strict=True) if not have[c])
         raise InputError(
@@ -138,7 +138,7 @@ def _rests_of(run: Run) -> tuple[Rest, ...]:
 
 
 def _turned(runs: Sequence[Run], found: Sequence[Sequence[Rest]], accelerometers: Choice) -> Turns | None:
-    if not all(rests.has_gyros(run) for run in runs):
+    if not all(rests.has(run, GYROS) for run in runs):
         return None
     turned = Turns(runs, found)
     turned.sense(accelerometers.triad, accelerometers.fit.theta)

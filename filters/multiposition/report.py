@@ -11,7 +11,7 @@ from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import Included, State
 from filters.multiposition.calibration import Calibration, Sensors
 from filters.multiposition.choice import KEEP, Choice, unseen_residuals
-from filters.multiposition.rests import has_gyros, recorded
+from filters.multiposition.rests import has, recorded
 from filters.multiposition.triad import Triad
 from filters.multiposition.turns import Turns
 from filters.tracing.error_figure import DRAWS, rms
@@ -134,7 +134,7 @@ def notes(found: Calibration) -> list[str]:
     for run, own in found.logs:
         total = sum(rest.seconds for rest in own)
         out.append(f"{run.name}: {len(own)} rests, {total:.0f} s in all, were found in the readings")
-        if not has_gyros(run):
+        if not has(run, GYROS):
             lack = ", ".join(CHANNELS[c] for c in GYROS if not recorded(run)[c])
             why = "not recorded, or dead: of the gyros nothing is said, only of the accelerometers"
             out.append(f"{run.name}: {lack} {why}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.channels import ACCELS, GYROS
+from filters.channels import ACCELS
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -158,11 +158,6 @@ def distinct_directions(rests: Sequence[Rest]) -> int:
     return len(kept)
 
 
-def has_gyros(run: Run) -> bool:
-    """Whether all three gyros were recorded."""
-    return bool(recorded(run)[list(GYROS)].all())
-
-
-def has_accelerometers(run: Run) -> bool:
-    """Whether all three accelerometers were recorded."""
-    return bool(recorded(run)[list(ACCELS)].all())
+def has(run: Run, channels: Sequence[int]) -> bool:
+    """Whether all of some channels were recorded."""
+    return bool(recorded(run)[list(channels)].all())

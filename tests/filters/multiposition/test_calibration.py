@@ -1,5 +1,6 @@
 """Units turned by hand: rests, effects with honest standard deviations, errors judged on what is left out."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -143,40 +144,40 @@ def test_two_directions_tell_what_they_can_and_no_more() -> None:
     assert not [e for e in document["error"] if e["metric"] == "gravity_norm"]
 
 
-def test_without_gyros_the_accelerometers_are_calibrated_and_the_rest_is_said() -> None:
-    run = lacking(turned_run(*ACCELEROMETERS, seed=9), "gx", "gy", "gz")
-    found = calibrate([run], None)
-    document = told(found)
-    assert set(document["status"]) == {"ax", "ay", "az"}
-    assert ("ay", "cross_axis") in by_channel(document)
-    assert any("gx, gy, gz not recorded" in note for note in notes(found))
-    assert [e["metric"] for e in document["error"]] == ["gravity_norm"]
-
-
-def test_one_gyro_that_lacks_leaves_the_accelerometers() -> None:
-    """Turns take all three gyros."""
-    found = calibrate([lacking(turned_run(*ACCELEROMETERS, seed=9), "gy")], None)
-    assert set(told(found)["status"]) == {"gx", "gz", "ax", "ay", "az"}
-    assert found.gyros is None
-
-
-def test_a_gyro_that_reads_the_same_throughout_leaves_the_accelerometers() -> None:
-    """Else no second would be as quiet as its quietest, and no rest would be found."""
-    run = turned_run(*ACCELEROMETERS, seed=9)
+def dead(run: Run, channel: int, value: float) -> Run:
+    """A recording of which a channel reads the same throughout."""
     reading = run.reading.copy()
-    reading[:, 1] = 0.01
-    found = calibrate([replace(run, reading=reading)], None)
-    assert set(told(found)["status"]) == {"gx", "gz", "ax", "ay", "az"}
+    reading[:, channel] = value
+    return replace(run, reading=reading)
+
+
+# turns take all three gyros; and with one that is dead no second would be as quiet as its quietest
+@pytest.mark.parametrize(
+    ("spoilt", "left", "noted"),
+    [
+        (lambda run: lacking(run, "gx", "gy", "gz"), set(), "gx, gy, gz not recorded"),
+        (lambda run: lacking(run, "gy"), {"gx", "gz"}, "gy not recorded"),
+        (lambda run: dead(run, 1, 0.01), {"gx", "gz"}, "gy not recorded, or dead"),
+    ],
+)
+def test_without_all_gyros_the_accelerometers_are_calibrated_and_the_rest_is_said(
+    spoilt: Callable[[Run], Run], left: set[str], noted: str
+) -> None:
+    found = calibrate([spoilt(turned_run(*ACCELEROMETERS, seed=9))], None)
+    document = told(found)
+    assert set(document["status"]) == left | {"ax", "ay", "az"}
+    assert found.gyros is None
+    assert ("ay", "cross_axis") in by_channel(document)
+    assert any(noted in note for note in notes(found))
+    assert [e["metric"] for e in document["error"]] == ["gravity_norm"]
 
 
 def test_without_an_accelerometer_or_without_a_rest_the_message_says_what_to_do() -> None:
     run = turned_run(seed=9)
     with pytest.raises(ValueError, match="accelerometer y was not recorded"):
         calibrate([lacking(run, "ay")], None)
-    dead = run.reading.copy()
-    dead[:, 4] = 0.1
     with pytest.raises(ValueError, match=r"accelerometer y .* reads the same throughout"):
-        calibrate([replace(run, reading=dead)], None)
+        calibrate([dead(run, 4, 0.1)], None)
     rng = np.random.default_rng(1)
     level = rng.uniform(0.0, 1.0, run.t.size).cumsum()[:, None]
     wild = replace(run, reading=run.reading + np.exp(0.02 * level) * 1e-9 + 0.1 * np.sin(0.01 * level**1.5))
