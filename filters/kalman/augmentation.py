@@ -160,7 +160,7 @@ def predict(
 ) -> Augmented:
     """Prediction (11)-(15) on 15 + p states: each sigma point takes its own φ x from the readings.
 
-    The extra states of `belief` are those of the step's end, by `drift`, and constant over the step. `phi` has regressors
+    The extra states of `belief` are those of the step's end, by `drift`, and constant over the step. `phi`: regressors
     at start and end, shape (2, 6, p); twice that of the end for readings that are held. Else as `spkf.predict`.
     """
     deviations, weights = spkf.sigma_points(belief.P, kappa)

@@ -6,8 +6,9 @@ has to be, is `filters.motion.alignment`'s.
 """
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,32 +48,32 @@ SETTLE = 2.0  # s after a mark, or after coming to rest, before a dwell's rows a
 _TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE)
 
 
-class Reference(Protocol):
+class Reference(ABC):
     """What the runner asks of a reference."""
 
-    @property
-    def moving(self) -> bool:
-        """Whether the unit may move: readings are then taken as linear between samples."""
-        ...
+    moving: ClassVar[bool] = True  # whether the unit may move: readings are then taken as linear between samples
 
+    @abstractmethod
     def start(self) -> tuple[NavState, Array]:
         """State at the first sample, and standard deviations of its nine navigation errors, shape (9,)."""
-        ...
 
+    @abstractmethod
     def known(self, t: Array, before: float, gyro: Array) -> Array:
         """Rows for samples at `t` s, shape (N, 25), or one for all, (1, 25); see `COLUMNS`.
 
         `before` is the time of the sample before the first of these (-inf: none), `gyro` what the unit read (N, 3).
         """
-        ...
 
     def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
-        """For the six biases, accelerometer then gyro, body axes, whether the reference shows them."""
-        ...
+        """For the six biases, accelerometer then gyro, body axes, whether the reference shows them.
+
+        Unless more is known, those that the motion so far has made known to half of what they were.
+        """
+        return tuple(bool(x) for x in bias_sd < 0.5 * P0_sd)
 
 
 @dataclass(frozen=True, slots=True)
-class Still:
+class Still(Reference):
     """Known position, velocity and attitude of a unit at rest."""
 
     nav: NavState  # the known navigation state; its biases are zero and mean nothing
@@ -81,7 +82,7 @@ class Still:
     P0_sd: Array  # standard deviations of the nine navigation states at the start, shape (9,)
     seen: tuple[bool, bool, bool]  # for each body axis, whether its accelerometer bias can be told from attitude
     gravity: float  # local gravity, m/s²
-    moving: bool = False
+    moving: ClassVar[bool] = False
 
     def start(self) -> tuple[NavState, Array]:
         """The known state itself."""
@@ -109,20 +110,12 @@ class Still:
 
 
 def level(site: Site) -> Still:
-    """The paper's case: body axes on north, east, down; all nine rows known (section 4).
-
-    `site`: where the table stands.
-    """
+    """The paper's case: body axes on north, east, down; all nine rows known (section 4)."""
     nav = NavState.at_rest(site, np.eye(3))
     return Still(nav, np.arange(9), PAPER_R_SD, PAPER_R_SD, (True, True, True), site.gravity)
 
 
-def _made_known(sd: Array, before: Array) -> tuple[bool, ...]:
-    """Whether standard deviations are below half of what they were."""
-    return tuple(bool(x) for x in sd < 0.5 * before)
-
-
-class TableMotion:
+class TableMotion(Reference):
     """A table's profile: dwells and, where its time is joined to the log's well enough, what lies between.
 
     Attitude and velocity are used in dwells, from 2 s after the mark or after coming to rest and while the gyros are
@@ -136,8 +129,6 @@ class TableMotion:
     `offset`: Log time at which the profile starts, s.
     `offset_sd`: its standard deviation; None takes the profile's.
     """
-
-    moving = True
 
     def __init__(
         self,
@@ -259,10 +250,6 @@ class TableMotion:
             profile_t[here] = self._rest_starts[segment]
         return profile_t, rests, aligned
 
-    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
-        """What the motion so far has made known."""
-        return _made_known(bias_sd, P0_sd)
-
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
@@ -275,13 +262,12 @@ class Trajectory:
 
 
 @dataclass
-class Path:
+class Path(Reference):
     """A trajectory: each of its rows is used once, at the first sample from its time on."""
 
     trajectory: Trajectory  # what is known
     nav: NavState  # state at the first sample
     P0_sd: Array  # of its nine errors
-    moving: bool = True
     partial: dict[float, Array] = field(default_factory=dict)
     _end: float = field(init=False, repr=False)
 
@@ -335,7 +321,3 @@ class Path:
         own = attitude.to_rpy(C_nb)
         angles = np.where(np.isnan(self.partial[t]), own, self.partial[t])
         row[QUATERNION] = attitude.to_quaternion(attitude.from_rpy(*map(float, angles)))
-
-    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
-        """What the motion so far has made known."""
-        return _made_known(bias_sd, P0_sd)
