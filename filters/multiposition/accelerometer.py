@@ -6,6 +6,7 @@ scale factor common to all axes and gravity's magnitude are one.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,26 +34,25 @@ BEYOND: tuple[Hypothesis, ...] = (
 _STEP = 1e-3
 
 
+@dataclass(frozen=True)
 class Rests:
-    """Rests of one unit as observations of its accelerometers.
+    """Rests of one unit as observations of its accelerometers."""
 
-    `rests`: of all its logs.
-    `gravity`: m/s².
-    """
+    mean: Array  # readings, m/s², shape (n, 3)
+    noise: Array  # variance of their magnitude by noise alone, shape (n,)
+    gravity: float  # m/s²
 
-    def __init__(self, rests: Sequence[Rest], gravity: float) -> None:
-        self.mean = np.array([rest.mean[list(ACCELS)] for rest in rests]).reshape(-1, 3)
-        self.variance = np.array([rest.variance[list(ACCELS)] for rest in rests]).reshape(-1, 3)
-        self.gravity = gravity
-        direction = self.mean / np.linalg.norm(self.mean, axis=1, keepdims=True)
-        self.noise = np.asarray(np.sum(direction**2 * self.variance, axis=1))
+    @classmethod
+    def of(cls, rests: Sequence[Rest], gravity: float) -> "Rests":
+        """Rests of all logs of a unit."""
+        mean = np.array([rest.mean[list(ACCELS)] for rest in rests]).reshape(-1, 3)
+        variance = np.array([rest.variance[list(ACCELS)] for rest in rests]).reshape(-1, 3)
+        direction = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        return cls(mean, np.asarray(np.sum(direction**2 * variance, axis=1)), gravity)
 
     def without(self, which: Sequence[int]) -> "Rests":
         """All rests but some."""
-        out = object.__new__(Rests)
-        out.mean, out.variance = np.delete(self.mean, which, axis=0), np.delete(self.variance, which, axis=0)
-        out.noise, out.gravity = np.delete(self.noise, which), self.gravity
-        return out
+        return Rests(np.delete(self.mean, which, axis=0), np.delete(self.noise, which), self.gravity)
 
     def errors(self, triad: Triad, theta: Array) -> Array:
         """Magnitude of the corrected specific force less gravity's, m/s², shape (n,)."""

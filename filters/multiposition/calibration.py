@@ -93,7 +93,7 @@ def calibrate(
     progress(0.0, "looking for rests")
     found = [_rests_of(run) for run in runs]
     every = [rest for own in found for rest in own]
-    observed, directions = Rests(every, runs[0].site.gravity), rests.distinct_directions(every)
+    observed, directions = Rests.of(every, runs[0].site.gravity), rests.distinct_directions(every)
     if directions < 2:
         raise InputError(
             f"{', '.join(run.name for run in runs)}: the unit was never turned: {len(every)} rests, all in one"
@@ -108,7 +108,7 @@ def calibrate(
     progress(0.7, "judging")
     judge, judge_turned = None, None
     for run, own in apart:
-        judge, judge_turned = Rests(own, run.site.gravity), _turned([run], [own], chosen)
+        judge, judge_turned = Rests.of(own, run.site.gravity), _turned([run], [own], chosen)
     how = _how(runs, heldout)
     norms = _norms_left_out(observed, chosen) if heldout is None else None
     accelerometers, gyros = _judged(Sensors(chosen, observed, judge, NORM), norms, how, seed), None

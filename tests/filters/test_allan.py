@@ -28,14 +28,6 @@ def test_the_deviation_is_that_of_allantools(drift: float) -> None:
     assert np.allclose(adev, theirs, rtol=1e-10)
 
 
-def test_the_deviation_is_its_definition() -> None:
-    """Half the mean square of differences of neighbouring means, written out."""
-    x = np.random.default_rng(2).normal(size=40)
-    means = np.array([x[k : k + 5].mean() for k in range(36)])
-    expected = np.sqrt(0.5 * np.mean((means[5:] - means[:-5]) ** 2))
-    assert np.isclose(allan.deviation(x, 0.1, np.array([5]))[1][0], expected, rtol=1e-12)
-
-
 def test_channels_together_are_channels_alone() -> None:
     x = drifting(3, 1000, 0.05, 1.0, 0.1)
     tau, together = allan.deviation(x, 0.05)

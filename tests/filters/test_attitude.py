@@ -55,8 +55,3 @@ def test_rpy_jacobian_is_the_derivative() -> None:
         for e in np.eye(3)
     ]
     assert np.allclose(attitude.rpy_jacobian(C), np.transpose(numeric), atol=1e-8)
-
-
-def test_skew_is_the_cross_product() -> None:
-    a, b = np.array([1.0, -2.0, 3.0]), np.array([0.5, 4.0, -1.0])
-    assert np.array_equal(attitude.skew(a) @ b, np.cross(a, b))

@@ -76,7 +76,6 @@ def constants(mean: list[float], sd: list[float], column: Callable[..., np.ndarr
 def by_numpy(engine: engines.FilterEngine, feed: FilterInput, nav: state.NavState, P0_sd: np.ndarray) -> Augmented:
     """The filter on 15 + p states as `inclusion` writes it, over all samples of a feed."""
     effects, noise = engine.effects, engine.noise
-    assert effects is not None
     belief = augmentation.start(nav, P0_sd, effects)
     for k in range(1, feed.t.size):
         first = k - 1 if engine.linear else k
@@ -172,7 +171,6 @@ def still(n: int, seed: int, bias: np.ndarray, error: np.ndarray) -> tuple[np.nd
 
 def nees(estimator: Estimator, bias: np.ndarray, x: np.ndarray) -> float:
     """Squared error of all 15 + p states over their covariance."""
-    assert estimator.latest is not None
     found, P = estimator.extra()
     truth = replace(reference.level(PAPER_SITE).nav, accel_bias=bias[:3], gyro_bias=bias[3:])
     error = np.concatenate([estimator.latest.belief.nav.minus(truth), found - x])
@@ -209,7 +207,6 @@ def test_errors_of_all_states_lie_in_the_band_and_the_bias_suffers_without_the_e
         for effects in (make, None):
             estimator = Estimator(Settings(DT, measurements="drawn", seed=seed, effects=effects), every=np.inf)
             list(runner.rows(estimator, *samples, warming(t)))
-            assert estimator.latest is not None
             errors.append(float(estimator.latest.belief.nav.gyro_bias[1] - bias[4]))
             if effects is not None:
                 sums[:2] += nees(estimator, bias, x), estimator.nis_sum
@@ -274,7 +271,6 @@ def test_scale_factors_are_found_on_a_table_that_turns() -> None:
         settings = Settings(DT, reference="profile", motion=profile, measurements="drawn", seed=seed, effects=make)
         estimator = Estimator(settings, every=np.inf)
         list(runner.rows(estimator, t, gyro, accel))
-        assert estimator.latest is not None
         found, P = estimator.extra()
         truth = nav_of(np.concatenate([known[-1, :10], bias]))
         error = np.concatenate([estimator.latest.belief.nav.minus(truth), found - k])
@@ -393,8 +389,6 @@ def test_the_monitor_judges_residuals_without_the_effect() -> None:
     for estimator in (explained, plain):
         list(runner.rows(estimator, *samples))
     apparent = [e.monitor.convergence().apparent for e in (explained, plain)]
-    assert apparent[0] is not None
-    assert apparent[1] is not None
     assert abs(apparent[0][3]) < np.deg2rad(0.2)
     assert apparent[1][3] == pytest.approx(error[3], abs=np.deg2rad(0.2))
     assert explained.converged

@@ -292,7 +292,6 @@ def test_spread_is_the_scatter_after_convergence() -> None:
     estimator = Estimator(Settings(DT))
     estimates = feed(estimator, noisy(900))
     moments = estimator.after_convergence
-    assert moments is not None
     errors = np.array([e.belief.nav.minus(reference.level(PAPER_SITE).nav) for e in estimates[-moments.count :]])
     assert np.allclose(moments.mean, errors.mean(axis=0), rtol=1e-6, atol=1e-12)
     assert np.max(np.abs(moments.covariance - np.cov(errors.T)) / np.outer(errors.std(0), errors.std(0))) < 1e-6

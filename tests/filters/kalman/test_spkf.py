@@ -45,7 +45,6 @@ def test_bias_errors_fit_their_standard_deviations_over_twenty_seeds() -> None:
 
 def test_standard_deviations_and_convergence_meet_the_operators_bar_in_a_minute() -> None:
     estimator, _ = filtered(11, seconds=60.0)
-    assert estimator.latest is not None
     sd = np.sqrt(np.diag(estimator.latest.belief.P))
     assert np.all(sd[state.ACCEL_BIAS] < 0.6e-3 * 9.80665)
     assert np.all(sd[state.GYRO_BIAS] < np.deg2rad(0.05))
@@ -79,7 +78,6 @@ def test_correction_is_that_of_the_information_form() -> None:
 def test_the_start_is_the_papers_noise_set() -> None:
     estimator = Estimator(Settings(0.05))
     runner.step(estimator, 0.0, *LEVEL.rates_and_forces())
-    assert estimator.latest is not None
     sd = np.sqrt(np.diag(estimator.latest.belief.P))
     assert np.allclose(sd[:9], [10, 10, 30, 0.1, 0.1, 0.1, *np.deg2rad([0.1, 0.1, 0.5])])
     assert np.allclose(sd[9:], [18e-3 * 9.80665] * 3 + [np.deg2rad(1.5)] * 3)

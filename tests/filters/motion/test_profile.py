@@ -154,15 +154,6 @@ def test_numbers_do_not_depend_on_how_times_are_cut(profile: Profile) -> None:
         assert np.array_equal(kinematics.attitudes(angles[cut]), C_nb[cut])
 
 
-@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
-def test_body_rate_is_what_turns_the_attitude(profile: Profile) -> None:
-    h = 1e-5
-    for t in np.linspace(0.1, profile.duration - 0.1, 61):
-        before, after = (Rotation.from_euler("XYZ", profile.angles(x)[0]).as_matrix() for x in (t - h, t + h))
-        turned = attitude.log(before.T @ after) / (2.0 * h)
-        assert np.allclose(kinematics.body_rate(profile.angles(t), profile.rates(t))[0], turned, atol=2e-5)
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(-7.0, 7.0), min_size=6, max_size=6))
 def test_many_attitudes_are_the_tables_one_by_one(numbers: list[float]) -> None:

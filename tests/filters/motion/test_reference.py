@@ -258,7 +258,6 @@ def test_a_log_that_begins_in_the_middle_of_a_profile_starts_where_the_table_is(
     use = samples.t >= 16.0
     part = Samples(samples.t[use] - 16.0, samples.gyro[use], samples.accel[use])
     estimator = run(part, Settings(0.05, reference="profile", motion=profile, offset=-16.0, offset_sd=0.0))
-    assert estimator.reference is not None
     C_nb = estimator.reference.start()[0].C_nb
     assert estimator.rejected == 0
     assert np.all(np.abs(normalised(estimator, truth)) < 4.0)

@@ -230,7 +230,7 @@ def test_a_common_scale_factor_may_as_well_be_gravity() -> None:
 
 
 def test_the_derivative_of_the_magnitude_is_that_of_the_model() -> None:
-    rests = Rests(find_rests(turned_run(*ACCELEROMETERS, seed=3)), 9.78637)
+    rests = Rests.of(find_rests(turned_run(*ACCELEROMETERS, seed=3)), 9.78637)
     triad = accelerometer.triad_of(*accelerometer.FORMS, accelerometer.BEYOND[:4])
     # plausible sizes: a quadratic term of 1e-2 s²/m would be as large as gravity
     theta = np.random.default_rng(0).standard_normal(triad.size) * ([1e-2] * 9 + [1e-4] * 3 + [1e-5])
