@@ -17,9 +17,6 @@ LOOP_HZ = 400.0 / 3.0  # readings a second of the IMU400CD's own loop: "up to 13
 
 _Turn = tuple[NDArray[np.int_], Array]
 
-_DEG = np.pi / 180.0
-_SQRT_HOUR = 60.0
-
 
 @dataclass(frozen=True, slots=True)
 class Samples:

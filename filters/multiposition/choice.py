@@ -5,7 +5,7 @@ the data cannot determine is left out before, and said.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
@@ -23,8 +23,6 @@ ACCEPT = 9.0  # score that an effect beyond the usual ones must exceed
 KEEP = 4.5  # score below which an effect is taken out again
 _FREE = 6  # rests beyond the number of parameters before more effects are tried
 
-Groups = Sequence[Sequence[Hypothesis]]
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -37,8 +35,26 @@ class Choice:
     logs: int = 1  # how often the biases stand in the fit, once a log; 1 where the logs share them
 
     def places(self, effect: Hypothesis) -> np.ndarray:
-        """Where an effect's parameters stand in the fit: of a bias one a log."""
-        return places(self.triad, effect, self.logs)
+        """Where an effect's parameters stand: the biases of log after log first, then all that logs share."""
+        own = np.arange(self.triad.size)[self.triad.places(effect)]
+        if self.logs > 1 and effect.effect == "bias":
+            return np.concatenate([own + 3 * log for log in range(self.logs)])
+        return own + 3 * (self.logs - 1)
+
+    def lacks(self, groups: Sequence[Sequence[Hypothesis]]) -> tuple[Hypothesis, ...]:
+        """Effects of groups that are not in it."""
+        return tuple(e for e in chain.from_iterable(groups) if e not in self.triad.effects)
+
+    def less(self, effect: Hypothesis, fit: Callable[[Triad], Fit]) -> "Choice":
+        """The choice without an effect, fitted anew."""
+        triad = self.triad.without(effect)
+        return replace(self, triad=triad, fit=fit(triad))
+
+    def looseness(self, effect: Hypothesis) -> float:
+        """The worst of an effect's standard deviations, in what is plausible of the parameter."""
+        plausible = np.array([p.prior * p.si for p in effect.parameters])
+        sd = self.fit.sd[self.places(effect)]
+        return float(np.max(sd / np.resize(plausible, sd.size)))
 
     def gain(self, effect: Hypothesis) -> float:
         """By how much chi-square would grow without it."""
@@ -49,34 +65,21 @@ class Choice:
         return self.gain(effect) - self.places(effect).size * float(np.log(max(2, self.count)))
 
 
-def places(triad: Triad, effect: Hypothesis, logs: int) -> np.ndarray:
-    """Where an effect's parameters stand in a fit to several logs: biases of log after log, then all that is shared."""
-    own = np.arange(triad.size)[triad.places(effect)]
-    if logs > 1 and effect.effect == "bias":
-        return np.concatenate([own + 3 * log for log in range(logs)])
-    return own + 3 * (logs - 1)
-
-
 def accelerometers(rests: Rests, directions: int) -> Choice:
-    """Effects of the accelerometers that the rests ask for.
-
-    `rests`: of all logs that are fitted to.
-    `directions`: how many of them are distinct.
-    """
+    """Effects of the accelerometers that the rests, of all logs that are fitted to, in so many directions, ask for."""
     groups = accelerometer.FORMS if directions >= accelerometer.FEWEST else accelerometer.FORMS[:2]
-    asked = tuple(chain.from_iterable(accelerometer.FORMS))
-    full, fullest = _determined(accelerometer.triad_of(*groups), lambda triad: rests.fit(triad), 1)
     count = len(rests.mean)
+    widest = accelerometer.triad_of(*groups)
+    full = _determined(Choice(widest, rests.fit(widest), (), count), rests.fit)
     price = float(np.log(max(2, count)))
     best, least = accelerometer.triad_of(), float("inf")
     for k in range(len(groups) + 1):
-        triad = accelerometer.triad_of([e for group in groups[:k] for e in group if e in full.effects])
-        cost = rests.fit(triad, None, fullest.excess).chi2 + price * triad.size
+        triad = accelerometer.triad_of([e for group in groups[:k] for e in group if e in full.triad.effects])
+        cost = rests.fit(triad, None, full.fit.excess).chi2 + price * triad.size
         if cost < least:
             best, least = triad, cost
     best = _beyond(rests, best)
-    triad, made = _pruned(best, lambda t: rests.fit(t), count, 1)
-    return Choice(triad, made, tuple(e for e in asked if e not in full.effects), count)
+    return _pruned(Choice(best, rests.fit(best), full.lacks(accelerometer.FORMS), count), rests.fit)
 
 
 def gyros(observed: Turns) -> Choice:
@@ -88,55 +91,40 @@ def gyros(observed: Turns) -> Choice:
         begin[: start.size] = start
         return observed.fit(triad, begin)
 
-    asked = tuple(chain.from_iterable(turns.GROUPS))
-    full, made = _determined(turns.triad_of(*turns.GROUPS), fit, observed.logs)
-    count = max(2, len(observed.turns))
-    groups = [[e for e in group if e in full.effects] for group in turns.GROUPS]
-    best, least = full, float("inf")
+    widest, count = turns.triad_of(*turns.GROUPS), max(2, len(observed.turns))
+    full = _determined(Choice(widest, fit(widest), (), count, observed.logs), fit)
+    groups = [[e for e in group if e in full.triad.effects] for group in turns.GROUPS]
+    best, least = full.triad, float("inf")
     for chosen in chain.from_iterable(combinations(groups, n) for n in range(len(groups) + 1)):
         triad = turns.triad_of(*chosen)
-        gone = [places(full, e, observed.logs) for e in full.effects if e not in triad.effects]
-        cost = (made.without(np.concatenate(gone)) if gone else made).chi2 + float(np.log(count)) * triad.size
+        gone = [full.places(e) for e in full.triad.effects if e not in triad.effects]
+        cost = (full.fit.without(np.concatenate(gone)) if gone else full.fit).chi2 + float(np.log(count)) * triad.size
         if cost < least:
             best, least = triad, cost
-    triad, made = _pruned(best, fit, count, observed.logs, made if best == full else None)
-    return Choice(triad, made, tuple(e for e in asked if e not in full.effects), count, observed.logs)
+    full = replace(full, undetermined=full.lacks(turns.GROUPS))
+    return _pruned(full if best == full.triad else replace(full, triad=best, fit=fit(best)), fit)
 
 
-def _determined(triad: Triad, fit: Callable[[Triad], Fit], logs: int) -> tuple[Triad, Fit]:
-    """A triad without what the data cannot tell to what is plausible, the last that joined first."""
+def _determined(choice: Choice, fit: Callable[[Triad], Fit]) -> Choice:
+    """Without what the data cannot tell to what is plausible, the last that joined first; gyros keep their biases."""
     while True:
-        made = fit(triad)
-        loose = [e for e in triad.effects if _ratio(triad, made, e, logs) > 1.0]
-        if not loose:
-            return triad, made
-        families = [e.effect for e in triad.effects]
-        last = max(loose, key=lambda e: (families.index(e.effect), _ratio(triad, made, e, logs)))
-        if logs and last.effect == "bias" and last in turns.BIAS:
-            return triad, made
-        triad = triad.without(last)
+        effects = choice.triad.effects
+        loose = {e: ratio for e in effects if (ratio := choice.looseness(e)) > 1.0}
+        families = [e.effect for e in effects]
+        last = max(loose, key=lambda e: (families.index(e.effect), loose[e]), default=None)
+        if last is None or last in turns.BIAS:
+            return choice
+        choice = choice.less(last, fit)
 
 
-def _ratio(triad: Triad, made: Fit, effect: Hypothesis, logs: int) -> float:
-    """The worst of an effect's standard deviations, in what is plausible of the parameter."""
-    plausible = np.array([p.prior * p.si for p in effect.parameters])
-    sd = made.sd[places(triad, effect, logs)]
-    return float(np.max(sd / np.resize(plausible, sd.size)))
-
-
-def _pruned(
-    triad: Triad, fit: Callable[[Triad], Fit], count: int, logs: int, made: Fit | None = None
-) -> tuple[Triad, Fit]:
-    """A triad without effects that score too little by themselves, the least first; gyros keep their biases."""
-    made = fit(triad) if made is None else made
+def _pruned(choice: Choice, fit: Callable[[Triad], Fit]) -> Choice:
+    """Without effects that score too little by themselves, the least first; gyros keep their biases."""
     while True:
-        choice = Choice(triad, made, (), count, logs)
-        own = {e: choice.score(e) for e in triad.effects if e not in turns.BIAS}
+        own = {e: choice.score(e) for e in choice.triad.effects if e not in turns.BIAS}
         worst = min(own, key=lambda e: own[e], default=None)
         if worst is None or own[worst] >= KEEP:
-            return triad, made
-        triad = triad.without(worst)
-        made = fit(triad)
+            return choice
+        choice = choice.less(worst, fit)
 
 
 def _beyond(rests: Rests, triad: Triad) -> Triad:
