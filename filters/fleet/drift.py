@@ -73,7 +73,6 @@ def coefficients(lines: Sequence[Line]) -> list[tuple[Coefficient, ...] | None]:
 
     A unit that scatters about its line more than the common σ_p allows (p < 0.01) is judged by its own.
 
-    `lines`: one a unit.
     """
     told = [line for line in lines if line.dof > 0]
     if not told:

@@ -72,11 +72,8 @@ def apply(
     """Write a log whose samples are free of the effects of a file.
 
     `effects`: content of the effects file.
-    `output`: the log to write.
     `reference`: profile or trajectory instead of what the log has.
     `kind`: reference instead of the log's own: "level" and so on.
-    `overwrite`: replace an existing file.
-    `mode`: permissions.
     `progress`: told the share done, 0 to 1.
     Raises UnreadableLogError if the log cannot be read.
     Raises InputError if the effects cannot be: the message says which, and why.

@@ -45,7 +45,6 @@ class DriverCourse:
 def course_of(log: Log, begins_s: float = 0.0) -> DriverCourse:
     """What may drive errors over a log.
 
-    `log`: that was read.
     `begins_s`: when its first sample was taken, s since power-on.
     """
     axes = log.info.axes()

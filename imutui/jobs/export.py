@@ -55,9 +55,7 @@ class Exported:
 def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, mode: int = MODE) -> Exported:
     """Write a log's samples, or a topic's messages.
 
-    `wanted`: what, from where, to where.
     `progress`: told the number of rows written, now and then.
-    `mode`: permissions of what is made.
     Raises UnreadableLogError if the log cannot be read.
     Raises InputError if it has nothing of what is asked for.
     Raises FileExistsError if a file exists and may not be replaced.

@@ -113,8 +113,6 @@ def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading:
     """Correction of constant biases and of effects.
 
     `bias`: gyros in deg/s, accelerometers in mg; None counts as zero.
-    `terms`: states of effects.
-    `of_reading`: see `LinearCorrection`.
     Raises InputError if two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
     """
     made = np.array([0.0 if b is None else b for b in bias], float)

@@ -191,9 +191,7 @@ def _beginning(names: Sequence[str]) -> str:
 def keep(log: Path, ending: str, text: str) -> Path:
     """Write a text beside a log, under a name that is free.
 
-    `log`: the log; its name without suffix begins the file's.
     `ending`: the rest of the name, such as "_effects.toml".
-    `text`: what to write.
     Returns the file.
     """
     for path in _names(log, ending):

@@ -47,7 +47,6 @@ class Motion:
 def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_latency: float = 0.0) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
-    `log`: samples and what the file says of the table.
     `info`: from `replay.session_of`.
     `options`: `reference` and `overrides` count.
     `gyro_latency`: how late the gyros read, s: a profile that is joined by them is joined so much too late.

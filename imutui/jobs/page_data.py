@@ -110,7 +110,6 @@ def of_result(result: Result, progress: Callable[[str], None] = lambda text: Non
     """What the logs of a result add to its page.
 
     `result`: of `result_files.read`.
-    `progress`: told what is being read.
     """
     if "findings" in result:
         d = cast("TraceDocument", result)

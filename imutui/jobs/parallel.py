@@ -17,7 +17,6 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     """Results in the order of the items; Ctrl+C ends the processes, which say nothing about it themselves.
 
     `job`: at a module's top level, or a partial of such.
-    `items`: what each call gets.
     Raises MemoryError if a process was killed, which the kernel does when memory runs out.
     """
     context = multiprocessing.get_context("spawn")

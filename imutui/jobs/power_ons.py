@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from filters.errors import InputError
-from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import power_on
 
@@ -106,7 +105,7 @@ def _levelled_once(made: list[LoggedRun], parts: Sequence[int]) -> list[str]:
         run = made[number].run
         if run.C_nb is None:
             continue
-        tilt = _between(first.C_nb, run.C_nb)
+        tilt = float(np.arccos(np.clip(first.C_nb[2] @ run.C_nb[2], -1.0, 1.0)))  # between the verticals, rad
         if tilt < _SAME_ATTITUDE:
             made[number] = replace(made[number], run=replace(run, C_nb=first.C_nb))
         else:
@@ -115,8 +114,3 @@ def _levelled_once(made: list[LoggedRun], parts: Sequence[int]) -> list[str]:
                 " them, and what its level accelerometers do from part to part is not seen"
             )
     return said
-
-
-def _between(one: Array, two: Array) -> float:
-    """Angle between the verticals of two attitudes, rad."""
-    return float(np.arccos(np.clip(one[2] @ two[2], -1.0, 1.0)))

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -70,18 +71,14 @@ class ReplayOptions:
 
     def asked(self) -> ReplayChoices:
         """What of it differs from the recording, as a result keeps it."""
-        made: ReplayChoices = {}
-        if self.start is not None:
-            made["start"] = self.start
-        if self.end is not None:
-            made["end"] = self.end
-        if self.overrides:
-            made["overrides"] = dict(self.overrides)
-        if self.effects is not None:
-            made["effects"] = self.effects.decode("utf-8", "replace")
-        if self.reference is not None:
-            made["reference"] = hashlib.sha256(self.reference.content).hexdigest()
-        return made
+        made = {
+            "start": self.start,
+            "end": self.end,
+            "overrides": dict(self.overrides) if self.overrides else None,
+            "effects": None if self.effects is None else self.effects.decode("utf-8", "replace"),
+            "reference": None if self.reference is None else hashlib.sha256(self.reference.content).hexdigest(),
+        }
+        return cast("ReplayChoices", {key: value for key, value in made.items() if value is not None})
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +110,6 @@ def replayed(
 ) -> Replayed:
     """Run the filter over one log.
 
-    `options`: part, settings, pace.
     `progress`: told the share done, 0 to 1, now and then.
     `say`: told in a sentence how far compiling has come, the first time on a machine.
     Raises UnreadableLogError if there is nothing to replay.
@@ -295,9 +291,7 @@ def run(
 
     `estimator`: changed in place.
     `parts`: samples in order; their times count from the first one of all.
-    `seconds`: how long they are, for the progress.
     `speed`: times real time to pace the samples at.
-    `progress`: told the share done.
     """
     started = time.monotonic()
     size = _PART if speed is None else 1

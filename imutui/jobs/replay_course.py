@@ -21,7 +21,6 @@ _LONG_S = 7200.0
 class ReplayCourse:
     """Takes estimates while a filter runs.
 
-    `info`: axes and units.
     `seconds`: how long the samples are.
     `every`: least time between two estimates that it wants, s.
     """
@@ -53,7 +52,6 @@ class ReplayCourse:
 class ReplayPoints:
     """Takes estimates at instants that are closer together at the beginning, where biases converge.
 
-    `info`: axes and units.
     `seconds`: how long the samples are.
     `every`: least time between two estimates that it wants, s.
     """

@@ -29,7 +29,6 @@ _DIGITS = 5
 def curves(series: Sequence[RunSeries], heldout: str | None) -> list[RunCurvesEntry]:
     """Curves of all runs.
 
-    `series`: residuals, as a trace gives them.
     `heldout`: name of the run that nothing was fitted to.
     """
     return [

@@ -41,7 +41,6 @@ class LoggedRun:
 def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = _SHORTEST_S) -> LoggedRun:
     """Read a log as one run.
 
-    `name`: what the run is to be called.
     `options`: reference and overrides of the session.
     `shortest`: least length, s: what tracing needs.
     Raises UnreadableLogError if there is nothing to read.

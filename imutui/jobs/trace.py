@@ -6,7 +6,7 @@ files that come of it.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +17,7 @@ from filters.channels import CHANNELS
 from filters.effects import plain_names
 from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
-from filters.tracing.trace_document import ExperimentEntry, RunCurvesEntry, RunEntry, TraceDocument
+from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
 from imutui.jobs import power_ons, replay, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
@@ -57,7 +57,6 @@ def trace(
     """Trace a unit over its logs, one log a run or a part of one.
 
     `logs`: at least one.
-    `options`: what is held out, reference, seed.
     `progress`: told the share done, 0 to 1, and what is being done.
     Raises UnreadableLogError if there is nothing to read in one of them.
     Raises InputError if they do not belong together, or do not follow their reference; the message says what to do.
@@ -132,44 +131,26 @@ def _not_in_the_file(found: Trace) -> list[str]:
 
 def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
     """All of a trace's document, in the order of docs/formats.md, with numbers as JSON has them."""
-    own = found.document
-    document: TraceDocument = {
+    own: Any = found.document
+    first = (
+        "untestable", "integrity", "lines", "noise_level", "findings", "refuted", "common", "weak", "drift",
+        "remainder", "status",
+    )  # fmt: skip
+    document = {
         "version": VERSION,
         "runs": runs_read,
-        "untestable": own["untestable"],
-        "integrity": own["integrity"],
-        "lines": own["lines"],
-        "noise_level": own["noise_level"],
-        "findings": own["findings"],
-        "refuted": own["refuted"],
-        "common": own["common"],
-        "weak": own["weak"],
-        "drift": own["drift"],
-        "remainder": own["remainder"],
-        "status": own["status"],
+        **{key: own[key] for key in first},
         "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
-        "error": own["error"],
-        "limits": own["limits"],
-        "seed": own["seed"],
-        "sentence": own["sentence"],
+        **{key: own[key] for key in ("error", "limits", "seed", "sentence")},
         "notes": notes,
         "library": f"imutui {imutui.__version__}",
     }
     return cast("TraceDocument", _plain(document))
 
 
-def _experiment(experiment: SeparatingExperiment) -> ExperimentEntry:
+def _experiment(experiment: SeparatingExperiment) -> dict[str, Any]:
     """The run to make next, its profile as the text of a file."""
-    return {
-        "a": experiment.a,
-        "b": experiment.b,
-        "profile": to_toml(experiment.profile, _what_it_is_for(experiment)),
-        "thermal": None if experiment.thermal is None else [list(point) for point in experiment.thermal],
-        "duration_s": experiment.duration_s,
-        "d_expected": experiment.d_expected,
-        "motion": experiment.motion,
-        "leaves": list(experiment.leaves),
-    }
+    return {**asdict(experiment), "profile": to_toml(experiment.profile, _what_it_is_for(experiment))}
 
 
 def _what_it_is_for(experiment: SeparatingExperiment) -> list[str]:
@@ -303,10 +284,7 @@ def _trace_turned(
     """Trace logs of a unit turned by hand, and notes on them.
 
     `fitted`: each a power-on.
-    `held`: nothing is fitted to it.
-    `asked`: effects whose smallest visible size is wanted.
     `seed`: of intervals.
-    `progress`: told the share done and what is being done.
     """
     # these bring solvers along, which other traces need not wait for
     from filters.multiposition.calibration import calibrate

@@ -224,9 +224,6 @@ class ResultDocument(TypedDict):
 def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True) -> StateFields:
     """Navigation state and biases at the edge: degrees, mg, deg/s, instrument axes; `None` for a bias not seen.
 
-    `nav`: one state.
-    `axes`: instrument to body.
-    `g_unit`: m/s² of one g.
     `seen`: whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,).
     `placed`: whether position and velocity are.
     """
@@ -291,8 +288,6 @@ def document(
     """Result of a run, ready for JSON (contract version 1).
 
     `estimator`: after its last sample; it must have had one.
-    `info`: with the settings in force.
-    `log`: the samples' file.
     `finished`: whether the file has its footer.
     `lost_packets`, `bad_checksums`: as the acquisition counted.
     `filter_s`, `read_s`: how long it took; only in these do live and replay differ.

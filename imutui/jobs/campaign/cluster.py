@@ -175,8 +175,6 @@ def _row(status: str, result: Any, task: Task, address: str) -> Row | None:
 
     `status`: of its future.
     `result`: the row, or type, error and traceback.
-    `task`: what was to be computed.
-    `address`: of the scheduler.
     """
     if status in ("cancelled", "lost"):
         raise ClusterError(

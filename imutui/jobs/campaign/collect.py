@@ -33,9 +33,7 @@ class CollectDocument(TypedDict):
 def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     """Join the results of parts.
 
-    `paths`: folders of results.
     `results`: folder to make; it must have no results.
-    `mode`: permissions of what is written.
     Raises UnreadableLogError if one of the parts has no results.
     Raises InputError if they are of different settings.
     Raises OSError if the disk does not take the results.

@@ -27,10 +27,7 @@ _KILLED = (
 
 
 class Processes:
-    """Rows by processes of this machine.
-
-    `workers`: how many work side by side.
-    """
+    """Rows by processes of this machine."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers

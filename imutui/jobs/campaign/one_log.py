@@ -154,7 +154,6 @@ _OF_IDENTITY = ("instrument", "serial_number", "operator")
 def error_row(task: Task, error: str, *, retry: bool) -> Row:
     """The row of a log without a result.
 
-    `error`: why, in words.
     `retry`: whether another try may do, though nothing about the log has changed.
     """
     traced = ("findings", "trace_error")

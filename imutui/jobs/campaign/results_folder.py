@@ -48,7 +48,6 @@ class ResultsFolder:
 
     `folder`: made if absent.
     `head`: what the run is asked for; rows of other settings are left aside.
-    `mode`: permissions of its files.
     `known`: what is known of each log's row, by the row's `log`.
     `broken`: how many lines could not be read; their logs are computed again.
     Raises InputError if another run holds it, or it has results of another root.
@@ -254,10 +253,7 @@ _KINDS = {float: "double", int: "int64", bool: "bool", str: "string"}
 def _write_table(path: Path, rows: Iterable[Row], notes: Mapping[str, str], mode: int) -> None:
     """Write the table, there whole or not at all, in place of an older one; memory is bounded.
 
-    `path`: file to write.
-    `rows`: in the order in which they are to stand.
     `notes`: what the table is of, as its metadata.
-    `mode`: permissions.
     Raises OSError if the disk does not take it.
     """
     columns = list(_columns(Row, ""))

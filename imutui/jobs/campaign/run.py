@@ -81,7 +81,6 @@ def run(campaign: Campaign, way: Way, tell: "Callable[[Pace], None]" = lambda pa
 
     Interrupted at any time, it leaves the rows that were done, and `results.json` of them.
 
-    `campaign`: what is asked for.
     `way`: `local.Processes` or `cluster.Cluster`.
     `tell`: told how far it is, after each log.
     Raises InputError if another run writes to the folder, or it has results of another root.

@@ -35,7 +35,6 @@ def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
     """Summary of a fleet.
 
     `rows`: of `stored_rows.rows_of`, at least one.
-    `results`: name of the file that they stand in.
     """
     good = [row for row in rows if not row.get("error") and row["final"] is not None]
     bad = [row for row in rows if row.get("error") or row["final"] is None]
