@@ -38,8 +38,7 @@ CASES: dict[str, np.ndarray] = {
 }
 """Angular rate that the unit reads, beside what it senses of the Earth at rest; its specific force is that at rest."""
 
-State = tuple[np.ndarray, np.ndarray]
-"""Attitude C_nb (3, 3) and velocity NED (3,), m/s."""
+State = tuple[np.ndarray, np.ndarray]  # attitude C_nb (3, 3) and velocity NED (3,), m/s
 
 
 def reference(rate: np.ndarray, dt: float) -> State:
@@ -84,7 +83,6 @@ def readable_whole(rate: np.ndarray, dt: float) -> State:
 
 @entry
 def _predicted(core, P, par, dt, work):  # type: ignore[no-untyped-def]
-    """The compiled prediction alone."""
     return lanes.predict(core, P, par, dt, 1.0, 0.0, work)
 
 
@@ -136,7 +134,6 @@ SIDES: dict[str, Callable[[np.ndarray, float], State]] = {
 
 
 def main() -> None:
-    """Print the table."""
     bench.options(__doc__)
     print(bench.describe("numpy", "scipy", "numba"))
     print("\nAttitude error deg / velocity error m/s of one step\n")

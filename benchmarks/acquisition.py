@@ -66,7 +66,6 @@ def acquiring(
 
 
 def cost(folder: Path, seconds: float) -> None:
-    """Processor share of each case."""
     bench.head("acquisition at 133 Hz", "% of a processor")
     for number, (what, rate, name, asks_hz) in enumerate(CASES):
         with acquiring(folder, str(number), rate=rate, filter=name) as client:
@@ -113,7 +112,6 @@ def unit(output: Path, pipe: Connection) -> None:
 
 @contextmanager
 def unit_process(output: Path) -> Iterator[str]:
-    """Port of a unit in a process of its own."""
     ours, theirs = SPAWN.Pipe()
     process = SPAWN.Process(target=unit, args=(output, theirs))
     process.start()
@@ -241,7 +239,6 @@ def stream(folder: Path, seconds: float) -> None:
 
 
 def main() -> None:
-    """Measure what is asked for."""
     if sys.argv[1:2] == ["screen"]:
         screen(*sys.argv[2:])
         return

@@ -92,12 +92,10 @@ def wilson(count: int, of: int) -> tuple[float, float]:
 
 
 def row(*cells: object) -> None:
-    """Print a row of a Markdown table."""
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
 def head(*names: str) -> None:
-    """Print the head of a Markdown table."""
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}", flush=True)
 
 

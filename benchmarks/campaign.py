@@ -180,7 +180,6 @@ def make(folder: Path, count: int) -> None:
 
 
 def measure(count: int, rounds: int, long: int, place: Path) -> None:
-    """Measure in turn and print."""
     logs, few = place / "logs", place / "few"
     make(logs, count)
     make(few, FEW)
@@ -272,7 +271,6 @@ def estimate(filter_s: float, cost_s: float, hand_s: float, log_bytes: int, row_
 
 
 def main() -> None:
-    """Make logs, measure, print."""
     asked = bench.options(__doc__, logs=120, rounds=3, long=600)
     print(bench.describe("numpy", "numba", "distributed"))
     print(f"\n{asked.logs} logs of {SECONDS} s at {RATE} Hz, simulated; median (min..max) of {asked.rounds} rounds")

@@ -102,7 +102,6 @@ def rounds(runs: dict[tuple[str, str], Run], repeat: int, folder: Path) -> dict[
 
 
 def sample(folder: Path, repeat: int, also: str | None, commands: list[str]) -> None:
-    """Print a table for each checkout."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     shutil.copy(bench.ROOT / "logs" / "sample.mcap", folder)
     still = np.zeros((6000, 3))
@@ -199,7 +198,6 @@ def long(folder: Path, hours: list[float], names: list[str], repeat: int, also: 
 
 
 def main() -> None:
-    """Measure what is asked for."""
     defaults = {"repeat": 7, "also": str, "only": list[str], "hours": [1.0, 6.0, 24.0], "keep": Path}
     asked = bench.options(__doc__, "sample", "parts", "long", **defaults)
     print(bench.describe("numpy", "numba", "typer"), flush=True)

@@ -20,8 +20,7 @@ from filters.kalman.layout import STRIDE
 _LN = LANES
 _A, _E2, _OMEGA = earth.SEMI_MAJOR_AXIS, earth.ECCENTRICITY_SQUARED, earth.EARTH_RATE
 
-_ROUND = 1.5 * 2.0**52
-"""Added and taken away again, it rounds to a whole number, as vector instructions."""
+_ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number, as vector instructions
 _TWO_OVER_PI = 2.0 / math.pi
 # π/2 in two parts of which the first times a small whole number is exact (fdlibm, e_rem_pio2.c)
 _PIO2_1, _PIO2_1T = 1.57079632673412561417e00, 6.07710050650619224932e-11
@@ -239,7 +238,6 @@ class EulerLanes:
         return self._P.reshape(15, STRIDE)[:, :15].copy()
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Feed samples (N, 3)."""
         used = advance(
             self.x, self._P, gyro, accel, self._dt, self._Q, self._R, self._known, 0.0, 0.0, self._units, self._work
         )

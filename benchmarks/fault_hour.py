@@ -100,7 +100,6 @@ class Recorded:
 
 
 def recorded(path: Path) -> Recorded:
-    """Read the file with mcap's own reader."""
     frames, log_ns, stamp_ns, gaps, lost = [], [], [], {}, 0
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
@@ -210,7 +209,6 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
 
 
 def main() -> None:
-    """Run and report."""
     options = bench.options(__doc__, minutes=60.0, seed=1, every=6.0, rate=133.0, filter="none", keep=Path)
     print(bench.describe("mcap", "numpy", "pyserial"), flush=True)
     seconds = 60.0 * options.minutes

@@ -175,7 +175,6 @@ def seconds_of(side: Side, p: Problem, times: int = 1) -> float:
 
 
 def measure(p: Problem, repeat: int) -> None:
-    """Time the sides in turn and print."""
     steps = p.t.size - 1
     each: dict[str, list[float]] = {name: [] for name in SIDES}
     ratios: dict[tuple[str, str], list[float]] = {}
@@ -204,7 +203,6 @@ def measure(p: Problem, repeat: int) -> None:
 
 
 def main() -> None:
-    """Check that the sides agree, then time them."""
     options = bench.options(__doc__, seconds=60.0, repeat=5)
     print(bench.describe("numpy", "scipy", "numba", "llvmlite", "filterpy", "turbo-ckf"))
     runner.warm_up()

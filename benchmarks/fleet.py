@@ -160,7 +160,6 @@ def seconds(units: int, power_ons: int) -> float:
 
 
 def main() -> None:
-    """Simulate, judge, print."""
     asked = bench.options(__doc__, fleets=200, seed=1, json=False)
     rows = []
     for kind in KINDS:

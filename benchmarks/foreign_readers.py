@@ -27,7 +27,6 @@ def finished(folder: Path) -> list[Path]:
 
 
 def rotated(folder: Path) -> list[Path]:
-    """In three files."""
     with acquiring(folder, rotate_minutes=0.03) as it:
         it.goes_on(4.5)
     return sorted(folder.rglob("*.mcap"))
@@ -61,7 +60,6 @@ def cells(kind: str, path: Path) -> list[str]:
 
 
 def main() -> None:
-    """Make the files, have them read, print."""
     asked = bench.options(__doc__, logs=list[Path])
     print(bench.describe("mcap", "rosbags"))
     bench.head("file", *readers.READERS, "all alike", *readers.VALIDATORS)

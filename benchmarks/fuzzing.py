@@ -28,7 +28,6 @@ MEMORY_MB = 2048  # address space that a target has beyond what it begins with
 
 
 def main() -> int:
-    """Run the campaign; returns the exit code."""
     asked = bench.options(__doc__, minutes=10.0, only=fuzzing.TARGETS, first=int(time.time()) * 1_000_000, keep=Path)
     runner.warm_up()
     print(f"seeds from {asked.first} on, {asked.minutes:g} min over {len(asked.only)} targets")

@@ -65,7 +65,6 @@ def compiled(xbow440: Path, serial: Path, folder: Path) -> Path:
 
 
 def main() -> int:
-    """Run it; 0 if it found the unit and read what there is."""
     asked = bench.options(__doc__, xbow440=Path, serial=Path, seconds=5)
     print(bench.describe("numpy"))
     options = UnitOptions()

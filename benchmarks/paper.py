@@ -222,7 +222,6 @@ def _field(spread: Any, kind: str, name: str, k: int) -> float | None:
 
 
 def noise_line(document: dict[str, Any]) -> str:
-    """Process noise in force."""
     used, found = document["noise"]["used"], document["noise"]
     return (
         f"Q ({used['source']}): gyro {_three(used['gyro_arw_deg_sqrt_h'])} deg/sqrt(h), accelerometer"
@@ -236,7 +235,6 @@ def _three(values: list[float | None] | None) -> str:
 
 
 def main() -> None:
-    """Record, replay, print."""
     options = bench.options(__doc__, duration=100.0, units=20, noise="table1", keep=Path)
     print(bench.describe("numpy", "numba"))
     with tempfile.TemporaryDirectory() as temporary:

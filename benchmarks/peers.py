@@ -98,7 +98,6 @@ class Filterpy(Peer):
     """`filterpy.kalman.UnscentedKalmanFilter`, as its documentation shows, predict and update."""
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Feed samples; see `Peer`."""
         sample = [gyro[0], accel[0]]
         gravity = self.gravity
         kf = UnscentedKalmanFilter(
@@ -120,7 +119,6 @@ class FilterpyLinear(Peer):
     """filterpy's prediction with a linear correction of our own, which a user who knows that H = [I9 0] would write."""
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Feed samples; see `Peer`."""
         sample = [gyro[0], accel[0]]
         gravity = self.gravity
         kf = UnscentedKalmanFilter(
@@ -142,7 +140,6 @@ class Turbo(Peer):
     """`turbo_ckf.TurboCKF` (points x̂ ± √n columns of L, that is κ = 0) with a batch model, predict and update."""
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Feed samples; see `Peer`."""
         kf = TurboCKF(dim_x=15, dim_z=9, dt=self.dt, hx=lambda points: points[:, :9], fx=model)
         kf.x, kf.P, kf.Q, kf.R = self.x, self.P, self.Q, np.diag(self.R)
         for rate, force in zip(gyro, accel, strict=True):
@@ -157,7 +154,6 @@ class Vectorised(Peer):
     """31 points in one array, LAPACK called directly, linear correction: what numpy alone allows."""
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Feed samples; see `Peer`."""
         x, P, h = self.x, self.P, self.dt
         points = np.empty((15, 31))
         weight = 0.5 / 15.0

@@ -216,7 +216,6 @@ def report_replay(log: Path, short: Path, seconds: int, repeat: int) -> None:
 
 
 def main() -> None:
-    """Write the logs, measure, print."""
     asked = bench.options(__doc__, "reader", "replay", seconds=3600, rate=133, repeat=3, file=Path)
     print(bench.describe("numpy", "numba", "mcap", "rosbags"))
     with bench.folder_for() as folder:

@@ -119,7 +119,6 @@ def imported(recording: str, part: Part, folder: Path) -> str:
 
 
 def run(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """A command of imutui in a folder."""
     command = [sys.executable, "-m", "imutui", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, stdin=subprocess.DEVNULL)
 
@@ -169,7 +168,6 @@ def cubic(folder: Path, training: Sequence[str], heldout: str) -> dict[str, floa
 
 
 def geometric_mean(values: Sequence[float]) -> float:
-    """Of ratios."""
     return float(np.exp(np.mean(np.log(values)))) if len(values) else float("nan")
 
 
@@ -235,7 +233,6 @@ def told(row: Row, document: dict[str, Any], folder: Path) -> list[str]:
 
 
 def main() -> None:
-    """Make the rows."""
     chosen = bench.options(__doc__, only=list[str], keep=Path)
     if not DATA.is_dir():
         raise SystemExit("the measured recordings are not beside the repository: ../shared/data is absent")

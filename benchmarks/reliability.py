@@ -89,7 +89,6 @@ def link_dropped(folder: Path, quick: bool) -> str:
 
 
 def frozen(folder: Path, quick: bool) -> str:
-    """Nobody reads the screen."""
     seconds = 3.0 if quick else 60.0
     with acquiring(folder) as it:
         return f"{seconds:.0f} s: {_lateness(screens.frozen(it, seconds))}"
@@ -120,7 +119,6 @@ def unplugged(folder: Path, quick: bool) -> str:
 
 
 def noise(folder: Path, quick: bool) -> str:
-    """In one stream."""
     del folder
     found = lines.noise(1, 200 if quick else 20_000)
     return f"{found.faults} faults: {found.lost} good packets lost at one place at most, {found.invented} invented"
@@ -155,7 +153,6 @@ def disk_guarded(folder: Path, quick: bool) -> str:
 
 
 def clock_set(folder: Path, quick: bool) -> str:
-    """An hour on and back."""
     del quick
     found = clocks.clock_set(folder, (3600.0, -3600.0))
     told = ", ".join(f"{step:+.1f}" for step in found.told_s)
@@ -165,14 +162,12 @@ def clock_set(folder: Path, quick: bool) -> str:
 
 
 def ports_refused(folder: Path, quick: bool) -> str:
-    """Three ways."""
     del quick
     found = ports.refusals(folder)
     return "; ".join(f"{why}: exit {code}" for why, (code, _) in found.items()) + "; all different"
 
 
 def held_alone(folder: Path, quick: bool) -> str:
-    """In both orders."""
     del folder, quick
     return "; ".join(f"{who}: {'refused' if refused else 'OPENS'}" for who, refused in ports.second_openings().items())
 
@@ -186,7 +181,6 @@ def overwriting(folder: Path, quick: bool) -> str:
 
 
 def recorder_dies(folder: Path, quick: bool) -> str:
-    """Killed under the screen."""
     times = []
     for k in range(1 if quick else 5):
         place = folder / str(k)
@@ -197,19 +191,16 @@ def recorder_dies(folder: Path, quick: bool) -> str:
 
 
 def changed(folder: Path, quick: bool) -> str:
-    """A bit anywhere."""
     count = 20 if quick else 1000
     return f"{files.flipped(folder, count)} of {count} flipped bits not found by `check`"
 
 
 def suspended(folder: Path, quick: bool) -> str:
-    """Ctrl+Z and fg in a shell."""
     with acquiring(folder) as it:
         return f"{screens.suspended(it, 2.0 if quick else 20.0)} packets lost; screen put up anew"
 
 
 def replayed(folder: Path, quick: bool) -> str:
-    """Several speeds."""
     del folder
     speeds = (None, None, 1e6) if quick else (None, None, 1e6, 100.0, 20.0)
     return f"{clocks.replays_that_differ(SAMPLE, speeds)} of {len(speeds) - 1} differ, to the last bit"
@@ -256,7 +247,6 @@ def own_folder() -> Iterator[Path]:
 
 
 def main() -> None:
-    """Measure all, a line each."""
     asked = bench.options(__doc__, rows=list[int], quick=False)
     print(bench.describe("mcap", "rosbags", "textual", "pyserial"), flush=True)
     bench.head("#", "what happens", "asked", "measured")

@@ -73,7 +73,6 @@ def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, floa
 
 
 def main() -> None:
-    """Run and report."""
     options = bench.options(__doc__, times=48, seed=5)
     print(bench.describe("numpy", "pyserial"), flush=True)
     columns = ("asked, s: median, max", "within 1 s", "not known", "sends again, s: median, max")

@@ -108,7 +108,6 @@ def compare(before: Path, after: Path, relative: float) -> int:
 
 
 def main() -> int:
-    """Carry out what the command line asks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
     writing = verbs.add_parser("write")

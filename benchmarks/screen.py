@@ -53,7 +53,6 @@ class Cost:
 
 
 def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost:
-    """Run one side."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.json"
         written = in_terminal([sys.executable, CHILD, kind, mode, str(seconds), str(result), NAME], size)
@@ -134,7 +133,6 @@ def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:
 
 
 def main() -> None:
-    """Measure all."""
     sizes = ["80x24", "120x40", "200x60"]
     kinds, plots = {"plot": 0, "screen": 0}, {"scroll": 0, "sweep": 0, "numbers": 0}
     asked = bench.options(__doc__, seconds=8.0, sizes=sizes, kinds=kinds, plots=plots, repeat=5)

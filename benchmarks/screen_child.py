@@ -52,7 +52,6 @@ class Account:
         self._ages: list[float] = []
 
     def frame(self, age_s: float | None = None) -> None:
-        """A frame is being drawn."""
         now = time.monotonic()
         if now < self._begin_at:
             return
@@ -90,12 +89,10 @@ class Panels(App[None]):
         self._sent = 0
 
     def compose(self) -> ComposeResult:
-        """Both panels."""
         for title, names, columns in PANELS:
             yield peer_panel(title, names, columns, self._mode) if self._peer else Plot(title, names, columns)
 
     def on_mount(self) -> None:
-        """Draw ten times a second."""
         self._account = Account(self._seconds, self._result, self.exit)
         self.set_interval(1.0 / FPS, self._tick)
 
@@ -153,7 +150,6 @@ class PeerPage(LivePage):
                 yield widget
 
     def show(self, view: View) -> None:
-        """Show a view."""
         super().show(view)
         for panel in self.query(Widget):
             if hasattr(panel, "replot_with") and len(view.series):
@@ -167,7 +163,6 @@ class Whole(ImutuiApp):
     account: Account
 
     def on_mount(self) -> None:
-        """Draw as the application does, and count."""
         draw = self.drawing.draw
 
         def counted(event: Poller.Arrived) -> None:
@@ -192,7 +187,6 @@ def whole_screen(mode: str, peer: bool, plain: bool, seconds: float, result: Pat
 
 
 def main() -> None:
-    """Run one side."""
     kind, mode, seconds, result = sys.argv[1:5]
     peer = kind.endswith("-peer")
     if kind.startswith("plot"):

@@ -19,7 +19,6 @@ from imutui.session.plan import Plan
 
 
 def main() -> None:
-    """Run it, with a row an hour."""
     asked = bench.options(__doc__, hours=24.0, rate=133.0, filter="spkf", rotate_minutes=0.0, folder=Path)
     print(bench.describe("mcap", "numpy", "numba"), flush=True)
     with bench.folder_for(asked.folder) as folder, tempfile.TemporaryDirectory() as cache:

@@ -42,8 +42,7 @@ RECORDINGS = (
     *("xsens_mti_multiposition", "mpu9150_multiposition_unit0", "mpu9150_multiposition_unit1"),
 )
 _WEIGHTS = np.array([6, 4, 6, 3, 3, 1, 3, 2, 2])
-_BY_HAND = RECORDINGS[5:]
-"""Traced as of a unit turned by hand: of a flight nothing else is known."""
+_BY_HAND = RECORDINGS[5:]  # traced as of a unit turned by hand: of a flight nothing else is known
 _SHORTEST_S = 65.0
 _SAMPLES = (5_000, 20_000, 60_000)
 HOW = ("result", "input", "defect")
@@ -63,8 +62,6 @@ class Piece:
 
 @dataclass(frozen=True)
 class Case:
-    """What a seed stands for."""
-
     recording: str
     every: int
     pieces: tuple[Piece, ...]
@@ -200,7 +197,6 @@ def kind_of(words: str) -> str:
 
 
 def main() -> None:
-    """Trace them all."""
     chosen = bench.options(__doc__, first=0, count=400, seeds=list[int])
     if not DATA.is_dir():
         sys.exit("the measured recordings are not beside the repository: ../shared/data is absent")

@@ -307,7 +307,6 @@ def shown(name: str, case: Case, document: dict[str, Any], seconds: float) -> No
 
 
 def main() -> None:
-    """Count."""
     defaults = {"cases": list(simulated.CLASSES), "count": int, "first": 0, "json": Path, "final": False, "replay": str}
     asked = bench.options(__doc__, **defaults)
     if asked.replay:

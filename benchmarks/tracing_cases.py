@@ -51,8 +51,6 @@ class Truth:
 
 @dataclass(frozen=True)
 class Case:
-    """Runs and the truth."""
-
     name: str
     runs: tuple[Run, ...]
     heldout: Run | None
@@ -154,7 +152,6 @@ class Spoiled:
 
 
 def recorded(plan: Plan, seed: int, run: int, effects: Sequence[Effect], spec: ImuSpec, rate: float) -> Recording:
-    """Readings of one run."""
     powers = tuple(PowerOn(seed=seed * 16 + k, temperature=T) for k, T in enumerate(plan.temperatures))
     scenario = Scenario(
         seed=seed,
@@ -399,7 +396,6 @@ def _case(name: str, plan: Plan, seed: int, spoiled: Spoiled, truths: Sequence[T
 
 
 def free(name: str, number: int, rng: np.random.Generator) -> Case:
-    """Biases and white noise alone."""
     plan = full(rng) if number % 2 else static(rng)
     return _case(name, plan, _seed(rng), Spoiled(), ())
 
@@ -428,7 +424,6 @@ def forms_of_flicker(plan: Plan, rng: np.random.Generator) -> Spoiled:
 
 
 def catalogue(name: str, number: int, rng: np.random.Generator, low: float = 8.0, high: float = 60.0) -> Case:
-    """One effect of the catalogue."""
     effect = _ORDER[number % len(_ORDER)]
     still = effect not in MOVING and rng.random() < 0.6
     plan = static(rng) if still else full(rng)
@@ -493,7 +488,6 @@ def _outside(name: str, kind: forms.Form, plan: Plan, rng: np.random.Generator, 
 
 
 def integrity(name: str, number: int, rng: np.random.Generator) -> Case:
-    """A fault of the data."""
     effect = ("spikes", "stuck", "saturation", "coarse", "dropout", "jitter")[number % 6]
     plan = full(rng) if rng.random() < 0.5 else static(rng, 100.0, 900.0)
     c = int(rng.integers(6))

@@ -39,7 +39,6 @@ def campaign() -> tuple[Run, ...]:
 
 
 def still(hours: float) -> tuple[Run, ...]:
-    """One still log."""
     rng = np.random.default_rng(0)
     n = round(hours * 3600.0 * RATE)
     sd = cases.density(cases.WHITE) * np.sqrt(RATE)
@@ -69,7 +68,6 @@ def measure(what: str) -> tuple[float, int, float, float]:
 
 
 def main() -> None:
-    """Print the table."""
     asked = bench.options(__doc__, hours="1,4,12,24", log=str)
     print(bench.describe("numpy", "scipy", "numba"))
     spent, count, _, peak = bench.apart(measure, "campaign")

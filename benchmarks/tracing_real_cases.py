@@ -26,10 +26,8 @@ from filters.tracing.run import Run, rest_attitudes
 from filters.tracing.stack import Stack
 from filters.types import Array
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-"""Measured recordings, beside the project."""
-SIZES = (15.0, 30.0, 60.0, 100.0)
-"""Detectabilities that are tried."""
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # measured recordings, beside the project
+SIZES = (15.0, 30.0, 60.0, 100.0)  # detectabilities that are tried
 LONG, SHORT = "adis16405_static_a", "mpu6050_static_host_stamps"
 
 _STILL_S, _SHORT_S = 1200.0, 218.0
@@ -71,7 +69,6 @@ def missing() -> str:
 
 @cache
 def noise(name: str) -> Noise:
-    """A recording by name."""
     with np.load(DATA / f"{name}.npz") as arrays:
         t = np.asarray(arrays["t"], np.float64)
         readings = np.hstack([arrays["gyro"] * DPS, arrays["accel"] * STANDARD_GRAVITY]).astype(np.float64)

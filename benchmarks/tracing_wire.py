@@ -49,8 +49,6 @@ for axis in ("inner", "middle", "outer"):
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario and what must be found in it."""
-
     family: str
     truth: tuple[tuple[str, str], ...]
     effects: str
@@ -105,7 +103,6 @@ def scenario(folder: Path, case: Case, histories: tuple[str, ...] = HISTORIES, s
 
 
 def acquired(folder: Path, case: Case, real_time: bool) -> list[Path]:
-    """Logs of the power-ons of a case."""
     file = scenario(folder, case)
     options = ("--reference", str(folder / "table.toml")) if case.moving else ()
     take = acquire_in_real_time if real_time else acquire
@@ -137,7 +134,6 @@ def found(document: dict[str, Any]) -> set[tuple[str, str]]:
 
 
 def row(name: str, document: dict[str, Any]) -> str:
-    """One line of the table."""
     case = CASES[name]
     channels = sorted({channel for _, channel in case.truth})
     errors = [
@@ -152,7 +148,6 @@ def row(name: str, document: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Run the cases and print a line for each."""
     chosen = bench.options(__doc__, case=CASES, real_time=False, keep=Path)
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen.case:

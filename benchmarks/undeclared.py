@@ -156,7 +156,6 @@ def conditions() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Check a set, or run it and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--check", type=Path, metavar="FILE.py")

@@ -38,7 +38,6 @@ def generator() -> ModuleType:
 
 
 def blocks(text: str, language: str) -> list[str]:
-    """Content of the fenced blocks of a language."""
     return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
 
 

@@ -70,7 +70,6 @@ def own_names(module: str) -> frozenset[str]:
 
 @cache
 def foreign_modules(module: str) -> frozenset[str]:
-    """Names of modules of others in a module."""
     imported = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.Import)]
     return frozenset(a.asname or a.name.split(".")[0] for node in imported for a in node.names)
 

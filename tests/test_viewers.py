@@ -23,7 +23,6 @@ EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 
 
 def strings_in(tree: object) -> Iterator[str]:
-    """Every string of a JSON document."""
     if isinstance(tree, str):
         yield tree
     elif isinstance(tree, list | dict):

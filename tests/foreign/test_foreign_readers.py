@@ -24,7 +24,6 @@ def in_parts(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first of these files."""
     return once_measured(tmp_path_factory, "foreign", in_parts)[0][0]
 
 

@@ -34,7 +34,6 @@ def at(made: Stream, seconds: float) -> int:
 
 
 def stall(made: Stream, after_s: float, seconds: float) -> None:
-    """Let the host not read for so long."""
     start = float(made.due[0]) + after_s
     made.stalls.append((start, start + seconds))
 
@@ -83,8 +82,7 @@ def test_packets_lost_within_a_wrap_are_counted(count: int, baud: int) -> None:
         assert found.gaps[0].seconds == pytest.approx((count + 1) * 7.5e-3, abs=1e-4)
 
 
-OF_TIME = CounterSpec(1e9 / WRAP, 1e-3, +1)
-"""Of an IMU381, which wraps each second."""
+OF_TIME = CounterSpec(1e9 / WRAP, 1e-3, +1)  # of an IMU381, which wraps each second
 
 
 @pytest.mark.parametrize("again_s", [0.02, 0.13, 0.153, 0.2, 0.24])

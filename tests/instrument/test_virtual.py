@@ -30,8 +30,6 @@ PATIENCE_S = 20.0  # for a loaded machine; nothing here waits so long when all i
 
 
 class Served:
-    """A unit served on a pty in a thread of its own."""
-
     def __init__(
         self,
         unit: VirtualUnit,
@@ -71,7 +69,6 @@ class Served:
 
     @property
     def port(self) -> str:
-        """Name of the port."""
         return self._name
 
     def open(self) -> serial.Serial:

@@ -23,7 +23,6 @@ class Host:
         self.came: list[tuple[float, bytes]] = []
 
     def send(self, data: bytes) -> None:
-        """Send bytes now."""
         self.wire.receive(data, self.now, 38400)
 
     def listen(self, seconds: float) -> bytes:

@@ -38,7 +38,6 @@ def supply(seed: int) -> Error:
 
 
 def faint(seed: int) -> Error:
-    """Too weak to see."""
     del seed
     return lambda t, temp, ang, rate, w, f: (0.0, 0.0, 0.0, 0.0, 1e-5 * temp, 0.0)
 

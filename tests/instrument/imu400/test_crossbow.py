@@ -134,7 +134,6 @@ def one_by_one(data: bytes) -> list[bytes]:
 
 
 def packets_of(events: Iterable[Event]) -> list[Packet]:
-    """Return the packets among the events."""
     return [event for event in events if isinstance(event, Packet)]
 
 
@@ -154,7 +153,6 @@ def stream(length: int, seed: int = 0, period_ticks: float = PERIOD_TICKS, mode:
 
 
 def on_the_line(packets: Sequence[Packet]) -> bytes:
-    """Write packets back to back."""
     return b"".join(map(encode, packets))
 
 

@@ -14,7 +14,6 @@ from imutui.session import client
 
 @contextmanager
 def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
-    """A virtual unit on a pseudo-terminal."""
     made = VirtualUnit(Still(), options)
     with served(made) as path:
         yield path, made

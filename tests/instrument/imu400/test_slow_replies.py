@@ -27,7 +27,6 @@ KNOWN = Identity("9911750", IMU400CD)
 
 
 def dialogue(port: Port, baud: int = POWER_UP_BAUD, patience_s: float = 2.0) -> Identity:
-    """The opening dialogue."""
     return handshake.open_dialogue(port, baud, patience_s=patience_s)
 
 

@@ -48,7 +48,6 @@ class Bench:
         self.baud = 38400
 
     def send(self, *commands: AnyCommand) -> None:
-        """Send commands now."""
         self.unit.receive(b"".join(map(encode, commands)), self.now, self.baud)
 
     def wait(self, seconds: float) -> bytes:

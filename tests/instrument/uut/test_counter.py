@@ -15,7 +15,6 @@ RATES = [2, 4, 5, 10, 20, 25, 50, 100, 200]
 
 
 def time_at(n: float, rate_hz: float) -> int:
-    """Time counter of packet n."""
     return int(1000 + n * SPAN / rate_hz) % SPAN
 
 

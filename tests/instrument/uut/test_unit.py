@@ -83,7 +83,6 @@ class Host:
         self.raw = b""
 
     def send(self, *messages: Request | bytes) -> None:
-        """Send requests now."""
         data = b"".join(message if isinstance(message, bytes) else encode(message) for message in messages)
         self.wire.receive(data, self.now, self.baud)
 

@@ -66,7 +66,6 @@ class Running:
         wait_until(lambda: self.seen()["reconnecting"] is not None)
 
     def wait_until_ended(self) -> Any:
-        """Result of its last recording."""
         assert self.engine.lifecycle.ended.wait(LIMIT_S)
         return self.engine.result
 

@@ -65,7 +65,6 @@ def estimates(**changes: Any) -> FilterSnapshot:
 
 
 def _counted(values: np.ndarray) -> "ChannelStatistics":
-    """Statistics of readings in units."""
     from imutui.instrument.imu400.crossbow import Mode, Packet
     from imutui.instrument.imu400.scaling import Scaling
     from imutui.session.channel_statistics import ChannelStatistics
@@ -120,7 +119,6 @@ class FakeClient:
         self._lock = threading.Lock()
 
     def snapshot(self, since: int = 0) -> Snapshot:
-        """The state now."""
         with self._lock:
             if self.gone is not None:
                 # a process that is gone, or one that does not answer
@@ -186,11 +184,9 @@ class FakeClient:
         return self.counted.snapshot(channel, len(self._noise) / RATE_HZ)
 
     def begin_statistics(self) -> None:
-        """Note it."""
         self.asked.append("begin statistics")
 
     def mark(self, text: str) -> None:
-        """Note a mark."""
         self.asked.append(f"mark {text}")
 
     def describe(self, note: str | None = None, operator: str | None = None) -> None:
@@ -199,7 +195,6 @@ class FakeClient:
         self.changes |= {key: text for key, text in (("note", note), ("operator", operator)) if text is not None}
 
     def record(self, wish: RecordingWish | None = None) -> str:
-        """Begin a pretended recording."""
         self.asked.append("record")
         self.wish = wish
         self.recording = True
@@ -210,7 +205,6 @@ class FakeClient:
         self.asked.append(f"configure {' '.join(sorted(changes))}")
 
     def zero(self, argument: int) -> str:
-        """Note it."""
         self.asked.append(f"zero {argument}")
         return "rate sensors zeroed"
 
@@ -225,7 +219,6 @@ class FakeClient:
             self.wish = wish
 
     def stop_recording(self) -> dict[str, Any]:
-        """Finish it."""
         self.asked.append("stop_recording")
         self.recording = False
         return {"log": PATH, "samples": 15246}
@@ -235,13 +228,11 @@ class FakeClient:
         return self.report
 
     def stop(self, by: str = "") -> dict[str, Any] | None:
-        """End the acquisition."""
         self.asked.append("stop")
         self.gone = "the acquisition has ended"
         return {"log": PATH, "samples": 15246} if self.recording else None
 
     def close(self) -> None:
-        """Detach."""
         self.closed = True
 
 

@@ -94,7 +94,6 @@ class Device:
         assert self._asked.wait(timeout), f"{self._hold_at!r} was not sent; heard {bytes(self.heard)!r}"
 
     def release(self) -> None:
-        """Go on."""
         self._held.set()
 
     def _serve(self) -> None:
@@ -168,7 +167,6 @@ class Outcome:
 
 
 def command(name: str, *arguments: str) -> list[str]:
-    """Command line of a command of imutui."""
     return command_line(name, *arguments)
 
 

@@ -13,8 +13,7 @@ from filters.kalman.settings import Settings
 from filters.motion.segments import Dwell, Rate
 from filters.simulation import Truth
 
-Columns = Samples | Sequence[np.ndarray]
-"""Samples, or t, gyro, accel and perhaps temperature."""
+Columns = Samples | Sequence[np.ndarray]  # samples, or t, gyro, accel and perhaps temperature
 Marks = Sequence[tuple[float, str]]
 
 
@@ -88,12 +87,10 @@ def bias_errors(estimator: Estimator, truth: Truth | np.ndarray) -> tuple[np.nda
 
 
 def normalised(estimator: Estimator, truth: Truth | np.ndarray) -> np.ndarray:
-    """Errors of the six biases over their own standard deviations."""
     error, P = bias_errors(estimator, truth)
     return np.asarray(error / np.sqrt(np.diag(P)))
 
 
 def nees(estimator: Estimator, truth: Truth | np.ndarray) -> float:
-    """Squared error of the six biases over their covariance."""
     error, P = bias_errors(estimator, truth)
     return float(error @ np.linalg.solve(P, error))

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 BEGIN = datetime.fromisoformat("2026-01-05T08:00:00+00:00")
-SD = {"accel_bias_mg": 0.05, "gyro_bias_dps": 0.004}
-"""What the filter says of each estimate."""
+SD = {"accel_bias_mg": 0.05, "gyro_bias_dps": 0.004}  # what the filter says of each estimate
 UNIT_SD = {"accel_bias_mg": 2.0, "gyro_bias_dps": 0.1}
 DAY_SD = {"accel_bias_mg": 0.4, "gyro_bias_dps": 0.02}
 KEYS = ("gyro_bias_dps", "accel_bias_mg")

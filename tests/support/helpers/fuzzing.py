@@ -38,8 +38,7 @@ from imutui.report import logs as log_texts
 from imutui.report import page
 from imutui.scenario import ScenarioError, load_scenario
 
-LIMIT_S = 20.0
-"""Longest that one input may take."""
+LIMIT_S = 20.0  # longest that one input may take
 
 
 class NotDoneError(BaseException):

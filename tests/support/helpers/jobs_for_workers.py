@@ -16,7 +16,6 @@ Tell = Callable[[float, str], None]
 
 
 def add(a: int, b: int, tell: Tell) -> int:
-    """Three steps and a sum."""
     for k in range(3):
         tell(k / 3, f"step {k}")
     print("what a library prints goes nowhere")
@@ -36,7 +35,6 @@ def chatty(n: int, tell: Tell) -> int:
 
 
 def wrong(tell: Tell) -> None:
-    """A refusal in words."""
     raise InputError("`x` is 3; it must be positive")
 
 
@@ -93,7 +91,6 @@ def paths(tell: Tell) -> list[str]:
 
 
 def doubled_late(number: int) -> int:
-    """Later ones are ready earlier."""
     time.sleep(0.2 / (1 + number))
     return 2 * number
 

@@ -114,7 +114,6 @@ class SshServer:
         return [pid for pid in descendants(self._process.pid) if _name(pid).startswith("sshd")]
 
     def close(self) -> None:
-        """End it."""
         for pid in [*self.sessions(), self._process.pid]:
             _signal(pid, signal.SIGKILL)
         self._process.wait(LIMIT_S)
@@ -182,7 +181,6 @@ class Terminal:
         return shown
 
     def press(self, keys: str) -> None:
-        """Type."""
         os.write(self._master, keys.encode())
 
     def send(self, number: signal.Signals) -> None:
@@ -190,7 +188,6 @@ class Terminal:
         self.process.send_signal(number)
 
     def close(self) -> None:
-        """End the client the hard way."""
         self.process.kill()
         self.process.wait(LIMIT_S)
         self._reader.join(LIMIT_S)
@@ -224,7 +221,6 @@ class CountingProxy:
         return sum(count for at, count in list(self._returned) if begin <= at < end)
 
     def close(self) -> None:
-        """Take no more connections."""
         # without it a thread in accept() keeps the port open
         self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -242,7 +238,6 @@ def _pass_on(source: socket.socket, sink: socket.socket, count: Callable[[int], 
 
 
 def family(pid: int) -> list[int]:
-    """A process and all below it."""
     return [pid, *descendants(pid)]
 
 

@@ -10,7 +10,6 @@ PACKAGES = ("imutui", "filters")
 
 
 def find_modules() -> dict[str, Path]:
-    """Name and path of every module of the project."""
     found = {}
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
@@ -24,7 +23,6 @@ MODULES = find_modules()
 
 @cache
 def tree_of(module: str) -> ast.Module:
-    """Syntax tree of a module."""
     return ast.parse(MODULES[module].read_text())
 
 

@@ -90,8 +90,7 @@ def _word_changed(rng: random.Random, text: str) -> str:
 
 # ---------------------------------------------------------------------------------------------------------------- logs
 
-Part = tuple[int, bytes]
-"""Opcode and content of a record."""
+Part = tuple[int, bytes]  # opcode and content of a record
 
 
 def spoilt_log(rng: random.Random, data: bytes) -> bytes:

@@ -43,7 +43,6 @@ class Stream:
         self.ticks[first:] = (self.ticks[first:] - round(seconds / TICK_S)) % WRAP
 
     def bursts(self, period_s: float) -> None:
-        """Let an adapter hand bytes over once a period."""
         self.arrives = np.ceil(self.arrives / period_s) * period_s
 
 
@@ -92,7 +91,6 @@ class Heard:
 
     @property
     def gaps(self) -> list[Gap]:
-        """All gaps told."""
         return [stamp.gap for stamp in self.stamps if stamp.gap is not None]
 
 

@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-LIMIT_S = 120.0
-"""Longer than anything that is waited for takes on a busy machine."""
+LIMIT_S = 120.0  # longer than anything that is waited for takes on a busy machine
 
 
 def wait_until(true: Callable[[], bool], timeout: float = LIMIT_S, pause: float = 0.02) -> None:

@@ -69,7 +69,6 @@ def packets_by_reader(path: Path) -> dict[str, int]:
 
 
 def _tool(name: str) -> str | None:
-    """A program beside this interpreter or on the path."""
     return shutil.which(name, path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
 
 

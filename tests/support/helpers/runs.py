@@ -92,8 +92,7 @@ def _tumble() -> Profile:
     return Profile((*segments, Dwell((0.0, 0.0, 0.0), 10.0)))
 
 
-TUMBLE = _tumble()
-"""Twelve attitudes, a heading sweep both ways, rates and sines about each axis; 378 s."""
+TUMBLE = _tumble()  # twelve attitudes, a heading sweep both ways, rates and sines about each axis; 378 s
 
 
 def parts_of(run: Run, *cuts: tuple[float, float], power_on: str = "a") -> list[Run]:

@@ -3,8 +3,7 @@
 import struct
 from pathlib import Path
 
-Words = tuple[int, ...]
-"""Six counts, temperature, ticks."""
+Words = tuple[int, ...]  # six counts, temperature, ticks
 
 
 def packets_of(tap: Path) -> list[Words]:

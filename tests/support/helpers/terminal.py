@@ -76,7 +76,6 @@ class Terminal:
             self._read(0.1)
 
     def read_for(self, seconds: float) -> None:
-        """Read for so long."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._read(left)
@@ -103,7 +102,6 @@ class Terminal:
             select.select([], [], [], 0.1)
 
     def press(self, keys: bytes) -> None:
-        """Type."""
         os.write(self._master, keys)
 
     def modes_now(self) -> list[object]:

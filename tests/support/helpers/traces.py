@@ -182,7 +182,6 @@ EXPERIMENT = SeparatingExperiment(
 
 
 def trace(names: tuple[str, ...] = ("a", "b")) -> Trace:
-    """A hand-made result over runs of these names."""
     rng = np.random.default_rng(3)
     t = np.arange(600) * 0.25
     series = []

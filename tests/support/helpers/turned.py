@@ -16,8 +16,7 @@ from helpers.runs import run_of
 
 SPEC = ImuSpec(gyro_arw=8e-5, accel_vrw=6e-4, gyro_bandwidth=0.0, accel_bandwidth=0.0)
 """Noise of a good unit in the hand: 0.27 deg/√h and 0.04 m/s/√h."""
-ACCEL_BIAS, GYRO_BIAS = (0.15, -0.2, 0.1), (0.01, -0.006, 0.004)
-"""Instrument axes, m/s² and rad/s."""
+ACCEL_BIAS, GYRO_BIAS = (0.15, -0.2, 0.1), (0.01, -0.006, 0.004)  # instrument axes, m/s² and rad/s
 
 ACCELEROMETERS = (
     Effect("scale", ("ax",), {"relative": 0.006}),

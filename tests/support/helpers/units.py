@@ -27,8 +27,6 @@ IMU380ZA_200 = (
 
 
 class Still:
-    """Readings of a unit at rest."""
-
     def reading(self, k: int) -> Reading:
         return Reading((0.1, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
 

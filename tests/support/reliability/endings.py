@@ -99,7 +99,6 @@ def in_a_flush(it: Acquired) -> None:
 
 
 def told_to_end(folder: Path, number: signal.Signals, when: Callable[[Acquired], None]) -> Ended:
-    """Send a signal to a recorder."""
     with acquiring(folder) as it:
         it.goes_on()
         path = it.path

@@ -41,8 +41,7 @@ def deny(path: Path) -> None:
     path.chmod(0)
 
 
-Refusals = dict[str, tuple[int, str]]
-"""Exit code and words of `imutui record`, by what is wrong with its port."""
+Refusals = dict[str, tuple[int, str]]  # exit code and words of `imutui record`, by what is wrong with its port
 
 
 def refusals(folder: Path) -> Refusals:

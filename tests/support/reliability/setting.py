@@ -27,8 +27,7 @@ from imutui.session.client import Client, SessionGoneError
 from imutui.session.plan import Plan
 
 PERIOD_S = 0.0075
-NOTHING_NEW = 2**62
-"""For a snapshot without packets."""
+NOTHING_NEW = 2**62  # for a snapshot without packets
 
 
 class Sent:
@@ -87,7 +86,6 @@ class Acquired:
 
     @property
     def path(self) -> Path:
-        """Present file."""
         return Path(self.state()["recording"]["path"])
 
     def state(self) -> Any:
@@ -95,7 +93,6 @@ class Acquired:
         return self.client.snapshot(NOTHING_NEW)
 
     def goes_on(self, seconds: float = 0.5) -> None:
-        """Wait for so much more of packets."""
         begun = self.state()
         enough = begun["series"]["next"] + seconds / PERIOD_S
         try:

@@ -53,7 +53,6 @@ class PacketTime:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """While this lasts the program takes it for the time."""
         clocks = {
             "monotonic_ns": lambda: self.now_ns,
             "monotonic": lambda: self.now_ns / 1e9,

@@ -52,7 +52,6 @@ class UnitTime:
         return self._now
 
     def sent(self, count: int) -> None:
-        """So many bytes went to the host."""
         self._unread += count
 
     def select(self, r: list[Any], w: list[Any], x: list[Any], wait: float) -> tuple[list[Any], list[Any], list[Any]]:
@@ -99,7 +98,6 @@ def keep_time(folder: Path) -> None:
 
 
 def main() -> None:
-    """Run the command on a time of its own."""
     keep_time(Path(sys.argv.pop(1)))
     sys.argv.insert(1, "virtual")
     cli.main()

@@ -23,7 +23,6 @@ def _be_the_host(folder: str) -> None:
     read = os.read
 
     def unit_time(kind: type, per_ns: float, offset_ns: int = 0) -> float:
-        """Time of the unit."""
         return kind((shared[0] + offset_ns) * per_ns)
 
     def counted(fd: int, length: int) -> bytes:
@@ -43,7 +42,6 @@ def _be_the_host(folder: str) -> None:
 
 
 def _be_the_unit(folder: str) -> None:
-    """Keep the time."""
     sys.path.append(str(Path(__file__).parents[1]))
     import virtual
 
