@@ -16,10 +16,7 @@ One recording says little of convergence, which is a matter of chance; so many m
 
 import json
 import os
-import subprocess
-import sys
-import tempfile
-from contextlib import ExitStack
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,31 +102,23 @@ DIFFERENCES = """\
 def record(folder: Path, duration: float) -> dict[str, Path]:
     """Make the recordings, all at once."""
     logs = {name: folder / f"{name.replace(' ', '-')}.mcap" for name in RECORDINGS}
-    with ExitStack() as stack:
-        children = []
-        for name, options in RECORDINGS.items():
-            words = [sys.executable, "-m", "imutui", "record", "--port", "virtual", *options]
-            words += ["--duration", str(duration), "--name", f"paper-{os.getpid()}-{logs[name].stem}"]
-            words += ["-o", str(logs[name]), "--note", "benchmark", "--force"]
-            child = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=folder)
-            children.append(stack.enter_context(child))
-        for child in children:
-            _, said = child.communicate()
-            # 1 is a finding, such as a bias that has not converged
-            if child.returncode not in (0, 1):
-                raise SystemExit(f"record failed: {said.decode()}")
+
+    def made(name: str) -> None:
+        words = ["record", "--port", "virtual", *RECORDINGS[name], "--duration", str(duration), "--note", "benchmark"]
+        words += ["--name", f"paper-{os.getpid()}-{logs[name].stem}", "-o", str(logs[name]), "--force"]
+        bench.cost([*bench.IMUTUI, *words], folder)
+
+    with ThreadPoolExecutor(len(RECORDINGS)) as pool:
+        list(pool.map(made, RECORDINGS))
     return logs
 
 
 def replay(log: Path, noise: str) -> Ours:
     """Replay a recording with an estimate for each sample."""
     output = log.with_suffix(".estimates.mcap")
-    words = [sys.executable, "-m", "imutui", "replay", str(log), "--json", "-o", str(output), "--estimates", "0"]
-    words += ["--force", "--set", f"filter.noise={noise}"]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=log.parent)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"replay failed: {done.stderr}")
-    return Ours(json.loads(done.stdout), settled(output))
+    words = ["replay", str(log), "--json", "-o", str(output), "--estimates", "0", "--force"]
+    done = bench.cost([*bench.IMUTUI, *words, "--set", f"filter.noise={noise}"], log.parent)
+    return Ours(json.loads(done.printed), settled(output))
 
 
 def settled(estimates: Path) -> np.ndarray:
@@ -237,13 +226,11 @@ def _three(values: list[float | None] | None) -> str:
 def main() -> None:
     options = bench.options(__doc__, duration=100.0, units=20, noise="table1", keep=Path)
     print(bench.describe("numpy", "numba"))
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = options.keep or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        logs = {name: folder.resolve() / f"{name.replace(' ', '-')}.mcap" for name in RECORDINGS}
+    with bench.folder_for(options.keep) as folder:
+        logs = {name: folder / f"{name.replace(' ', '-')}.mcap" for name in RECORDINGS}
         if not all(log.exists() for log in logs.values()):
             print(f"recording {options.duration:g} s over the wire, three at a time")
-            record(folder.resolve(), options.duration)
+            record(folder, options.duration)
         ours = {name: replay(log, options.noise) for name, log in logs.items()}
     print(f"\nTable 3 of the paper (measured), and the same here (simulated, {options.duration:g} s): mean ± sd after")
     print("convergence\n")

@@ -14,7 +14,6 @@ import json
 import shlex
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +21,8 @@ from typing import Any
 
 import bench
 import numpy as np
+from bench import DATA
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 
@@ -237,9 +236,7 @@ def main() -> None:
     if not DATA.is_dir():
         raise SystemExit("the measured recordings are not beside the repository: ../shared/data is absent")
     table = ["| recording | held out | gx | gy | gz | ax | ay | az |", "|---|---|---|---|---|---|---|---|"]
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = chosen.keep or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
+    with bench.folder_for(chosen.keep) as folder:
         for number, row in enumerate(ROWS):
             if chosen.only and not any(word in row.name for word in chosen.only):
                 continue

@@ -13,11 +13,11 @@ its second half.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import tracing_cases as cases
 import tracing_forms as forms
+from bench import DATA
 from tracing_cases import CHANNELS, DPS, Case, Plan, Spoiled, Truth
 
 from filters.imu import STANDARD_GRAVITY, AxisMap
@@ -26,7 +26,6 @@ from filters.tracing.run import Run, rest_attitudes
 from filters.tracing.stack import Stack
 from filters.types import Array
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # measured recordings, beside the project
 SIZES = (15.0, 30.0, 60.0, 100.0)  # detectabilities that are tried
 LONG, SHORT = "adis16405_static_a", "mpu6050_static_host_stamps"
 

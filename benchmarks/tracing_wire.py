@@ -9,9 +9,6 @@ once.
 """
 
 import json
-import subprocess
-import sys
-import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -118,11 +115,8 @@ def acquired(folder: Path, case: Case, real_time: bool) -> list[Path]:
 
 def traced(logs: list[Path], *options: str) -> dict[str, Any]:
     """What `imutui trace` finds in the logs, to which nothing else is told."""
-    command = [sys.executable, "-m", "imutui", "trace", *map(str, logs), "--json", *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"exit {done.returncode}\n{done.stderr}")
-    return dict(json.loads(done.stdout))
+    command = [*bench.IMUTUI, "trace", *map(str, logs), "--json", *options]
+    return dict(json.loads(bench.cost(command, logs[0].parent, (0,)).printed))
 
 
 def found(document: dict[str, Any]) -> set[tuple[str, str]]:
@@ -149,9 +143,9 @@ def row(name: str, document: dict[str, Any]) -> str:
 
 def main() -> None:
     chosen = bench.options(__doc__, case=CASES, real_time=False, keep=Path)
-    with tempfile.TemporaryDirectory() as folder:
+    with bench.folder_for(chosen.keep) as folder:
         for name in chosen.case:
-            place = (chosen.keep or Path(folder)) / name
+            place = folder / name
             place.mkdir(parents=True, exist_ok=True)
             began = time.monotonic()
             logs = acquired(place, CASES[name], chosen.real_time)

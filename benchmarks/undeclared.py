@@ -15,7 +15,6 @@ decide the readings; on which of them a 20 Hz sample begins depends on when the 
 import argparse
 import hashlib
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,7 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import bench  # noqa: F401 - leads to what is shared with the tests
+import bench
 import numpy as np
 import undeclared_score as score
 import undeclared_sets as sets
@@ -63,18 +62,14 @@ def imported(effect: Undeclared, log: Path, arrays: dict[str, NDArray[np.float64
     folder, plain = log.parent, log.with_suffix(".npz")
     np.savez(plain, **arrays)  # type: ignore[arg-type] # no array is `allow_pickle`
     asked = sets.record_options(folder, measured=effect.measured, table=effect.table)
-    command = [sys.executable, "-m", "imutui", "import", str(plain), "-o", str(log), "--kind", "simulated", *asked]
-    subprocess.run(command, capture_output=True, text=True, check=True)
+    bench.cost([*bench.IMUTUI, "import", str(plain), "-o", str(log), "--kind", "simulated", *asked], folder, (0,))
     return log
 
 
 def traced(logs: list[Path]) -> dict[str, Any]:
     """What `imutui trace` makes of the logs, the last of them held out."""
-    command = [sys.executable, "-m", "imutui", "trace", *map(str, logs), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"exit {done.returncode}\n{done.stderr}")
-    document = json.loads(done.stdout)
+    command = [*bench.IMUTUI, "trace", *map(str, logs), "--json"]
+    document = json.loads(bench.cost(command, logs[0].parent, (0,)).printed)
     return {key: document[key] for key in KEPT if key in document}
 
 

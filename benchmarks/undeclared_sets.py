@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import DATA
 from numpy.typing import NDArray
 from tracing_wire import TUMBLE
 
@@ -21,7 +22,6 @@ from imutui.cli.spoil import Spoiled, load
 from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line, scenario_of
 from imutui.instrument.virtual_instrument import Reading
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 RECORDING = DATA / "adis16405_static_a.npz"
 
 SCENARIO = "unit.toml"
