@@ -1,19 +1,19 @@
 """A virtual unit on a real pseudo-terminal, through pyserial; the unit is an IMU400CD."""
 
 import fcntl
-import io
 import os
 import sys
 import termios
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serial
+from helpers.processes import wait_until
 from helpers.ramp import Ramp, numbers, steps
+from helpers.units import Serving
 from reliability.ports import is_exclusive
 
 from filters.imu import LOOP_HZ
@@ -29,65 +29,16 @@ PACKET_S = transfer_s(PACKET_BYTES, 38400)
 PATIENCE_S = 20.0  # for a loaded machine; nothing here waits so long when all is well
 
 
-class Served:
-    def __init__(
-        self,
-        unit: VirtualUnit,
-        link: Path | None = None,
-        speed: float = 1.0,
-        while_stdin: bool = False,
-        line: FaultyLine | None = None,
-    ) -> None:
-        self.tap = io.BytesIO()
-        self.log: list[str] = []
-        self.stop = threading.Event()
-        self._ready = threading.Event()
-        self._name = ""
-        self.sent: list[tuple[Packet, int]] = []
-        options = {"link": link, "tap": self.tap, "speed": speed, "while_stdin": while_stdin, "stop": self.stop}
-        options |= {"line": line, "on_packet": lambda *packet: self.sent.append(packet)}
-        self.thread = threading.Thread(
-            target=serve,
-            args=(unit,),
-            kwargs={**options, "on_ready": self._is_ready, "log": self.log.append},
-            daemon=True,
-        )
-
-    def _is_ready(self, name: str) -> None:
-        self._name = name
-        self._ready.set()
-
-    def __enter__(self) -> "Served":
-        self.thread.start()
-        assert self._ready.wait(PATIENCE_S)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop.set()
-        self.thread.join(PATIENCE_S)
-        assert not self.thread.is_alive()
-
-    @property
-    def port(self) -> str:
-        return self._name
-
-    def open(self) -> serial.Serial:
-        """Open the port as a host does."""
-        return serial.Serial(self.port, 38400, timeout=PATIENCE_S)
+def opened(unit: Serving) -> serial.Serial:
+    """Its port as a host opens it."""
+    return serial.Serial(unit.port, 38400, timeout=PATIENCE_S)
 
 
 @pytest.fixture
-def served() -> Iterator[Served]:
+def served() -> Iterator[Serving]:
     """Serve a unit that measures a ramp."""
-    with Served(VirtualUnit(Ramp())) as made:
+    with Serving(VirtualUnit(Ramp())) as made:
         yield made
-
-
-def _wait_for(truth: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not truth():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
 
 
 def read_until_quiet(port: serial.Serial) -> bytes:
@@ -112,9 +63,9 @@ def stream_from(port: serial.Serial, count: int) -> tuple[list[Packet], int]:
     return packets, decoder.discarded_bytes
 
 
-def test_a_host_streams_from_a_pty(served: Served) -> None:
+def test_a_host_streams_from_a_pty(served: Serving) -> None:
     """Over two seconds a host on pyserial gets every reading once, whole, with the counter's steps right."""
-    with served.open() as port:
+    with opened(served) as port:
         port.write(b"Pc")
         assert port.read(1) == b"C"
         packets, discarded = stream_from(port, 266)
@@ -124,9 +75,9 @@ def test_a_host_streams_from_a_pty(served: Served) -> None:
     assert served.log == ["P: stop, polled mode", "c: scaled mode", "C: stream, continuous mode"]
 
 
-def test_a_pty_keeps_the_units_pace(served: Served) -> None:
+def test_a_pty_keeps_the_units_pace(served: Serving) -> None:
     """The last of 266 packets comes about two seconds after the first: never earlier, and not much later."""
-    with served.open() as port:
+    with opened(served) as port:
         port.write(b"c")
         assert port.read(1) == b"C"
         arrivals = []
@@ -137,16 +88,16 @@ def test_a_pty_keeps_the_units_pace(served: Served) -> None:
     assert 1.5 < arrivals[-1] - arrivals[0] < 8.0
 
 
-def test_the_tap_holds_what_the_host_received(served: Served) -> None:
-    with served.open() as port:
+def test_the_tap_holds_what_the_host_received(served: Serving) -> None:
+    with opened(served) as port:
         port.write(b"RcvSGGP")
         received = read_until_quiet(port)
     assert received
     assert served.tap.getvalue().startswith(received)  # it may be back already, and go on
 
 
-def test_the_packet_under_way_is_stale_after_a_stop(served: Served) -> None:
-    with served.open() as port:
+def test_the_packet_under_way_is_stale_after_a_stop(served: Serving) -> None:
+    with opened(served) as port:
         port.write(b"c")
         assert port.read(1) == b"C"
         stream_from(port, 5)
@@ -159,36 +110,36 @@ def test_the_packet_under_way_is_stale_after_a_stop(served: Served) -> None:
 
 def test_a_host_that_does_not_read_blocks_nothing() -> None:
     """When the host's queue is full bytes are lost, as in a UART, and the unit still obeys and answers."""
-    with Served(VirtualUnit(Ramp()), speed=40.0) as served, served.open() as port:
+    with Serving(VirtualUnit(Ramp()), speed=40.0) as served, opened(served) as port:
         port.write(b"c")
         assert port.read(1) == b"C"
         port.write(b"C")
-        _wait_for(lambda: port.in_waiting >= 4000)
+        wait_until(lambda: port.in_waiting >= 4000)
         port.write(b"v")
-        _wait_for(lambda: "v: version" in served.log)
+        wait_until(lambda: "v: version" in served.log)
         port.write(b"P")
-        _wait_for(lambda: "P: stop, polled mode" in served.log)
+        wait_until(lambda: "P: stop, polled mode" in served.log)
         stale = read_until_quiet(port)
         assert served.tap.getvalue() == b"C" + stale
         port.write(b"R")
         assert port.read(1) == b"H"
 
 
-def test_bytes_left_unread_wait_for_the_next_host(served: Served) -> None:
-    with served.open() as port:
+def test_bytes_left_unread_wait_for_the_next_host(served: Serving) -> None:
+    with opened(served) as port:
         port.write(b"S")
-        _wait_for(lambda: port.in_waiting == 6)
+        wait_until(lambda: port.in_waiting == 6)
         descriptor = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
     try:
         assert os.read(descriptor, 100) == encode(SerialNumber(9911750))
     finally:
         os.close(descriptor)
-    with served.open() as port:
+    with opened(served) as port:
         port.write(b"R")
         assert port.read(1) == b"H"
 
 
-def test_a_host_that_was_killed_leaves_the_port_to_the_next_one(served: Served) -> None:
+def test_a_host_that_was_killed_leaves_the_port_to_the_next_one(served: Serving) -> None:
     """One that lives keeps it. Root may open it all the same, so the mark itself is looked at."""
     host = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(host, fcntl.LOCK_EX)
@@ -198,12 +149,12 @@ def test_a_host_that_was_killed_leaves_the_port_to_the_next_one(served: Served) 
         assert os.read(host, 1) == b"H"
     assert is_exclusive(served.port)
     os.close(host)  # as the kernel does for a process that was killed
-    _wait_for(lambda: not is_exclusive(served.port))
+    wait_until(lambda: not is_exclusive(served.port))
 
 
-def test_the_speed_of_a_pty_is_the_hosts(served: Served) -> None:
+def test_the_speed_of_a_pty_is_the_hosts(served: Serving) -> None:
     """The unit measures the speed that pyserial has set, and takes a wrong one for noise."""
-    with served.open() as port:
+    with opened(served) as port:
         port.write(b"b")
         assert port.read(1) == b"B"
         port.baudrate = 19200
@@ -213,16 +164,16 @@ def test_the_speed_of_a_pty_is_the_hosts(served: Served) -> None:
         assert port.read(1) == b"H"
         port.baudrate = 57600
         port.write(b"R")
-        _wait_for(lambda: "line noise: 1 bytes at 57600 baud, the unit is at 19200" in served.log)
+        wait_until(lambda: "line noise: 1 bytes at 57600 baud, the unit is at 19200" in served.log)
         assert read_until_quiet(port) == b""
 
 
 def test_the_link_lives_as_long_as_the_unit(tmp_path: Path) -> None:
     link = tmp_path / "imu"
     link.symlink_to("/dev/nowhere")
-    with Served(VirtualUnit(Ramp()), link=link) as served:
+    with Serving(VirtualUnit(Ramp()), link=link) as served:
         assert os.path.realpath(link) == served.port
-        with served.open() as port:
+        with opened(served) as port:
             port.write(b"R")
             assert port.read(1) == b"H"
     assert not link.is_symlink()
@@ -238,7 +189,7 @@ def test_the_link_replaces_no_file(tmp_path: Path) -> None:
 
 def test_a_link_that_another_unit_took_over_is_left_alone(tmp_path: Path) -> None:
     link = tmp_path / "imu"
-    with Served(VirtualUnit(Ramp()), link=link), Served(VirtualUnit(Ramp()), link=link) as second:
+    with Serving(VirtualUnit(Ramp()), link=link), Serving(VirtualUnit(Ramp()), link=link) as second:
         first_link = link.readlink()
         second.stop.set()
         second.thread.join(PATIENCE_S)
@@ -262,7 +213,7 @@ def test_the_unit_may_end_with_standard_input(monkeypatch: pytest.MonkeyPatch) -
     reading, writing = os.pipe()
     with os.fdopen(reading) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        with Served(VirtualUnit(Ramp()), while_stdin=True) as served, served.open() as port:
+        with Serving(VirtualUnit(Ramp()), while_stdin=True) as served, opened(served) as port:
             os.write(writing, b"a line\n")
             port.write(b"R")
             assert port.read(1) == b"H"
@@ -277,8 +228,8 @@ def test_time_does_not_stand_still(speed: float) -> None:
         serve(VirtualUnit(Ramp()), link=None, tap=None, on_ready=print, log=print, speed=speed)
 
 
-def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Served) -> None:
-    with served.open() as port:
+def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Serving) -> None:
+    with opened(served) as port:
         port.write(b"c")
         assert port.read(1) == b"C"
         before = time.monotonic_ns()
@@ -295,7 +246,7 @@ def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Served)
 def test_a_port_hangs_up_and_comes_back_under_another_name(tmp_path: Path, linked: bool) -> None:
     link = tmp_path / "imu"
     line = FaultyLine((LineFault(0.3, "hang_up", seconds=0.3),))
-    with Served(VirtualUnit(Ramp()), link if linked else None, line=line) as served:
+    with Serving(VirtualUnit(Ramp()), link=link if linked else None, line=line) as served:
         descriptor = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
         try:
             os.write(descriptor, b"cC")
@@ -310,14 +261,14 @@ def test_a_port_hangs_up_and_comes_back_under_another_name(tmp_path: Path, linke
             os.close(descriptor)
         assert not link.is_symlink()
         assert served.tap.getvalue().startswith(received)  # it may be back already, and go on
-        _wait_for(lambda: any(text.startswith("back") for text in served.log))
+        wait_until(lambda: any(text.startswith("back") for text in served.log))
         name = served.log[-1].removeprefix("back: the port is ").removesuffix(" now")
         assert name != served.port
         assert not linked or os.path.realpath(link) == name
         with serial.Serial(str(link) if linked else name, 38400, timeout=PATIENCE_S) as port:
             assert len(port.read(100)) == 100, "its stream goes on"
             port.write(b"P")
-            _wait_for(lambda: served.log[-1].startswith("P"))
+            wait_until(lambda: served.log[-1].startswith("P"))
             port.read(port.in_waiting)
     assert not link.is_symlink()
 
@@ -325,19 +276,19 @@ def test_a_port_hangs_up_and_comes_back_under_another_name(tmp_path: Path, linke
 def test_what_a_host_has_not_read_goes_with_the_port() -> None:
     """The tap has what the host could have received: what lay unread when the port hung up is taken out again."""
     line = FaultyLine((LineFault(0.2, "hang_up", seconds=2.0),))
-    with Served(VirtualUnit(Ramp()), line=line) as served, served.open() as port:
+    with Serving(VirtualUnit(Ramp()), line=line) as served, opened(served) as port:
         port.write(b"cC")
-        _wait_for(lambda: any(text.startswith("hang-up") for text in served.log))
+        wait_until(lambda: any(text.startswith("hang-up") for text in served.log))
         assert served.tap.getvalue() == b""
 
 
 def test_a_burst_is_larger_than_a_hosts_queue() -> None:
     line = FaultyLine((LineFault(0.1, "backlog", count=500),))
-    with Served(VirtualUnit(Ramp()), speed=20.0, line=line) as served, served.open() as port:
+    with Serving(VirtualUnit(Ramp()), speed=20.0, line=line) as served, opened(served) as port:
         port.write(b"c")
         assert port.read(1) == b"C"
         port.write(b"C")
-        _wait_for(lambda: port.in_waiting >= 4000)
+        wait_until(lambda: port.in_waiting >= 4000)
         packets, discarded = stream_from(port, 600)
     assert discarded == 0
     assert numbers(packets) == list(range(packets[0].rates[0], packets[0].rates[0] + 600))

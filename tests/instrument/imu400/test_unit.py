@@ -70,12 +70,25 @@ class Bench:
         assert all(isinstance(event, Discarded) and len(event.data) < PACKET_BYTES for event in rest)
         return packets
 
+    def poll(self, mode: Mode = Mode.SCALED) -> Packet:
+        """Ask for a packet, and return it: nothing else arrives."""
+        self.send(Command.GET_PACKET)
+        (packet,) = self.packets(0.05, mode)
+        return packet
+
 
 def bench(source: Ramp | None = None, options: UnitOptions | None = None, mode: Mode = Mode.SCALED) -> Bench:
     """Return a bench whose unit is in `mode` and polled."""
     made = Bench(VirtualUnit(source or Ramp(), options))
     command = SET_MODE[mode]
     assert made.ask(command) == [LETTER_REPLY[command]]
+    return made
+
+
+def streaming(source: Ramp | None = None, options: UnitOptions | None = None, mode: Mode = Mode.SCALED) -> Bench:
+    """The same, told to stream a moment ago."""
+    made = bench(source, options, mode)
+    made.send(Command.START_STREAM)
     return made
 
 
@@ -143,8 +156,7 @@ def test_every_command_has_words(command: AnyCommand) -> None:
 def test_the_unit_wakes_up_polled_in_voltage_mode() -> None:
     host = Bench(VirtualUnit(Ramp()))
     assert host.wait(1.0) == b""
-    host.send(Command.GET_PACKET)
-    (packet,) = host.packets(0.05, Mode.VOLTAGE)
+    packet = host.poll(Mode.VOLTAGE)
     assert packet.rates[0] == 2048
     assert packet.accels[0] == 2048
     assert all(word < 4096 for word in (*packet.rates, *packet.accels, packet.temperature))
@@ -152,8 +164,7 @@ def test_the_unit_wakes_up_polled_in_voltage_mode() -> None:
 
 def test_a_stream_shows_every_reading_once() -> None:
     """At full rate a packet comes each 7.5 ms, with the next reading and a counter that stepped by one period."""
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     packets = host.packets(2.0)
     assert numbers(packets) == list(range(267))
     assert set(steps(packets)) == {9493, 9494}
@@ -173,15 +184,12 @@ def test_packets_leave_on_the_units_own_grid() -> None:
 
 def test_waking_late_loses_nothing() -> None:
     """Bytes asked for late are those that would have been asked for in time."""
-    prompt, late = bench(), bench()
-    prompt.send(Command.START_STREAM)
-    late.send(Command.START_STREAM)
+    prompt, late = streaming(), streaming()
     assert b"".join(prompt.wait(0.001) for _ in range(3000)) == late.wait(3.0)
 
 
 def test_the_next_event_is_a_packets_end() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     for n in range(50):
         due = host.unit.next_event(host.now)
         assert due is not None
@@ -193,8 +201,7 @@ def test_the_next_event_is_a_packets_end() -> None:
 
 
 def test_the_packet_begun_before_a_stop_still_arrives() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     first = host.wait(0.002)
     assert 0 < len(first) < PACKET_BYTES
     host.send(Command.STOP_STREAM)
@@ -203,8 +210,7 @@ def test_the_packet_begun_before_a_stop_still_arrives() -> None:
 
 
 def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     head = host.wait(0.002)
     host.send(Command.GET_PACKET)
     assert len(head + host.wait(1.0)) == 2 * PACKET_BYTES
@@ -212,8 +218,7 @@ def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
 
 
 def test_a_reply_in_a_stream_comes_between_packets() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     head = host.wait(0.002)
     host.send(Command.SERIAL_NUMBER)
     line = head + host.wait(0.1)
@@ -230,16 +235,14 @@ def test_a_polled_packet_shows_the_newest_instant_of_the_loop() -> None:
     for seconds in (0.0101, 0.3333, 0.02, 1.7):
         host.now += seconds
         elapsed = host.now - began
-        host.send(Command.GET_PACKET)
-        (packet,) = host.packets(0.05)
+        packet = host.poll()
         assert numbers([packet]) == [int(elapsed * LOOP_HZ)]
         expected = round(packet.rates[0] * PERIOD_S / TICK_S) % SPAN
         assert (first.ticks - packet.ticks - expected + 2) % SPAN <= 4
 
 
 def test_the_loop_goes_on_between_streams() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     before = host.packets(0.5)
     host.send(Command.STOP_STREAM)
     host.wait(0.0333)
@@ -269,8 +272,7 @@ def test_a_slow_line_skips_readings(baud: int) -> None:
 
 def test_voltage_mode_may_run_faster() -> None:
     source = Ramp()
-    host = bench(source, mode=Mode.VOLTAGE)
-    host.send(Command.START_STREAM)
+    host = streaming(source, mode=Mode.VOLTAGE)
     packets = host.packets(2.0, Mode.VOLTAGE)
     assert len(packets) == pytest.approx(2 * 213.3, abs=1.5)
     assert source.asked == sorted(source.asked)
@@ -279,8 +281,7 @@ def test_voltage_mode_may_run_faster() -> None:
 
 def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None:
     source = Ramp()
-    host = bench(source)
-    host.send(Command.START_STREAM)
+    host = streaming(source)
     host.wait(1.0)
     host.send(Command.VOLTAGE_MODE)
     host.wait(1.0)
@@ -293,14 +294,12 @@ def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None
 def test_words_saturate_at_sixteen_bits() -> None:
     """Rates beyond 1.5 times the range stay at the word's end."""
     host = bench(Ramp(rates_dps=(1e4, -1e4)))
-    host.send(Command.GET_PACKET)
-    (packet,) = host.packets(0.05)
+    packet = host.poll()
     assert packet.rates[1:] == (32767, -32768)
 
 
 def test_packets_end_with_the_recording() -> None:
-    host = bench(Ramp(length=10))
-    host.send(Command.START_STREAM)
+    host = streaming(Ramp(length=10))
     assert numbers(host.packets(1.0)) == list(range(10))
     assert host.unit.ended
     assert host.unit.next_event(host.now) is None
@@ -314,9 +313,7 @@ def test_the_counter_starts_where_the_seed_says() -> None:
 
     def first_ticks(seed: int | None) -> int:
         host = Bench(VirtualUnit(Ramp(), seed=seed), now=0.0)
-        host.send(Command.GET_PACKET)
-        (packet,) = host.packets(0.05)
-        return packet.ticks
+        return host.poll().ticks
 
     assert first_ticks(7) == first_ticks(7)
     assert first_ticks(None) == 0
@@ -346,12 +343,10 @@ def test_a_ping_does_what_the_option_says(ping: str, mode: Mode, streaming: bool
 def test_zeroing_takes_its_time_and_then_removes_the_mean() -> None:
     """`z` x averages 10·x readings, answers when done, and subtracts their mean from the rates alone."""
     host = bench(Ramp(rates_dps=(1.0, -2.0)))
-    host.send(Command.GET_PACKET)
-    (before,) = host.packets(0.05)
+    before = host.poll()
     assert host.ask(ZeroRateSensors(30), seconds=299 * PERIOD_S - 0.01) == []
     assert host.wait(0.03) == b"Z"
-    host.send(Command.GET_PACKET)
-    (after,) = host.packets(0.05)
+    after = host.poll()
     assert after.rates[1:] == (0, 0)
     assert after.accels == before.accels
 
@@ -362,30 +357,25 @@ def test_zero_is_the_mean_of_the_readings_while_it_ran() -> None:
     host.send(ZeroRateSensors(2))
     host.wait(1.0)
     assert source.asked == list(range(20))
-    host.send(Command.GET_PACKET)
-    (packet,) = host.packets(0.05)
+    packet = host.poll()
     assert packet.rates[0] == pytest.approx(source.asked[-1] - 9.5, abs=0.51)
 
 
 def test_zeroing_again_replaces_the_zero_and_nought_erases_it() -> None:
     """The stored zero is never averaged into itself, and `z` 0 brings the raw rates back."""
     host = bench(Ramp(rates_dps=(1.0, -2.0)))
-    host.send(Command.GET_PACKET)
-    (raw,) = host.packets(0.05)
+    raw = host.poll()
     for _ in range(2):
         host.send(ZeroRateSensors(1))
         assert host.wait(0.2) == b"Z"
-        host.send(Command.GET_PACKET)
-        assert host.packets(0.05)[0].rates[1:] == (0, 0)
+        assert host.poll().rates[1:] == (0, 0)
     assert host.ask(ZeroRateSensors(0)) == [Reply.RATES_ZEROED]
-    host.send(Command.GET_PACKET)
-    assert host.packets(0.05)[0].rates[1:] == raw.rates[1:]
+    assert host.poll().rates[1:] == raw.rates[1:]
 
 
 def test_no_packets_come_while_the_rates_are_zeroed() -> None:
     source = Ramp()
-    host = bench(source)
-    host.send(Command.START_STREAM)
+    host = streaming(source)
     head = host.wait(0.1)
     host.send(ZeroRateSensors(10))
     assert len(head + host.wait(PACKET_S)) % PACKET_BYTES == 0
@@ -410,11 +400,9 @@ def test_the_speed_changes_in_three_steps() -> None:
 
 
 def test_a_wrong_speed_is_noise_both_ways() -> None:
-    host = bench()
-    host.send(Command.START_STREAM)
+    host = streaming()
     host.baud = 57600
-    right = bench()
-    right.send(Command.START_STREAM)
+    right = streaming()
     garbled, sent = host.wait(1.0), right.wait(1.0)
     assert len(garbled) == len(sent)
     assert not any(a == b for a, b in zip(garbled, sent, strict=True))

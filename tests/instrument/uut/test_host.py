@@ -18,6 +18,7 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.host import InstrumentError
+from imutui.instrument.imu400 import unit as imu400
 from imutui.instrument.port import Port
 from imutui.instrument.registry import which_answers
 from imutui.instrument.transmitter import transfer_s
@@ -102,6 +103,14 @@ def test_packets_are_asked_for_one_by_one() -> None:
         found = acquired(host, 50.0, lambda n: n >= 20)
         assert all(each.requested_ns is not None and each.requested_ns < each.host_ns for each in found)
         assert found[-1].discarded_bytes == found[-1].bad_checksums == 0
+
+
+def test_a_line_that_never_falls_quiet_is_not_waited_for() -> None:
+    """What streams there may be another unit, which hears no request to be quiet."""
+    with served(imu400.VirtualUnit(Still())) as name, Port(name, 38400) as port:
+        port.write(b"cC")
+        UutHost(port, 100.0).stop()
+        assert port.read(64)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])

@@ -1,13 +1,15 @@
 """Virtual units that are served in this process."""
 
+import io
 import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 from filters.simulation import Scenario
+from helpers.processes import LIMIT_S
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
@@ -31,38 +33,49 @@ class Still:
         return Reading((0.1, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
 
 
+class Serving:
+    """A virtual unit on a pseudo-terminal in a thread of this process, within a `with`.
+
+    `tap`, `log`, `sent`: what it sends, what it hears, and its packets with the host's monotonic time when each was
+      sampled (ns); options of `serve` may take them elsewhere.
+    `port`: name of its port.
+    """
+
+    def __init__(self, unit: VirtualInstrument[Any, Any], **options: Any) -> None:
+        self.tap, self.log, self.sent = io.BytesIO(), list[str](), list[tuple[Any, int]]()
+        self.stop, self._ready, self.port = threading.Event(), threading.Event(), ""
+        kept = {"link": None, "tap": self.tap, "log": self.log.append, "stop": self.stop, "on_ready": self._is_ready}
+        kept |= {"on_packet": lambda *packet: self.sent.append(packet)} | options
+        self.thread = threading.Thread(target=serve, args=(unit,), kwargs=kept, daemon=True)
+
+    def _is_ready(self, name: str) -> None:
+        self.port = name
+        self._ready.set()
+
+    def __enter__(self) -> Self:
+        self.thread.start()
+        assert self._ready.wait(LIMIT_S)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop.set()
+        self.thread.join(LIMIT_S)
+        assert not self.thread.is_alive()
+
+
 @contextmanager
 def served(
-    made: VirtualInstrument[PacketT, CommandT],
+    unit: VirtualInstrument[PacketT, CommandT],
     tap: BinaryIO | None = None,
     line: FaultyLine | None = None,
     *,
     link: Path | None = None,
-    speed: float = 1.0,
     log: Callable[[str], None] = lambda _: None,
-    on_packet: Callable[[PacketT, int], None] | None = None,
+    **options: Any,
 ) -> Iterator[str]:
-    """Port of a virtual unit on a pseudo-terminal, or the link to it; what it sends goes into the file `tap` as well.
-
-    What it hears goes to `log`; its packets, with the host's monotonic time when each was sampled (ns), to `on_packet`.
-    """
-    ready: list[str] = []
-    up, stop = threading.Event(), threading.Event()
-
-    def on_ready(path: str) -> None:
-        ready.append(path)
-        up.set()
-
-    options: dict[str, Any] = {"link": link, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop}
-    options |= {"line": line, "on_packet": on_packet, "speed": speed}
-    thread = threading.Thread(target=serve, args=(made,), kwargs=options, daemon=True)
-    thread.start()
-    try:
-        assert up.wait(10.0)
-        yield ready[0] if link is None else str(link)
-    finally:
-        stop.set()
-        thread.join(10.0)
+    """Port of a virtual unit, or the link to it, with options as `Serving` takes them; nothing is kept."""
+    with Serving(unit, **{"tap": tap, "line": line, "link": link, "log": log, "on_packet": None} | options) as it:
+        yield it.port if link is None else str(link)
 
 
 @contextmanager
