@@ -397,7 +397,7 @@ def _losses() -> Iterator[Any]:
     yield pytest.param(every_other, sent[1::2], id="of every other")
 
 
-@pytest.mark.parametrize(("line", "left"), _losses())
+@pytest.mark.parametrize(("line", "left"), list(_losses()))
 def test_a_loss_costs_no_packet_but_its_own(line: bytes, left: list[Packet]) -> None:
     assert packets_of(decode([line], _expect_packets(SCALED, True))) == left
 
