@@ -162,14 +162,8 @@ class ConnectionModel:
 
     def view(self) -> View:
         view = self._frozen or self._view(frozen=False)
-        return replace(
-            view,
-            now=self.newest,
-            notice=self._notice(),
-            verdict=self._verdict,
-            pacing=self._pacing,
-            debug=self._debug,
-        )
+        said, pacing = self._notice(), self._pacing
+        return replace(view, now=self.newest, notice=said, verdict=self._verdict, pacing=pacing, debug=self._debug)
 
     def _view(self, *, frozen: bool) -> View:
         return View(

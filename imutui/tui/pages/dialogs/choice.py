@@ -56,12 +56,8 @@ class ChoiceDialog(Dialog[str | None]):
         letters: bool = True,
     ) -> None:
         super().__init__()
-        self._careful = careful
-        self._title = title
-        self._body = body
-        self._answers = answers
-        self._stay = stay
-        self._letters = letters
+        self._title, self._body, self._answers = title, body, answers
+        self._careful, self._stay, self._letters = careful, stay, letters
 
     def body(self) -> Iterable[Widget]:
         yield Static(Content.styled(self._title, "bold"), classes="title")
@@ -110,9 +106,8 @@ def quit_dialog(snapshot: Snapshot | None, jobs: Sequence[str] = ()) -> ChoiceDi
 
 def jobs_dialog(jobs: Sequence[str]) -> ChoiceDialog:
     """Ask before the jobs of this screen end with it."""
-    return ChoiceDialog(
-        "Something is still being worked out", "\n".join(_ending(jobs)), [Answer("s", "quit", "stop it and quit")]
-    )
+    answers = [Answer("s", "quit", "stop it and quit")]
+    return ChoiceDialog("Something is still being worked out", "\n".join(_ending(jobs)), answers)
 
 
 def _ending(jobs: Sequence[str]) -> list[str]:

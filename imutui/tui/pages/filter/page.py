@@ -13,9 +13,10 @@ from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.base import ScrollDialog
 from imutui.tui.pages.filter.bias_history import BiasPlot, BiasPlotSettings
-from imutui.tui.pages.filter.biases import NAMES, BiasTable
 from imutui.tui.pages.filter.estimates import (
+    NAMES,
     AlarmLines,
+    BiasTable,
     EffectLines,
     FilterBadge,
     NavigationLines,

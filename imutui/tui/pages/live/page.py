@@ -65,12 +65,7 @@ class LivePage(Page):
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
         Binding("a", "lock", "lock", show=False, tooltip="Lock the scales, or let them follow"),
         Binding("s", "app.plot_mode", "sweep", show=False, tooltip="Plots scroll, sweep, or give way to numbers"),
-        Binding(
-            "g",
-            "plots",
-            "plot",
-            tooltip="One channel large, a quantity, all six, or how the unit lies",
-        ),
+        Binding("g", "plots", "plot", tooltip="One channel large, a quantity, all six, or how the unit lies"),
         Binding("escape", "app.follow", "follow", show=False),
     ]
 

@@ -216,11 +216,7 @@ class RecordingState(TextLines):
         if len(losses) > width - _NAME:  # counts whole, rather than half an advice
             losses = losses.partition(": ")[0]
         level, line = text.line(now)
-        return [
-            self._row("rate", rate),
-            self._row("losses", losses, trouble),
-            self._row("line", line, level),
-        ]
+        return [self._row("rate", rate), self._row("losses", losses, trouble), self._row("line", line, level)]
 
 
 class MarkList(TextLines):
