@@ -72,10 +72,6 @@ class Poller:
     def taken(self) -> None:
         self._taken.set()
 
-    @property
-    def stopped(self) -> bool:
-        return self._stop.is_set()
-
     def _run(self) -> None:
         since = 0
         while not self._stop.is_set():

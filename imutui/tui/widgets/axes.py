@@ -23,7 +23,6 @@ _ROWS_OF_NUMBER = 3
 _AXIS_LINES = 1
 _CELLS_OF_NUMBER = 8
 _SLACK = 1e-9
-_SLIGHTLY = 1.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +37,6 @@ class Axis:
         """Where values lie: 0 at the low end, 1 at the high one."""
         low, high = self._scaled(self.low), self._scaled(self.high)
         return np.asarray((self._scaled(values) - low) / (high - low), float)
-
-    def values(self, places: Floats) -> Floats:
-        """Values at places, the inverse of `place`."""
-        low, high = float(self._scaled(self.low)), float(self._scaled(self.high))
-        scaled = low + np.asarray(places, float) * (high - low)
-        return np.asarray(10.0**scaled if self.log else scaled, float)
 
     def _scaled(self, values: Floats | float) -> Floats:
         return np.asarray(np.log10(values) if self.log else values, float)

@@ -1,6 +1,8 @@
 """The acquisition that the UI looks at: series, feed, attempts."""
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -25,10 +27,24 @@ class Inbox:
         self.came = threading.Event()
 
     def post(self, message: Poller.Arrived | Poller.Lost) -> bool:
-        """Take one."""
         self.messages.append(message)
         self.came.set()
         return True
+
+    def wait(self) -> None:
+        assert self.came.wait(5.0)
+        self.came.clear()
+
+
+@contextmanager
+def polled(client: FakeClient, rate_hz: float) -> Iterator[tuple[Inbox, Poller]]:
+    inbox = Inbox()
+    poller = Poller(client, inbox.post, rate_hz)  # type: ignore[arg-type]
+    poller.start()
+    try:
+        yield inbox, poller
+    finally:
+        poller.stop()
 
 
 def test_series_keep_their_capacity_in_order() -> None:
@@ -68,43 +84,33 @@ def test_slopes_are_per_minute() -> None:
 
 def test_the_feed_waits_until_its_snapshot_is_taken() -> None:
     """With a frozen terminal, one snapshot is under way and no more."""
-    client, inbox = FakeClient(), Inbox()
-    poller = Poller(client, inbox.post, 1000.0)  # type: ignore[arg-type]
-    poller.start()
-    assert inbox.came.wait(5.0)
-    polls = client.polls
-    inbox.came.clear()
-    assert not inbox.came.wait(0.1)
-    assert client.polls == polls == 1
-    poller.taken()
-    assert inbox.came.wait(5.0)
-    poller.stop()
+    client = FakeClient()
+    with polled(client, 1000.0) as (inbox, poller):
+        inbox.wait()
+        assert not inbox.came.wait(0.1)
+        assert client.polls == 1
+        poller.taken()
+        inbox.wait()
 
 
 def test_the_feed_asks_only_for_what_is_new() -> None:
-    client, inbox = FakeClient(), Inbox()
-    poller = Poller(client, inbox.post, 20.0)  # type: ignore[arg-type]
-    poller.start()
-    for _ in range(2):
-        assert inbox.came.wait(5.0)
-        inbox.came.clear()
-        poller.taken()
-    poller.stop()
+    with polled(FakeClient(), 20.0) as (inbox, poller):
+        for _ in range(2):
+            inbox.wait()
+            poller.taken()
     first, second = (m.snapshot["series"] for m in inbox.messages[:2] if isinstance(m, Poller.Arrived))
     assert len(second["t"]) == second["next"] - first["next"] < 100
 
 
 def test_who_attaches_late_sees_the_run_from_its_begin() -> None:
     """Biases, certainty, convergence and temperature since the first sample, in pieces, each sent once."""
-    client, inbox, link = FakeClient(), Inbox(), ConnectionModel()
+    client, link = FakeClient(), ConnectionModel()
     client.past = RunHistory()
     for k in range(700):
         client.past.estimates.add(float(k), np.full(6, 0.5), np.full(6, 0.1), np.full(6, k >= 30))
         client.past.add_temperature(float(k), 20.0 + 0.001 * k)
-    poller = Poller(client, inbox.post, 100.0)  # type: ignore[arg-type]
-    poller.start()
-    assert inbox.came.wait(5.0)
-    poller.stop()
+    with polled(client, 100.0) as (inbox, _):
+        inbox.wait()
     (first,) = inbox.messages
     assert isinstance(first, Poller.Arrived)
     assert first.history is not None
@@ -121,10 +127,10 @@ def test_who_attaches_late_sees_the_run_from_its_begin() -> None:
 
 
 def test_a_lost_acquisition_is_told_once() -> None:
-    client, inbox = FakeClient(), Inbox()
+    client = FakeClient()
     client.gone = "the acquisition has ended"
-    Poller(client, inbox.post).start()  # type: ignore[arg-type]
-    assert inbox.came.wait(5.0)
+    with polled(client, 10.0) as (inbox, _):
+        inbox.wait()
     assert [m.error for m in inbox.messages if isinstance(m, Poller.Lost)] == ["the acquisition has ended"]
 
 
