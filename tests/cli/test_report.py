@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from helpers import traces
+from helpers.commands import Done, imutui
 from helpers.paths import ROOT
 from helpers.traces import REPLAY
 
-from imutui import cli
 from imutui.cli import installed_from
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import added_notes
@@ -20,11 +20,8 @@ from imutui.report import figures, page
 from imutui.report.html import STYLE
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
-    monkeypatch.setattr(sys, "argv", ["imutui", "report", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return int(ended.value.code or 0)
+def report(*arguments: str | Path, check: int = 0) -> Done:
+    return imutui("report", *map(str, arguments), check=check)
 
 
 @pytest.fixture
@@ -36,12 +33,9 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "browser", lambda: None)
 
 
-def test_results_of_both_kinds_make_one_page(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
-) -> None:
+def test_results_of_both_kinds_make_one_page(home: Path, undrawn: None) -> None:
     (home / "trace.json").write_text(json.dumps({**traces.whole_document(), "curves": []}))
-    assert run(monkeypatch, "trace.json", REPLAY, "-o", "page", "--json") == 0
-    out = capsys.readouterr()
+    done = report("trace.json", REPLAY, "-o", "page", "--json")
     text = (home / "page" / "index.html").read_text()
     assert text.count("<article") == 2
     assert "<h1>2 results</h1>" in text
@@ -49,11 +43,11 @@ def test_results_of_both_kinds_make_one_page(
     names = {path.name for path in (home / "page").iterdir()}
     assert {"1-error.svg", "2-biases.png", "2-imu.yaml"} <= names
     assert len(json.loads((home / "page" / "result.json").read_text())) == 2
-    assert set(json.loads(out.out)["files"]) == names
-    assert "/data/sample.mcap is not there: biases and NIS over time" in out.err
-    assert "no PDF: it takes chromium or chrome" in out.err
-    assert run(monkeypatch, REPLAY, "-o", "page") == 2
-    assert run(monkeypatch, REPLAY, "-o", "page", "--force") == 0
+    assert set(json.loads(done.stdout)["files"]) == names
+    assert "/data/sample.mcap is not there: biases and NIS over time" in done.stderr
+    assert "no PDF: it takes chromium or chrome" in done.stderr
+    report(REPLAY, "-o", "page", check=2)
+    report(REPLAY, "-o", "page", "--force")
     assert not (home / "page" / "1-error.svg").exists()
     for name, content, why in (
         ("absent.json", None, "No such file"),
@@ -64,21 +58,17 @@ def test_results_of_both_kinds_make_one_page(
     ):
         if content is not None:
             (home / name).write_text(content)
-        capsys.readouterr()
-        assert run(monkeypatch, name, "-o", "other") == 3
-        assert why in capsys.readouterr().err
+        assert why in report(name, "-o", "other", check=3).stderr
     assert not (home / "other").exists()
 
 
-def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
-) -> None:
+def test_a_log_at_hand_gives_its_page_what_the_result_has_not(home: Path, undrawn: None) -> None:
     log = home / "sample.mcap"
     log.write_bytes((ROOT / "logs" / "sample.mcap").read_bytes())
     added_notes.add(log, note="on the oven", operator="ben")
     asked = ReplayOptions(start=2.0, end=22.0, overrides={"filter": "ekf"})
     (home / "r.json").write_text(json.dumps(replay(log, asked)))
-    assert run(monkeypatch, "r.json", "-o", "page") == 0
+    report("r.json", "-o", "page")
     names = {path.name for path in (home / "page").iterdir()}
     assert {"convergence.svg", "nis.png", "allan.svg", "residual.svg"} <= names
     text = (home / "page" / "index.html").read_text()
@@ -87,9 +77,7 @@ def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
     assert "start 2 s, end 22 s, filter ekf" in text
     assert "Left out of this page" not in text
     log.write_bytes(log.read_bytes() + b"x")
-    capsys.readouterr()
-    assert run(monkeypatch, "r.json", "-o", "page", "--force") == 0
-    assert "its SHA-256 differs" in capsys.readouterr().err
+    assert "its SHA-256 differs" in report("r.json", "-o", "page", "--force").stderr
     assert not (home / "page" / "convergence.svg").exists()
 
 
@@ -109,12 +97,9 @@ def test_a_page_is_printed_where_a_browser_is(tmp_path: Path, monkeypatch: pytes
     assert {path.name for path in tmp_path.iterdir()} == {"index.html", "report.pdf"}
 
 
-def test_without_matplotlib_it_is_said_what_to_type(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_matplotlib_it_is_said_what_to_type(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "available", lambda: False)
-    assert run(monkeypatch, "absent.json", "-o", "page") == 2
-    said = capsys.readouterr().err
+    said = report("absent.json", "-o", "page", check=2).stderr
     assert "\n    " in said
     assert "pip install" in said
     assert "absent.json" not in said
