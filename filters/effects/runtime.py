@@ -6,7 +6,6 @@ regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from filters import attitude, earth
 from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
 from filters.effects.drivers import PAST_MOTION, SCALARS, Driver
-from filters.effects.hypothesis import Hypothesis
+from filters.effects.hypothesis import Hypothesis, Parameter
 from filters.effects.inputs import TRAILED, TRAILS, Inputs, levered, tilted
 from filters.effects.records import Included
 from filters.effects.temperature import CausalTemperature
@@ -30,16 +29,6 @@ _MEMORY = 5
 _NOT_CAUSAL = tuple(f"driver:{name}" for name in PAST_MOTION)
 
 _Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """Columns of some states: a hypothesis on channels, or a constant, or a tone, on one."""
-
-    channels: tuple[int, ...]
-    hypothesis: Hypothesis | None
-    scale: Array  # SI value of one unit of each state
-    hz: float = 0.0
 
 
 class CausalEffects:
@@ -94,23 +83,13 @@ class CausalEffects:
         inputs = self._inputs(t, reading, temperature, known)
         phi = np.zeros((t.size, 6, len(self.names)))
         at = 0
-        for part in self._parts:
-            phi[:, :, at : at + part.scale.size] = self._in_body(self._columns(part, inputs), part.scale)
-            at += part.scale.size
+        for h in self._parts:
+            scale, columns = np.array([p.si for p in h.parameters]), np.zeros((t.size, 6, len(h.parameters)))
+            for c in h.channels:
+                columns[:, c] = h.columns(inputs, c)
+            phi[:, :, at : at + scale.size] = self._in_body(columns, scale)
+            at += scale.size
         return phi, self._noise(inputs), self._use(reading, inputs)
-
-    def _columns(self, part: _Part, inputs: Inputs) -> Array:
-        """Columns in instrument axes, shape (N, 6, k)."""
-        out = np.zeros((inputs.t.size, 6, part.scale.size))
-        for c in part.channels:
-            if part.hypothesis is not None:
-                out[:, c] = part.hypothesis.columns(inputs, c)
-            elif part.hz > 0.0:
-                phase = 2.0 * np.pi * part.hz * inputs.t
-                out[:, c] = np.stack([np.sin(phase), np.cos(phase)], axis=1)
-            else:
-                out[:, c] = 1.0
-        return out
 
     def _in_body(self, columns: Array, scale: Array) -> Array:
         """To body axes, accelerometer first, and to the units of the states."""
@@ -203,11 +182,9 @@ class CausalEffects:
         return use
 
 
-def _part(effect: Included) -> _Part:
-    channels = tuple(CHANNELS.index(name) for name in effect.channels)
+def _part(effect: Included) -> Hypothesis:
     if effect.effect in ("random_walk", "gauss_markov", "tone"):
-        scale = np.full(len(effect.states), error_unit(channels[0])[1])
-        return _Part(channels, None, scale, effect.number("hz", 0.0))
+        return _process(effect)
     past = effect.effect.startswith(_NOT_CAUSAL)
     h = None if past else catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
     if h is None or (isinstance(h, Driver) and not h.in_filter):
@@ -215,10 +192,22 @@ def _part(effect: Included) -> _Part:
             f'"{effect.effect}" follows past motion, or what temperature has crossed, which the filter does'
             " not keep: take it out of the file"
         )
-    parameters = h.parameters
-    if len(parameters) != len(effect.states):
-        raise InputError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')
-    for p, state in zip(parameters, effect.states, strict=True):
+    if len(h.parameters) != len(effect.states):
+        raise InputError(f'"{effect.effect}" has {len(h.parameters)} states, and the file gives {len(effect.states)}')
+    for p, state in zip(h.parameters, effect.states, strict=True):
         if p.unit != state.unit:
             raise InputError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
-    return _Part(h.channels, h, np.array([p.si for p in parameters]))
+    return h
+
+
+def _process(effect: Included) -> Hypothesis:
+    """A drift, which is its state, or a tone, whose states are those of its sine and cosine."""
+    channel, hz = CHANNELS.index(effect.channels[0]), effect.number("hz", 0.0)
+
+    def columns(inputs: Inputs, channel: int) -> Array:
+        phase = 2.0 * np.pi * hz * inputs.t
+        return np.stack([np.sin(phase), np.cos(phase)], axis=1) if hz > 0.0 else np.ones((inputs.t.size, 1))
+
+    own = tuple(Parameter(state.name, state.unit, error_unit(channel)[1], 0.0) for state in effect.states)
+    channels = tuple(CHANNELS.index(name) for name in effect.channels)
+    return Hypothesis(effect=effect.effect, channels=channels, source="time", parameters=own, columns=columns)

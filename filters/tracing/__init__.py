@@ -31,6 +31,6 @@ all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.mot
                 windows · `error_figure` the record of one, intervals
 11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
 12 assessment   `assessment` steps 8-11 as one frozen record, and a word for each channel
-13 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their
-                forms · `inclusion` what joins the filter · `result` all that a trace gives
+13 report       `trace_document` docs/formats.md as types · `report` the document, curves and their forms · `inclusion`
+                what joins the filter · `result` all that a trace gives
 """

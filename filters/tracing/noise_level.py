@@ -74,13 +74,9 @@ class _Windows:
     sd: float  # of `log_variance` in even noise
     cell: NDArray[np.int_]  # number of the cell for folds, shape (W,)
 
-    def of(self, term: Term) -> Array:
-        """Columns of a term, shape (W, k)."""
-        return self.columns[:, term.places[self.channel]]
-
     def centred(self, term: Term) -> Array:
-        """The same less their means over the good windows."""
-        columns = self.of(term)
+        """Columns of a term less their means over the good windows, shape (W, k)."""
+        columns = self.columns[:, term.places[self.channel]]
         return np.asarray(columns - columns[self.good].mean(axis=0))
 
     def gain(self, base: Array, own: Array) -> float:
@@ -108,12 +104,13 @@ def _channel(design: Design, windows: _Windows | None, terms: list[Term]) -> tup
     even = np.ones(design.stack.t.size)
     if windows is None or not terms:
         return even, []
-    seconds = np.log(design.stack.seconds(windows.channel))
+    log_seconds = float(np.log(design.stack.seconds(windows.channel)))
     base = np.ones((windows.log_variance.size, 1))
     chosen: list[Term] = []
     found: list[NoiseDriver] = []
     for _ in range(_TERMS):
-        best, score = _best(windows, [a for a in terms if not _has(chosen, a)], base, seconds)
+        taken = {a.hypothesis.effect for a in chosen}
+        best, score = _best(windows, [a for a in terms if a.hypothesis.effect not in taken], base, log_seconds)
         if best is None:
             break
         chosen.append(best)
@@ -122,9 +119,7 @@ def _channel(design: Design, windows: _Windows | None, terms: list[Term]) -> tup
         found.append(_driver(windows, best, theta[-best.size :], score))
     if not chosen:
         return even, []
-    theta = _theta(base[windows.good], windows.log_variance[windows.good])
-    multiplier = _multiplier(design, windows, chosen, theta)
-    return multiplier, [driver for driver in found if driver.ratio > _LEAST_RATIO]
+    return _multiplier(design, windows, chosen, theta), [driver for driver in found if driver.ratio > _LEAST_RATIO]
 
 
 def _window_edges(design: Design) -> NDArray[np.int_]:
@@ -156,11 +151,6 @@ def _windows(design: Design, c: int, edges: NDArray[np.int_], means: Array) -> _
     )
 
 
-def _has(chosen: list[Term], term: Term) -> bool:
-    """Whether another form of a term's effect is chosen already."""
-    return any(a.hypothesis.effect == term.hypothesis.effect for a in chosen)
-
-
 def _best(windows: _Windows, terms: list[Term], base: Array, log_seconds: float) -> tuple[Term | None, float]:
     """The term of the best score that holds on unseen cells, and its score; None if none is accepted."""
     best, best_score = None, _ACCEPT
@@ -177,26 +167,20 @@ def _driver(windows: _Windows, term: Term, theta: Array, score: float) -> NoiseD
     """What a chosen term says of the noise."""
     part = (windows.centred(term) @ theta)[windows.good]
     low, high = np.exp(0.5 * np.quantile(part - np.median(part), [0.0, 1.0]))
-    knots, at = _curve(windows, term, theta)
+    h, at = term.hypothesis, np.zeros(0)
+    knots: tuple[float, ...] = ()
+    if isinstance(h, Driver) and h.kind == "hat":
+        whole = windows.columns[windows.good][:, term.places[windows.channel]] @ theta
+        knots, at = h.knots, np.exp(0.5 * (np.append(0.0, theta) - np.median(whole)))
     return NoiseDriver(
         channel=windows.channel,
-        driver=term.hypothesis.effect.removeprefix("driver:"),
+        driver=h.effect.removeprefix("driver:"),
         low=float(low),
         high=float(high),
         score=score,
         knots=knots,
-        at=at,
+        at=tuple(np.clip(at, *_MULTIPLIERS).tolist()),
     )
-
-
-def _curve(windows: _Windows, term: Term, theta: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Relative standard deviation at the knots of a scalar driver."""
-    h = term.hypothesis
-    if not isinstance(h, Driver) or h.kind != "hat":
-        return (), ()
-    part = windows.of(term)[windows.good] @ theta
-    at = np.exp(0.5 * (np.append(0.0, theta) - np.median(part)))
-    return h.knots, tuple(np.clip(at, *_MULTIPLIERS).tolist())
 
 
 def _multiplier(design: Design, windows: _Windows, chosen: list[Term], theta: Array) -> Array:

@@ -1,13 +1,16 @@
 """An assessment as a report: fields of docs/formats.md, a sentence, residuals before and after for figures."""
 
+from collections.abc import Callable
+
 import numpy as np
+from scipy import optimize
 
 from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Step, Tone
-from filters.tracing import common_causes, driver_curve, sentence
+from filters.tracing import common_causes, sentence
 from filters.tracing.assessment import Assessment, statuses
 from filters.tracing.findings import Finding, Rival, fitted, fixed, parameters_of
 from filters.tracing.held_out_run import correction
@@ -19,6 +22,7 @@ from filters.tracing.selection import Weak
 from filters.tracing.stack import Stack
 from filters.tracing.trace_document import (
     DriftEntry,
+    DriverCurveEntry,
     FindingEntry,
     IntegrityEntry,
     LineEntry,
@@ -128,7 +132,7 @@ def _label(h: Hypothesis, stack: Stack) -> str:
 
 def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntry:
     h = f.term.hypothesis
-    curve = driver_curve.curve(h, f.theta, f.covariance) if isinstance(h, Driver) else None
+    curve = curve_of(h, f.theta, f.covariance) if isinstance(h, Driver) else None
     return {
         "effect": h.effect,
         "label": _label(h, stack),
@@ -140,7 +144,7 @@ def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntr
         "heldout_gain": unseen_gain,
         "share_of_excess": f.share,
         "driver_curve": curve,
-        "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
+        "proposed_form": None if curve is None else proposed_form(curve),
         "rivals": [_rival(r) for r in f.rivals],
         "include_as": "S" if isinstance(h, RunSpecific) else "A",
         "confirmed": f.confirmed,
@@ -282,3 +286,69 @@ def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:
 def _remainder(x: RemainderEntry, assessment: Assessment) -> RemainderEntry:
     number = common_causes.number_of_drift(assessment.common, CHANNELS.index(x["channel"]))
     return x if number is None else {**x, "common": number}
+
+
+def curve_of(driver: Driver, theta: Array, covariance: Array) -> DriverCurveEntry | None:
+    """Curve with its standard deviations at the knots, or over the turn; None for a driver with one slope only."""
+    y_unit, si = error_unit(driver.channel)
+    if driver.kind == "hat":
+        x = np.array(driver.knots)
+        B = np.vstack([np.zeros(x.size - 1), np.eye(x.size - 1)])
+        unit = driver.unit
+    elif driver.kind == "fourier" and driver.name.startswith("angle_"):
+        x = np.linspace(-180.0, 180.0, 49)
+        orders = np.arange(1, len(driver.parameters) // 2 + 1)
+        phase = np.deg2rad(x)[:, None] * orders
+        B = np.hstack([np.sin(phase), np.cos(phase)])
+        unit = "deg"
+    else:
+        return None
+    sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", B, covariance, B), 0.0))
+    return {
+        "driver": driver.name, "unit": unit, "x": x.tolist(), "y": (B @ theta / si).tolist(), "sd": (sd / si).tolist(),
+        "y_unit": y_unit,
+    }  # fmt: skip
+
+
+_SHAPES: dict[str, tuple[Callable[[Array, float, float], Array], int]] = {
+    "line": (lambda u, a, b: u, 1),
+    "absolute value": (lambda u, a, b: np.abs(u - a), 2),
+    "quadratic": (lambda u, a, b: (u - a) ** 2, 2),
+    "cubic": (lambda u, a, b: (u - a) ** 3, 2),
+    "tanh": (lambda u, a, b: np.tanh((u - a) / b), 3),
+    "exponential": (lambda u, a, b: np.exp(-(u + 1.0) / b), 2),
+    "threshold": (lambda u, a, b: (u > a).astype(np.float64), 2),
+    "Gaussian bump": (lambda u, a, b: np.exp(-0.5 * ((u - a) / b) ** 2), 3),
+    "sine": (lambda u, a, b: np.sin((u - a) / b), 3),
+}
+
+
+def proposed_form(found: DriverCurveEntry) -> str:
+    """The simplest form that fits a curve, by BIC.
+
+    Returns one of line, absolute value, quadratic, cubic, tanh, exponential, threshold, Gaussian bump, sine.
+    """
+    x, y = np.array(found["x"]), np.array(found["y"])
+    u = 2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-12) - 1.0
+    sd = np.maximum(found["sd"], 0.02 * max(float(np.ptp(y)), 1e-12))
+    best, name = np.inf, "line"
+    for form, (shape, parameters) in _SHAPES.items():
+        chi2 = _least(shape, u, y, sd)
+        bic = chi2 + (parameters + 1) * np.log(u.size)
+        if bic < best - 1e-9:
+            best, name = bic, form
+    return name
+
+
+def _least(shape: Callable[[Array, float, float], Array], u: Array, y: Array, sd: Array) -> float:
+    """Least chi-square over centre and width; scale and offset are linear."""
+
+    def chi2(p: Array) -> float:
+        width = float(np.exp(np.clip(p[1], -4.0, 4.0)))
+        X = np.column_stack([np.ones(u.size), shape(u, float(p[0]), width)]) / sd[:, None]
+        theta = np.linalg.lstsq(X, y / sd, rcond=None)[0]
+        return float(np.sum((y / sd - X @ theta) ** 2))
+
+    grid = [(a, b) for a in np.linspace(-0.8, 0.8, 7) for b in np.log([0.15, 0.4, 1.0])]
+    start = min(grid, key=lambda p: chi2(np.array(p)))
+    return float(min(chi2(np.array(start)), optimize.minimize(chi2, np.array(start), method="Nelder-Mead").fun))

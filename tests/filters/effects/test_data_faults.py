@@ -202,6 +202,11 @@ def test_one_late_stamp_in_a_thousand_is_no_jitter_and_one_in_fifty_is() -> None
     t[500] += 0.004
     stamps = time_stamps.analyse(t)
     assert (stamps.jitter < 1e-9, stamps.off.tolist()) == (True, [499, 500])
+    # second differences tell errors that all stamps have
+    noisy = np.arange(1000) * 0.01 + 1e-4 * np.random.default_rng(0).standard_normal(1000)
+    assert time_stamps.analyse(noisy).jitter == pytest.approx(1e-4, rel=0.15)
+    noisy[500] += 0.004
+    assert time_stamps.analyse(noisy).jitter == pytest.approx(1e-4, rel=0.15)
     t[::50] += 0.004
     assert time_stamps.analyse(t).jitter > 3e-4
 

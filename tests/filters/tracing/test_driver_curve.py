@@ -7,7 +7,7 @@ import pytest
 
 from filters.channels import DPS, MG
 from filters.effects import drivers
-from filters.tracing.driver_curve import curve, proposed_form
+from filters.tracing.report import curve_of, proposed_form
 
 FORMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "line": lambda x: 0.3 * x,
@@ -39,7 +39,7 @@ def test_a_curve_is_its_parameters_at_the_knots() -> None:
     driver = basis("temperature", "hat").on(4)
     theta = MG * np.arange(1.0, 8.0)
     covariance = np.diag((MG * 0.1 * np.arange(1.0, 8.0)) ** 2)
-    made = curve(driver, theta, covariance)
+    made = curve_of(driver, theta, covariance)
     assert made is not None
     assert made["y"] == pytest.approx([0.0, 1, 2, 3, 4, 5, 6, 7])
     assert made["sd"] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
@@ -51,7 +51,7 @@ def test_a_curve_over_a_turn_is_its_harmonics() -> None:
     driver = basis("angle_inner", "fourier").on(0)
     theta = np.zeros(len(driver.parameters))
     theta[0], theta[len(driver.parameters) // 2 + 1] = 2.0 * DPS, 1.0 * DPS
-    made = curve(driver, theta, np.zeros((len(driver.parameters),) * 2))
+    made = curve_of(driver, theta, np.zeros((len(driver.parameters),) * 2))
     assert made is not None
     x = np.deg2rad(made["x"])
     assert np.allclose(made["y"], 2.0 * np.sin(x) + np.cos(2.0 * x))
@@ -59,4 +59,4 @@ def test_a_curve_over_a_turn_is_its_harmonics() -> None:
 
 
 def test_a_slope_has_no_curve() -> None:
-    assert curve(basis("direction_inner", "line").on(0), np.ones(1), np.eye(1)) is None
+    assert curve_of(basis("direction_inner", "line").on(0), np.ones(1), np.eye(1)) is None
