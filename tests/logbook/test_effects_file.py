@@ -1,5 +1,4 @@
-"""The effects file: valid TOML that says exactly what was found."""
-
+import math
 import tomllib
 from pathlib import Path
 
@@ -9,7 +8,103 @@ from helpers import traces
 
 from filters.effects.records import Included, State
 from filters.tracing.result import Trace
-from imutui.logbook import atomic_file, effects_file
+from imutui.logbook import SessionInfo, atomic_file, effects_file
+
+GOOD = """\
+version = 1
+source = "trace of two runs"
+correlation = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+[[effect]]
+effect = "thermal_lin"
+channels = ["gy"]
+include_as = "A"
+[effect.parameters]
+t0_degc = 25.0
+[[effect.state]]
+name = "k"
+unit = "dps/K"
+mean = 0.02
+sd = 0.001
+
+[[effect]]
+effect = "gauss_markov"
+channels = ["gz", "ax"]
+include_as = "S"
+[[effect.state]]
+name = "x"
+unit = "dps"
+mean = 0
+sd = 0.02
+tau_s = 60.0
+q = 0.001
+[[effect.state]]
+name = "y"
+unit = "mg"
+mean = 0.0
+sd = 0.3
+tau_s = inf
+q = 0.0
+
+[[effect]]
+effect = "noise_level"
+channels = ["gx"]
+include_as = "N"
+"""
+
+
+def test_an_effects_file_is_read_as_it_stands() -> None:
+    document = effects_file.parse(GOOD.encode())
+    assert document.source == "trace of two runs"
+    assert [entry.effect for entry in document.effects] == ["thermal_lin", "gauss_markov", "noise_level"]
+    assert document.effects[0].parameters == {"t0_degc": 25.0}
+    assert document.effects[1].channels == ("gz", "ax")
+    assert [(state.tau_s, state.q) for state in document.states] == [(math.inf, 0.0), (60.0, 0.001), (math.inf, 0.0)]
+    assert np.allclose(np.sqrt(np.diag(document.covariance())), [0.001, 0.02, 0.3])
+    assert document.covariance()[0, 1] == pytest.approx(0.5 * 0.001 * 0.02)
+    # without a correlation the states are independent
+    alone = effects_file.parse(GOOD.replace(GOOD.splitlines()[2], "").encode())
+    assert np.array_equal(alone.correlation, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("version = 1", "version = 2", "`version` 2; this imutui reads version 1"),
+        ("version = 1", "", "has no `version`"),
+        ("version = 1", "version 1", "this is not"),
+        ("source =", "sources =", "`sources` is unknown in the file; known: version"),
+        ('channels = ["gy"]', 'channels = ["wy"]', r'effect 1 \("thermal_lin"\): `channels` is'),
+        ('include_as = "S"', 'include_as = "X"', r"effect 2 .*`include_as` is .*not one of: A, N, S, P"),
+        ('effect = "gauss_markov"', "", "effect 2 has no name"),
+        ("mean = 0.02", 'mean = "much"', r"effect 1 .*, state 1: `mean` is 'much', not a finite number"),
+        ("mean = 0.02", "mean = nan", "`mean` is nan"),
+        ("mean = 0.02", "", "`mean` is missing"),
+        ("sd = 0.02", "sd = -0.02", r"effect 2 .*, state 1: `sd` is -0.02"),
+        ("tau_s = 60.0", "tau_s = 0.0", "`tau_s` is 0.0, not positive"),
+        ("q = 0.001", "q = inf", "`q` is inf"),
+        ("q = 0.001", "Q = 0.001", "`Q` is unknown in effect 2 .*state 1; known: name, unit, mean, sd, tau_s, q"),
+        (", [0.0, 0.0, 1.0]]", "]", "`correlation` has 2 rows, not 3"),
+        ("[[1.0, 0.5, 0.0]", "[[1.0, 0.5]", "not a table of 3 by 3 numbers"),
+        ("[[1.0, 0.5", "[[1.0, 0.4", "not symmetric"),
+        ("0.5", "1.5", "negative eigenvalue"),
+    ],
+)
+def test_what_is_no_effects_file_is_refused_with_the_place(old: str, new: str, words: str) -> None:
+    assert old in GOOD
+    with pytest.raises(ValueError, match=words):
+        effects_file.parse(GOOD.replace(old, new).encode())
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nothing\.toml: No such file .*imutui trace"):
+        effects_file.from_file(tmp_path / "nothing.toml")
+
+
+def test_no_effects_need_no_catalogue() -> None:
+    assert effects_file.maker(effects_file.NONE, SessionInfo()) is None
+    assert effects_file.digest(effects_file.NONE) == ""
+    assert SessionInfo().config_sha256() != SessionInfo(effects_sha256=effects_file.digest(b"x")).config_sha256()
 
 
 def test_every_number_comes_back_as_it_was() -> None:

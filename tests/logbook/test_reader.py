@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.logs import LAYOUTS, START, recorded, rewritten, with_frame
+from helpers.logs import LAYOUTS, START, chunks, recorded, rewritten, with_frame
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
@@ -123,16 +123,10 @@ def test_a_changed_byte_costs_no_more_than_the_message_loop_loses(tmp_path: Path
     """The same samples are given up as with mcap's own reader, since each chunk has its checksum."""
     path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", chunk_size=3000)
     content = path.read_bytes()
-    at, spans = 8, []
-    while at + 9 < len(content) - 8:
-        (length,) = struct.unpack_from("<Q", content, at + 1)
-        if content[at] == 6:
-            spans.append((at + 60, at + 9 + length))
-        at += 9 + length
     rng = random.Random(2)
-    for first, last in spans[1:]:
+    for at, length in chunks(content)[1:]:
         spoilt = bytearray(content)
-        spoilt[rng.randrange(first, last)] ^= 1 << rng.randrange(8)
+        spoilt[rng.randrange(at + 60, at + length)] ^= 1 << rng.randrange(8)
         (tmp_path / "c.mcap").write_bytes(spoilt)
         try:
             log = reader.read(tmp_path / "c.mcap", raw=True)
@@ -145,12 +139,7 @@ def test_a_changed_byte_costs_no_more_than_the_message_loop_loses(tmp_path: Path
 
 def test_a_record_longer_than_the_limit_ends_the_reading(tmp_path: Path) -> None:
     content = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
-    at, chunks = 8, []
-    while at + 9 < len(content) - 8:
-        if content[at] == 6:
-            chunks.append(at)
-        at += 9 + struct.unpack_from("<Q", content, at + 1)[0]
-    struct.pack_into("<Q", content, chunks[1] + 1, 2**40)
+    struct.pack_into("<Q", content, chunks(bytes(content))[1][0] + 1, 2**40)
     (tmp_path / "b.mcap").write_bytes(content)
     log = reader.read(tmp_path / "b.mcap")
     assert log.stamp_ns.size == 20

@@ -5,13 +5,12 @@ import random
 import struct
 import time
 import tracemalloc
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.logs import recorded
+from helpers.logs import chunks, recorded
 from helpers.mutations import spoilt_log
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
@@ -66,16 +65,6 @@ def messages(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     return out
 
 
-def chunks(data: bytes) -> Iterator[tuple[int, int]]:
-    """Where the chunk records of a file lie: offset and length with header."""
-    at = 8
-    while at + 9 <= len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, at)
-        if opcode == 6:
-            yield at, 9 + length
-        at += 9 + length
-
-
 def made(source: Path, data: bytes) -> Path:
     source.write_bytes(data)
     return source
@@ -110,7 +99,7 @@ def test_a_log_recovers_to_the_same_messages(tmp_path: Path, *, finish: bool) ->
 
 def test_a_rebuilt_log_says_so_and_from_what(tmp_path: Path) -> None:
     data = written(tmp_path / "a.mcap")
-    at, length = list(chunks(data))[1]
+    at, length = chunks(data)[1]
     made(tmp_path / "a.mcap", data[: at + 60] + bytes([data[at + 60] ^ 1]) + data[at + 61 :])
     _, output = recovered(tmp_path / "a.mcap")
     with output.open("rb") as stream:
@@ -136,7 +125,7 @@ def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:
     whole = messages(tmp_path / "a.mcap")
     # packets, samples and a mark each second; before the first sample its transform
     ends = {0: 0} | {at + length: 1 + 11 * (k + 1) for k, (at, length) in enumerate(chunks(data))}
-    last = list(chunks(data))[-1]
+    last = chunks(data)[-1]
     cuts = {*range(len(data) - 60, len(data)), *range(last[0] - 20, last[0] + 60), *range(9)}
     cuts |= set(random.Random(7).sample(range(len(data)), 60))
     for size in sorted(cuts):

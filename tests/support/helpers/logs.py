@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from filters.imu import Samples
 from imutui.logbook import SessionInfo, schemas
+from imutui.logbook.mcap_format import HEAD, MAGIC, records
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
@@ -112,3 +114,9 @@ def rewritten(source: Path, path: Path, frame: str | None = None, **options: Any
                 writer.add_attachment(0, 0, record.name, record.media_type, record.data)
         writer.finish()
     return path
+
+
+def chunks(content: bytes) -> list[tuple[int, int]]:
+    """Where the chunk records of a whole file lie: offset, and length with the record's head."""
+    found = records(content[len(MAGIC) :])
+    return [(at + len(MAGIC) - HEAD.size, HEAD.size + length) for opcode, at, length in found if opcode == Opcode.CHUNK]
