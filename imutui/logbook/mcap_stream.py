@@ -31,8 +31,6 @@ _LENGTH_OF_RECORD = struct.Struct("<xQ")
 # What is left aside at each level; the rest of the file's index says nothing that the records themselves don't.
 _IN_FILE = np.isin(np.arange(256), [*(mcap_format.PARSED.keys() - {Opcode.HEADER}), Opcode.CHUNK, Opcode.MESSAGE])
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
-
-
 _NONE = np.empty((0, 4), np.int64)
 
 
@@ -118,14 +116,16 @@ class Batch:
 def joined(items: Iterator[McapRecord | Batch], rows: int = JOINED) -> Iterator[McapRecord | Batch]:
     """The same with batches that follow each other made one, of so many messages or a few more: each batch costs."""
     held: list[Batch] = []
+    count = 0
     for item in items:
         if isinstance(item, Batch):
             held.append(item)
-            if sum(len(batch.table) for batch in held) < rows:
+            count += len(item.table)
+            if count < rows:
                 continue
         if held:
             yield _one_of(held)
-            held = []
+            held, count = [], 0
         if not isinstance(item, Batch):
             yield item
     if held:
