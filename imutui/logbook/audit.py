@@ -258,7 +258,7 @@ def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda 
 
 def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
     """Schemas, channels, and messages in batches, of all whole pieces."""
-    inflater = mcap_format.Inflater(found.size)
+    inflater, starts = mcap_format.Inflater(found.size), np.empty(0, np.int64)
     with found.path.open("rb") as stream:
         for number, piece in enumerate(found.pieces):
             if piece.opcode not in _BELONGINGS:
@@ -267,7 +267,9 @@ def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> I
                 is_chunk = piece.opcode == Opcode.CHUNK
                 whole = HEAD.pack(piece.opcode, piece.length) + body
                 content = inflater.content(mcap_format.chunk_of(body)) if is_chunk else whole
-                yield from records_of(content, work.meet(tabulate(content)))
+                table = tabulate(content, like=starts)
+                starts = table.starts if is_chunk else starts
+                yield from records_of(content, work.meet(table))
             progress(number / len(found.pieces))
 
 
@@ -282,8 +284,10 @@ class _Work(Channels):
 
     def meet(self, found: RecordTable) -> np.ndarray:
         """The rows that can be used, of a chunk that comes next; keeps the order in which channels have messages."""
-        rows: np.ndarray = found.rows[~found.short]
-        for channel in np.flatnonzero(np.bincount(rows[rows[:, CHANNEL] >= 0, CHANNEL])).tolist():
+        short = found.short
+        rows: np.ndarray = found.rows[~short] if short.any() else found.rows
+        # the -1 of what is no message is counted as 0
+        for channel in (np.flatnonzero(np.bincount(rows[:, CHANNEL] + 1)[1:])).tolist():
             self._runs.setdefault(channel, None)
         self.audit.undecodable_count += len(found.rows) - len(rows)
         return rows

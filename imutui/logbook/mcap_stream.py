@@ -31,7 +31,7 @@ _LENGTH_OF_RECORD = struct.Struct("<xQ")
 # What is left aside at each level; the rest of the file's index says nothing that the records themselves don't.
 _IN_FILE = np.isin(np.arange(256), [*(mcap_format.PARSED.keys() - {Opcode.HEADER}), Opcode.CHUNK, Opcode.MESSAGE])
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
-_NONE = np.empty((0, 4), np.int64)
+_NONE, _NO_ROWS = np.empty(0, np.int64), np.empty((0, 4), np.int64)
 
 
 class RecordTable(NamedTuple):
@@ -41,6 +41,7 @@ class RecordTable(NamedTuple):
     # too short to be one
     rows: np.ndarray
     end: int  # where the first record begins that is not whole
+    starts: np.ndarray  # where each whole record begins, wanted or not, int64
 
     @property
     def short(self) -> np.ndarray:
@@ -48,11 +49,16 @@ class RecordTable(NamedTuple):
         return np.asarray((self.rows[:, CHANNEL] < 0) & (self.rows[:, OPCODE] == _MESSAGE))
 
 
-def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
-    """The whole records in bytes; `wanted` says of each opcode whether it is, bool, shape (256,)."""
-    end, at = len(content), 0
+def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, like: np.ndarray = _NONE) -> RecordTable:
+    """The whole records in bytes.
+
+    `wanted`: of each opcode whether it is, bool, shape (256,).
+    `like`: `starts` of the chunk before: most records lie where its records lay, and are found at once.
+    """
+    end = len(content)
     # eight bytes each, where a list takes forty: records may be as short as their heads
-    found, head = array("q"), HEAD.size
+    found, head = array("q", _as_before(content, like).tobytes()), HEAD.size
+    at = found.pop() if found else 0
     length_at, append, last = _LENGTH_OF_RECORD.unpack_from, found.append, end - head
     while at <= last:
         (length,) = length_at(content, at)
@@ -65,7 +71,7 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
     opcodes = data[starts]
     use = wanted[opcodes]
     if not use.any():
-        return RecordTable(_NONE, at)
+        return RecordTable(_NO_ROWS, at, starts)
     rows = np.empty((starts.size, 4), np.int64)
     rows[:, OPCODE] = opcodes
     rows[:, OFFSET] = starts + HEAD.size
@@ -74,11 +80,22 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
     rows[:, LENGTH] -= rows[:, OFFSET]
     rows = rows if use.all() else rows[use]
     messages = (rows[:, OPCODE] == _MESSAGE) & (rows[:, LENGTH] >= MESSAGE.size)
+    which = slice(None) if messages.all() else messages
     rows[:, CHANNEL] = -1
-    rows[messages, CHANNEL] = windows(data, rows[messages, OFFSET], 2).view("<u2")[:, 0]
-    rows[messages, OFFSET] += MESSAGE.size
-    rows[messages, LENGTH] -= MESSAGE.size
-    return RecordTable(rows, at)
+    rows[which, CHANNEL] = windows(data, rows[which, OFFSET], 2).view("<u2")[:, 0]
+    rows[which, OFFSET] += MESSAGE.size
+    rows[which, LENGTH] -= MESSAGE.size
+    return RecordTable(rows, at, starts)
+
+
+def _as_before(content: bytes, like: np.ndarray) -> np.ndarray:
+    """Where records begin that follow each other here as in other bytes; only the last of them may not be whole."""
+    like = like[: np.searchsorted(like, len(content) - HEAD.size, side="right")]
+    if not like.size:
+        return like
+    lengths = windows(np.frombuffer(content, np.uint8), like + 1, 8).view("<u8")[:-1, 0]
+    others = np.flatnonzero(lengths != (np.diff(like) - HEAD.size).astype(np.uint64))
+    return like[: others[0] + 1] if others.size else like
 
 
 def windows(data: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:

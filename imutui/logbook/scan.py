@@ -153,6 +153,7 @@ class _FileWalk:
     def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None], *, indexes: bool) -> None:
         self._indexes = indexes
         self._inside: bytes | None = None
+        self._starts_inside = np.empty(0, np.int64)
         self._data = data
         self._found = found
         self._progress = progress
@@ -255,7 +256,8 @@ class _FileWalk:
         if opcode == Opcode.CHUNK:
             self._inside = None
             inside = self._inflater.content(mcap_format.chunk_of(body))
-            found = tabulate(inside, _DECLARATIONS)
+            found = tabulate(inside, _DECLARATIONS, self._starts_inside)
+            self._starts_inside = found.starts
             if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
             for kind, _, start, length in found.rows.tolist():
@@ -361,10 +363,9 @@ def _fits(index: bytes, content: bytes | None) -> bool:
         return True
     if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
         return False
-    data, at = np.frombuffer(content, np.uint8), at.astype(np.int64)
-    heads = windows(data, at + HEAD.size, MESSAGE.size).view(MESSAGE_HEAD)[:, 0]
-    same = (data[at] == int(Opcode.MESSAGE)) & (heads["channel"] == channel) & (heads["log_ns"].view("<u8") == times)
-    return bool(same.all())
+    heads = windows(np.frombuffer(content, np.uint8), at.astype(np.int64) + HEAD.size, MESSAGE.size)
+    told = heads.view(MESSAGE_HEAD)[:, 0]
+    return bool(((told["channel"] == channel) & (told["log_ns"].view("<u8") == times)).all())
 
 
 def _name(opcode: int) -> str:
