@@ -20,7 +20,6 @@ records is streamed to Foxglove's protocol, and a client in a process of its own
 import contextlib
 import json
 import multiprocessing
-import socket
 import sys
 import time
 from collections.abc import Iterator
@@ -31,6 +30,7 @@ from pathlib import Path
 
 import bench
 import numpy as np
+from helpers.processes import children, free_port, processor_s
 from reading import write
 from terminals import in_terminal
 
@@ -70,12 +70,12 @@ def cost(folder: Path, seconds: float) -> None:
     for number, (what, rate, name, asks_hz) in enumerate(CASES):
         with acquiring(folder, str(number), rate=rate, filter=name) as client:
             time.sleep(WARM_UP_S)
-            before, since, series = bench.processor_s(client.pid), time.monotonic(), NOTHING_NEW
+            before, since, series = processor_s(client.pid), time.monotonic(), NOTHING_NEW
             while time.monotonic() - since < seconds:
                 time.sleep(1.0 / asks_hz if asks_hz else seconds)
                 if asks_hz:
                     series = client.snapshot(series)["series"]["next"]
-            share = (bench.processor_s(client.pid) - before) / (time.monotonic() - since)
+            share = (processor_s(client.pid) - before) / (time.monotonic() - since)
         bench.row(what, f"{100.0 * share:.1f}")
 
 
@@ -210,8 +210,7 @@ def stream(folder: Path, seconds: float) -> None:
     """Two acquisitions at the same time, one of them with a viewer of its stream."""
     from reliability.setting import log_packets
 
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        streams = {"no stream": 0, "stream, one viewer": free.getsockname()[1]}
+    streams = {"no stream": 0, "stream, one viewer": free_port()}
     outputs = [folder / f"{number}.npy" for number in range(2)]
     with ExitStack() as units, ProcessPoolExecutor(1, SPAWN) as pool:
         with ExitStack() as ends:
@@ -223,10 +222,10 @@ def stream(folder: Path, seconds: float) -> None:
             ]
             viewer = pool.submit(watch, streams["stream, one viewer"])
             time.sleep(WARM_UP_S)
-            pids = [*(client.pid for client in clients), bench.children(clients[1].pid)[0]]
-            before, since = [bench.processor_s(pid) for pid in pids], time.monotonic()
+            pids = [*(client.pid for client in clients), children(clients[1].pid)[0]]
+            before, since = [processor_s(pid) for pid in pids], time.monotonic()
             time.sleep(seconds)
-            after, took = [bench.processor_s(pid) for pid in pids], time.monotonic() - since
+            after, took = [processor_s(pid) for pid in pids], time.monotonic() - since
             told = clients[1].snapshot(NOTHING_NEW).get("stream")
             logs = [recording(client) for client in clients]
         received = viewer.result(30.0)

@@ -145,17 +145,3 @@ def apart(function: Callable[..., _Found], *arguments: object) -> _Found:
     """What a function returns in a process of its own, which has read this script and nothing else before."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(function, *arguments).result()
-
-
-def processor_s(pid: int, *, ended_children: bool = False) -> float:
-    """Processor time that a running process has used, with that of its children that have ended if so wanted."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, fields[11 : 15 if ended_children else 13])) / os.sysconf("SC_CLK_TCK")
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process has started, of which none is left if it has gone."""
-    try:
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []

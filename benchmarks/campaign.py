@@ -34,6 +34,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import bench
 import numpy as np
 import reading
+from helpers.processes import children, processor_s
 
 SECONDS, RATE = 60, 133
 DISTINCT = 6
@@ -80,7 +81,7 @@ def bare(log: Path) -> tuple[float, float]:
 
 def cpu_of(pids: list[int]) -> float:
     """CPU seconds that running processes have used, with those of their children that have ended."""
-    return sum(bench.processor_s(pid, ended_children=True) for pid in pids)
+    return sum(processor_s(pid, ended_children=True) for pid in pids)
 
 
 def campaign(logs: Path, results: Path, options: list[str], others: list[int]) -> Cost:
@@ -152,7 +153,7 @@ def memory(logs: Path, folder: Path) -> list[tuple[float, float]]:
     while child.poll() is None:
         journal = results / "rows.jsonl"
         done = journal.read_bytes().count(b'{"log":') if journal.exists() else 0
-        held = [rss for pid in bench.children(child.pid) if (rss := resident(pid))]
+        held = [rss for pid in children(child.pid) if (rss := resident(pid))]
         if done and held:
             seen.append((done / count, max(held)))
         time.sleep(0.1)

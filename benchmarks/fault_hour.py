@@ -28,6 +28,7 @@ from pathlib import Path
 
 import bench
 import numpy as np
+from helpers.processes import processor_s
 from mcap.reader import make_reader
 
 from filters.simulation import FAULT_KINDS
@@ -200,7 +201,7 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
                     client.wait(5.0)
                     break
                 except TimeoutError:
-                    share = bench.processor_s(client.pid) / (time.monotonic() - since)
+                    share = processor_s(client.pid) / (time.monotonic() - since)
                     print(f"\r{time.monotonic() - since:.0f} of {seconds:.0f} s", end="", file=sys.stderr, flush=True)
         except SessionError as error:
             print(f"\nended: {error}", file=sys.stderr)

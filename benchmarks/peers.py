@@ -98,6 +98,7 @@ class Filterpy(Peer):
     """`filterpy.kalman.UnscentedKalmanFilter`, as its documentation shows, predict and update."""
 
     def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
+        """Feed samples; see `Peer`."""
         sample = [gyro[0], accel[0]]
         gravity = self.gravity
         kf = UnscentedKalmanFilter(
@@ -111,29 +112,18 @@ class Filterpy(Peer):
         kf.x, kf.P, kf.Q, kf.R = self.x, self.P, self.Q, np.diag(self.R)
         for sample[0], sample[1] in zip(gyro, accel, strict=True):
             kf.predict()
-            kf.update(self.known)
+            self._correct(kf)
         self.x, self.P = kf.x, kf.P
 
+    def _correct(self, kf: UnscentedKalmanFilter) -> None:
+        kf.update(self.known)
 
-class FilterpyLinear(Peer):
+
+class FilterpyLinear(Filterpy):
     """filterpy's prediction with a linear correction of our own, which a user who knows that H = [I9 0] would write."""
 
-    def run(self, gyro: np.ndarray, accel: np.ndarray) -> None:
-        sample = [gyro[0], accel[0]]
-        gravity = self.gravity
-        kf = UnscentedKalmanFilter(
-            dim_x=15,
-            dim_z=9,
-            dt=self.dt,
-            hx=lambda x: x[:9],
-            fx=lambda x, dt: model_of_one(x, dt, sample[0], sample[1], gravity),
-            points=JulierSigmaPoints(15, kappa=0.0),
-        )
-        kf.x, kf.P, kf.Q = self.x, self.P, self.Q
-        for sample[0], sample[1] in zip(gyro, accel, strict=True):
-            kf.predict()
-            kf.x, kf.P = corrected(kf.x, kf.P, self.known, self.R)
-        self.x, self.P = kf.x, kf.P
+    def _correct(self, kf: UnscentedKalmanFilter) -> None:
+        kf.x, kf.P = corrected(kf.x, kf.P, self.known, self.R)
 
 
 class Turbo(Peer):

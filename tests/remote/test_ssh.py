@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers import loopback
 from helpers.loopback import SshServer, Terminal, processes_with
-from helpers.processes import command_line, wait_until
+from helpers.processes import command_line, family, wait_until
 from helpers.tap import packets_of
 from helpers.units import virtual
 
@@ -185,7 +185,7 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     first.wait_for("● REC")
     connection = attached()
     first.close()
-    wait_until(lambda: ours(home) == set(loopback.family(connection.pid)) and nobody_else_watches(connection))
+    wait_until(lambda: ours(home) == set(family(connection.pid)) and nobody_else_watches(connection))
     goes_on(connection)
     login("attach").wait_for("● REC", "asked 20")
     result = connection.stop()

@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.processes import LIMIT_S, children, command_line, has_ended, started, wait_until
 from helpers.runs import run_of
 from helpers.units import virtual
 
@@ -53,20 +53,11 @@ def acquired(home: Path, port: str, unwatched_s: float) -> client.Client:
     return client.start(plan)
 
 
-def processes_of(pid: int) -> list[int]:
-    """Children of a process."""
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def has_ended(pid: int) -> bool:
-    return not Path(f"/proc/{pid}/cmdline").exists() or not Path(f"/proc/{pid}/cmdline").read_bytes()
-
-
 def test_a_virtual_unit_ends_when_nobody_looks_on_with_its_file_finished(home: Path) -> None:
     connection = acquired(home, VIRTUAL_PORT, unwatched_s=3.0)
     assert connection.snapshot()["ends_unwatched_s"] == 3.0
     path = Path((connection.snapshot()["recording"] or {})["path"])
-    (unit,) = processes_of(connection.pid)
+    (unit,) = children(connection.pid)
     connection.close()
     again = client.attach(connection.name)
     begun = again.snapshot()["since_start_s"]
@@ -107,7 +98,7 @@ def test_a_unit_that_is_not_virtual_is_recorded_on_without_a_viewer(home: Path) 
 def test_a_virtual_unit_does_not_outlive_an_acquisition_that_was_killed(home: Path) -> None:
     """SIGKILL leaves no time to tell it: its standard input ends."""
     connection = acquired(home, VIRTUAL_PORT, unwatched_s=60.0)
-    (unit,) = processes_of(connection.pid)
+    (unit,) = children(connection.pid)
     os.kill(connection.pid, signal.SIGKILL)
     wait_until(lambda: has_ended(unit))
 

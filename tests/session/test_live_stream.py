@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from helpers.acquisitions import acquiring
 from helpers.commands import imutui
-from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.processes import LIMIT_S, command_line, free_port, started, wait_until
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from websockets.exceptions import ConnectionClosed
@@ -32,11 +32,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:connect.. must be used as a cont
 Message = tuple[str, int, bytes]
 # of a message to a client: opcode 1, the subscription's number, log time
 _HEAD = struct.Struct("<BIQ")
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        return int(listening.getsockname()[1])
 
 
 class Viewer:

@@ -18,12 +18,12 @@ import subprocess
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pyte
 
-from helpers.processes import LIMIT_S
+from helpers.processes import LIMIT_S, family, free_port
 
 SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin")
 PATIENCE_S = 60.0
@@ -79,7 +79,7 @@ class SshServer:
             Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
         # another process may take the port between its being found free and sshd's taking it
         for _ in range(5):
-            self.port = _free_port()
+            self.port = free_port()
             self._process = self._serve()
             if self._answers():
                 return
@@ -111,7 +111,7 @@ class SshServer:
 
     def sessions(self) -> list[int]:
         """Processes of sshd that serve sessions, those of all that are open."""
-        return [pid for pid in descendants(self._process.pid) if _name(pid).startswith("sshd")]
+        return [pid for pid in family(self._process.pid)[1:] if _name(pid).startswith("sshd")]
 
     def close(self) -> None:
         for pid in [*self.sessions(), self._process.pid]:
@@ -237,28 +237,6 @@ def _pass_on(source: socket.socket, sink: socket.socket, count: Callable[[int], 
         sink.close()
 
 
-def family(pid: int) -> list[int]:
-    return [pid, *descendants(pid)]
-
-
-def descendants(pid: int) -> Iterator[int]:
-    """Processes below one, nearest first."""
-    for child in children(pid):
-        yield child
-        yield from descendants(child)
-
-
-def children(pid: int) -> list[int]:
-    """Processes that one has started and that are not gone."""
-    found: list[int] = []
-    for thread in Path(f"/proc/{pid}/task").glob("*"):
-        try:
-            found += [int(child) for child in (thread / "children").read_text().split()]
-        except OSError:
-            continue  # the thread has ended meanwhile
-    return found
-
-
 def processes_with(variable: str) -> set[int]:
     """Living processes that have this NAME=value in their environment."""
     found = set()
@@ -283,8 +261,3 @@ def _signal(pid: int, number: signal.Signals) -> None:
         os.kill(pid, number)
     except ProcessLookupError:
         return
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        return int(found.getsockname()[1])

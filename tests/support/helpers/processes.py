@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -59,11 +60,43 @@ def end_owner(lock: Path) -> None:
             continue
         if holds and int(process.name) != os.getpid():
             os.kill(int(process.name), signal.SIGKILL)
-            wait_until(lambda process=process: not process.exists() or _is_zombie(process))  # type: ignore[misc]
+            wait_until(lambda pid=int(process.name): has_ended(pid))  # type: ignore[misc]
 
 
-def _is_zombie(process: Path) -> bool:
+def state_of(pid: int) -> str:
+    """A letter: of a process that is gone Z, as of one that its parent has not looked at; of a stopped one T."""
     try:
-        return (process / "stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
-        return True
+        return "Z"
+
+
+def has_ended(pid: int) -> bool:
+    return state_of(pid) == "Z"
+
+
+def processor_s(pid: int, *, ended_children: bool = False) -> float:
+    """Processor time of a running process so far, with that of its children that have ended if so wanted."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11 : 15 if ended_children else 13])) / os.sysconf("SC_CLK_TCK")
+
+
+def children(pid: int) -> list[int]:
+    """Processes that one has started and that are not gone."""
+    found: list[int] = []
+    for thread in Path(f"/proc/{pid}/task").glob("*"):
+        try:
+            found += [int(child) for child in (thread / "children").read_text().split()]
+        except OSError:
+            continue  # the thread has ended meanwhile
+    return found
+
+
+def family(pid: int) -> list[int]:
+    """A process and those below it, nearest first."""
+    return [pid, *(below for child in children(pid) for below in family(child))]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return int(found.getsockname()[1])

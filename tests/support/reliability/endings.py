@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from helpers import loopback
-from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.processes import LIMIT_S, command_line, family, has_ended, started, wait_until
 from helpers.readers import packets_by_reader
 from helpers.tap import packets_of
 
@@ -24,7 +23,6 @@ from reliability.setting import (
     PERIOD_S,
     Acquired,
     acquiring,
-    has_ended,
     log_packets,
     seconds_until_ended,
 )
@@ -47,10 +45,10 @@ def kill_nine(folder: Path, seconds: float = 1.5) -> Killed:
     wait_until(lambda: connection.snapshot(NOTHING_NEW)["packets"] * PERIOD_S > seconds)
     path = Path(connection.snapshot(NOTHING_NEW)["recording"]["path"])
     assert summary.read(path).state == "being written"
-    family = loopback.family(connection.pid)
+    processes = family(connection.pid)
     os.kill(connection.pid, signal.SIGKILL)
     sent = packets_of(tap)
-    wait_until(lambda: all(has_ended(pid) for pid in family))
+    wait_until(lambda: all(has_ended(pid) for pid in processes))
     held = [tuple(row[1:]) for row in log_packets(path).tolist()]
     assert held == sent[: len(held)], "nothing is lost but the end"
     _tell_viewer(connection)

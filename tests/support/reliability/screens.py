@@ -9,17 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from helpers import loopback
-from helpers.processes import command_line, wait_until
+from helpers.processes import children, command_line, has_ended, processor_s, state_of, wait_until
 from helpers.terminal import Terminal
 
 from reliability.setting import (
     Acquired,
-    has_ended,
-    is_stopped,
     log_packets,
     places,
-    processor_s,
     seconds_until_ended,
 )
 
@@ -120,8 +116,8 @@ def suspended(it: Acquired, seconds: float) -> int:
     try:
         shell.press(f"{shlex.join(command_line('attach'))}\n".encode())
         shell.read_until(_RECORDS, "deg/s")
-        (screen,) = loopback.children(shell.process.pid)
-        _press_until(shell, b"\x1a", lambda: is_stopped(screen))
+        (screen,) = children(shell.process.pid)
+        _press_until(shell, b"\x1a", lambda: state_of(screen) == "T")
         it.goes_on(seconds)
         shell.press(b"fg\n")
         shell.read_until_sent(_OTHER_SCREEN)

@@ -1,6 +1,5 @@
 """An acquisition of a unit that this process serves, with the truth of what was sent; how processes fare."""
 
-import os
 import struct
 import sys
 import threading
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from helpers.processes import wait_until
+from helpers.processes import has_ended, wait_until
 from helpers.units import served
 
 from filters.simulation import Scenario
@@ -151,25 +150,6 @@ def log_packets(path: Path) -> np.ndarray:
     fields = [packets["host_monotonic_ns"][:, None], packets["counts"]]
     fields += [packets["temperature"][:, None], packets["ticks"][:, None]]
     return np.hstack([np.asarray(field, np.int64) for field in fields])
-
-
-def has_ended(pid: int) -> bool:
-    """Whether a process is gone, or a zombie that its parent has not looked at."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
-
-
-def is_stopped(pid: int) -> bool:
-    """Whether a process is stopped by a signal."""
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
-
-
-def processor_s(pid: int) -> float:
-    """Processor time of a process so far, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def seconds_until_ended(pid: int, since: float) -> float:
