@@ -31,4 +31,4 @@ def test_what_failed_once_ends_in_words(case: Path, home: Path) -> None:
 def test_what_is_not_spoilt_is_taken(name: str, home: Path) -> None:
     """Else a target would refuse everything, and nothing behind its door would be tested."""
     for seed in TARGETS[name].seeds(home):
-        TARGETS[name].take(seed, home)
+        TARGETS[name].give(seed, home)

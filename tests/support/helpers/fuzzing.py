@@ -51,9 +51,16 @@ class Target:
 
     seeds: Callable[[Path], list[bytes]]  # gives inputs that are right; told a folder to work in
     spoil: Callable[[random.Random, bytes], bytes]  # makes another input of one
-    take: Callable[[bytes, Path], None]  # takes an input; told a folder to work in
+    file: str  # name of the file that an input is
+    take: Callable[[Path], None]  # takes it; may work beside it
     in_tests: int  # inputs that take about a third of a second
     told: tuple[type[Exception], ...] = ()  # errors that are documented, and that a command tells in words
+
+    def give(self, data: bytes, folder: Path) -> None:
+        """Have an input taken, in a folder to work in."""
+        path = folder / self.file
+        path.write_bytes(data)
+        self.take(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +81,8 @@ def _line_seeds(folder: Path) -> list[bytes]:
     return [b"".join(map(encode, packets)), b"H" + b"\xff\x00\x97\x3c\xe6\xb9" + b"\xffDMU\x8a", b"PPRSvCGTab"]
 
 
-def _take_line(data: bytes, folder: Path) -> None:
+def _take_line(path: Path) -> None:
+    data = path.read_bytes()
     rng = random.Random(len(data))
     for command in (True, False, Command.PING, Command.VERSION, Command.SERIAL_NUMBER, Command.SCALED_MODE):
         packets = isinstance(command, bool)
@@ -112,45 +120,35 @@ def _still_log_seeds(folder: Path) -> list[bytes]:
     return [made, made[: len(made) * 2 // 3]]
 
 
-def _log_file(data: bytes, folder: Path) -> Path:
-    path = folder / "log.mcap"
-    path.write_bytes(data)
-    return path
-
-
-def _take_brief(data: bytes, folder: Path) -> None:
+def _take_brief(path: Path) -> None:
     from imutui.tui.pages.logs import text
 
-    found = info.brief(_log_file(data, folder))
+    found = info.brief(path)
     text.row(found, False, 140)
     text.detail(found)
 
 
-def _take_info(data: bytes, folder: Path) -> None:
-    document = info.info(_log_file(data, folder))
-    dumps(document)
-    log_texts.info_text(document, 80)
+def _told(take: Callable[[Path], Any], text: Callable[[Any, int], str]) -> Callable[[Path], None]:
+    """What a command prints of a log, as JSON and as text."""
+
+    def both(path: Path) -> None:
+        document = take(path)
+        dumps(document)
+        text(document, 80)
+
+    return both
 
 
-def _take_check(data: bytes, folder: Path) -> None:
-    document = check.check(_log_file(data, folder))
-    dumps(document)
-    log_texts.check_text(document, 80)
+def _recovered(path: Path) -> Any:
+    return recover.recover(path, path.with_name("fixed.mcap"), overwrite=True)
 
 
-def _take_recover(data: bytes, folder: Path) -> None:
-    document = recover.recover(_log_file(data, folder), folder / "fixed.mcap", overwrite=True)
-    dumps(document)
-    log_texts.recover_text(document, 80)
-
-
-def _take_replay(data: bytes, folder: Path) -> None:
+def _take_replay(path: Path) -> None:
     from imutui.jobs.replay import ReplayOptions, replay
     from imutui.report import replay_text
 
-    document = replay(_log_file(data, folder), ReplayOptions(output=folder / "estimates.mcap", overwrite=True))
-    dumps(document)
-    replay_text.text(document, 80)
+    options = ReplayOptions(output=path.with_name("estimates.mcap"), overwrite=True)
+    _told(lambda log: replay(log, options), replay_text.text)(path)
 
 
 def _arrays() -> dict[str, np.ndarray]:
@@ -195,17 +193,12 @@ def _csv_seeds(folder: Path) -> list[bytes]:
     return ["\n".join(rows).encode()]
 
 
-def _take_import(name: str) -> Callable[[bytes, Path], None]:
-    def take(data: bytes, folder: Path) -> None:
-        path = folder / name
-        path.write_bytes(data)
-        recording = importer.load(path)
-        session = SessionInfo()
-        importer.check_gravity(recording, session)
-        made = import_reference.from_arrays(recording.t, recording.known, session.axes().mount, session.site())
-        importer.write(recording, session, path, folder / "imported.mcap", overwrite=True, reference=made)
-
-    return take
+def _take_import(path: Path) -> None:
+    recording = importer.load(path)
+    session = SessionInfo()
+    importer.check_gravity(recording, session)
+    made = import_reference.from_arrays(recording.t, recording.known, session.axes().mount, session.site())
+    importer.write(recording, session, path, path.with_name("imported.mcap"), overwrite=True, reference=made)
 
 
 _SCENARIO = b"""\
@@ -250,11 +243,9 @@ seconds = 30.0
 """
 
 
-def _take_scenario(data: bytes, folder: Path) -> None:
+def _take_scenario(path: Path) -> None:
     from filters.simulation import Unit
 
-    path = folder / "scenario.toml"
-    path.write_bytes(data)
     scenario = load_scenario(path)
     try:
         Unit(scenario, 0, 20.0).record(20)
@@ -294,24 +285,17 @@ _TRAJECTORY = (
 )
 
 
-def _take_profile(name: str) -> Callable[[bytes, Path], None]:
-    def take(data: bytes, folder: Path) -> None:
-        path = folder / name
-        path.write_bytes(data)
-        offer = operator_steps.offer_of(path)
-        if offer.error:
-            return
-        profile = operator_steps.load(offer.file, offer.text)
-        operator_steps.steps(profile)
-        dumps(operator_steps.document(profile, offer.name))
-        reference_file.parse(name, data)
-
-    return take
+def _take_profile(path: Path) -> None:
+    offer = operator_steps.offer_of(path)
+    if offer.error:
+        return
+    profile = operator_steps.load(offer.file, offer.text)
+    operator_steps.steps(profile)
+    dumps(operator_steps.document(profile, offer.name))
+    reference_file.parse(path.name, path.read_bytes())
 
 
-def _take_reference(data: bytes, folder: Path) -> None:
-    path = folder / "trajectory.csv"
-    path.write_bytes(data)
+def _take_reference(path: Path) -> None:
     import_reference.from_file(path).motion()
 
 
@@ -349,20 +333,13 @@ q = 0.0
 """
 
 
-def _take_effects(data: bytes, folder: Path) -> None:
-    path = folder / "effects.toml"
-    path.write_bytes(data)
+def _take_effects(path: Path) -> None:
     effects_file.maker(effects_file.from_file(path), SessionInfo(rate_hz=20.0))
 
 
 _CONFIGURATION = (
     b'[paths]\nlogs = "logs"\n\n[acquisition]\nrate_hz = 20.0\noperator = "ana"\n\n[site]\nheight_m = 641.0\n'
 )
-
-
-def _take_configuration(data: bytes, folder: Path) -> None:
-    (folder / "imutui.toml").write_bytes(data)
-    config.load({}, folder)
 
 
 _PROFILE_TEXT = json.dumps(_PROFILE.decode())
@@ -427,14 +404,14 @@ class _Engine:
         pass
 
 
-def _take_request(data: bytes, folder: Path) -> None:
+def _take_request(path: Path) -> None:
     from imutui.session import __main__ as process
     from imutui.session import ipc
 
-    logs = folder / "logs"
+    folder, logs = path.parent, path.with_name("logs")
     before = {path for path in folder.rglob("*") if not path.is_relative_to(logs)}
     engine = _Engine(logs)
-    for line in (*data.split(b"\n")[:20], _REQUESTS[0], _REQUESTS[-2]):
+    for line in (*path.read_bytes().split(b"\n")[:20], _REQUESTS[0], _REQUESTS[-2]):
         reply = ipc.reply_to(line, lambda request: process.carry_out(engine, request))  # type: ignore[arg-type]
         json.dumps(reply)
         if not reply["ok"] and "a defect of imutui" in reply["error"]:
@@ -450,9 +427,7 @@ def _result_seeds(folder: Path) -> list[bytes]:
     return [json.dumps(document).encode(), (Path(__file__).with_name("replay_result.json")).read_bytes()]
 
 
-def _take_result(data: bytes, folder: Path) -> None:
-    path = folder / "result.json"
-    path.write_bytes(data)
+def _take_result(path: Path) -> None:
     found, _ = result_files.completed(result_files.read(path))
     page.page([page.Story(d, page_data.of_result(d)) for d in found])
 
@@ -461,25 +436,38 @@ def _given(*seeds: bytes) -> Callable[[Path], list[bytes]]:
     return lambda folder: list(seeds)
 
 
+# by the names that cases begin with
 TARGETS = {
-    "line": Target(_line_seeds, spoilt_bytes, _take_line, 900),
-    "brief": Target(_log_seeds, spoilt_log, _take_brief, 300),
-    "info": Target(_log_seeds, spoilt_log, _take_info, 150, (UnreadableLogError,)),
-    "check": Target(_log_seeds, spoilt_log, _take_check, 150, (UnreadableLogError,)),
-    "recover": Target(_log_seeds, spoilt_log, _take_recover, 60, (UnreadableLogError,)),
-    "replay": Target(_still_log_seeds, spoilt_log, _take_replay, 40, (InputError,)),
-    "npz": Target(_npz_seeds, _spoilt_npz, _take_import("recording.npz"), 150, (ImportDataError,)),
-    "csv": Target(_csv_seeds, spoilt_text, _take_import("recording.csv"), 200, (ImportDataError,)),
-    "scenario": Target(_given(_SCENARIO), spoilt_text, _take_scenario, 200, (ScenarioError,)),
-    "profile": Target(_given(_PROFILE), spoilt_text, _take_profile("profile.toml"), 60),
-    "angles": Target(_given(_ANGLES), spoilt_text, _take_profile("profile.csv"), 60),
-    "trajectory": Target(_given(_TRAJECTORY), spoilt_text, _take_reference, 300, (ImportDataError,)),
-    "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (InputError,)),
-    "request": Target(_given(*_REQUESTS, *_SEQUENCES), spoilt_text, _take_request, 80),
-    "result": Target(_result_seeds, spoilt_text, _take_result, 60, (UnreadableLogError,)),
-    "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (InputError,)),
+    "line": Target(_line_seeds, spoilt_bytes, "line", _take_line, 900),
+    "brief": Target(_log_seeds, spoilt_log, "log.mcap", _take_brief, 300),
+    "info": Target(
+        _log_seeds, spoilt_log, "log.mcap", _told(info.info, log_texts.info_text), 150, (UnreadableLogError,)
+    ),
+    "check": Target(
+        _log_seeds, spoilt_log, "log.mcap", _told(check.check, log_texts.check_text), 150, (UnreadableLogError,)
+    ),
+    "recover": Target(
+        _log_seeds, spoilt_log, "log.mcap", _told(_recovered, log_texts.recover_text), 60, (UnreadableLogError,)
+    ),
+    "replay": Target(_still_log_seeds, spoilt_log, "log.mcap", _take_replay, 40, (InputError,)),
+    "npz": Target(_npz_seeds, _spoilt_npz, "recording.npz", _take_import, 150, (ImportDataError,)),
+    "csv": Target(_csv_seeds, spoilt_text, "recording.csv", _take_import, 200, (ImportDataError,)),
+    "scenario": Target(_given(_SCENARIO), spoilt_text, "scenario.toml", _take_scenario, 200, (ScenarioError,)),
+    "profile": Target(_given(_PROFILE), spoilt_text, "profile.toml", _take_profile, 60),
+    "angles": Target(_given(_ANGLES), spoilt_text, "profile.csv", _take_profile, 60),
+    "trajectory": Target(_given(_TRAJECTORY), spoilt_text, "trajectory.csv", _take_reference, 300, (ImportDataError,)),
+    "effects": Target(_given(_EFFECTS), spoilt_text, "effects.toml", _take_effects, 400, (InputError,)),
+    "request": Target(_given(*_REQUESTS, *_SEQUENCES), spoilt_text, "requests", _take_request, 80),
+    "result": Target(_result_seeds, spoilt_text, "result.json", _take_result, 60, (UnreadableLogError,)),
+    "configuration": Target(
+        _given(_CONFIGURATION),
+        spoilt_text,
+        "imutui.toml",
+        lambda path: config.load({}, path.parent),
+        400,
+        (InputError,),
+    ),
 }
-"""By the names that cases begin with."""
 
 
 # ------------------------------------------------------------------------------------------------------------- running
@@ -495,7 +483,7 @@ def take(name: str, data: bytes, folder: Path) -> None:
     # a warning would stand on a user's terminal, too
     with contextlib.suppress(*target.told), _within(LIMIT_S), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        target.take(data, folder)
+        target.give(data, folder)
 
 
 @contextlib.contextmanager
@@ -523,13 +511,6 @@ def memory_of(name: str, data: bytes, folder: Path) -> int:
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-
-
-def input_of(name: str, seed: int, folder: Path) -> bytes:
-    """The input that a seed makes."""
-    rng = random.Random(f"{name} {seed}")
-    target = TARGETS[name]
-    return target.spoil(rng, rng.choice(target.seeds(folder)))
 
 
 def campaign(name: str, seeds: Iterator[int], folder: Path, until: float = float("inf")) -> Iterator[Failure]:
