@@ -360,11 +360,11 @@ def stream_of(count: int, noise: bytes = b"") -> bytes:
     return b"".join(noise + encode(packet) for packet in packets) + noise
 
 
-def playing(raw: bytes) -> Host:
+def playing(raw: bytes, *faults: LineFault) -> Host:
     """A host with a unit that plays a stream; the unit is quiet."""
     stream = RecordedStream(raw)
     fields = {**dict(UnitOptions().fields), **dict(stream.only), RATE: 0}
-    return Host(stream, options=UnitOptions(fields=tuple(fields.items()), packet_types=(stream.kind,)))
+    return Host(stream, *faults, options=UnitOptions(fields=tuple(fields.items()), packet_types=(stream.kind,)))
 
 
 @pytest.mark.parametrize("noise", [b"", b"noise\x55"])
@@ -408,9 +408,7 @@ def test_the_recording_is_played_whole_over_a_line_with_faults(recording: Callab
     raw = recording("aceinna_imu381_scale1.raw").read_bytes()
     frames = [raw[start : start + 31] for start in range(0, len(raw), 31)]
     for faults, lost in ((), 0), ((LineFault(3.0, "bit_flips", count=20), LineFault(9.0, "garbage", count=300)), 20):
-        stream = RecordedStream(raw)
-        fields = {**dict(UnitOptions().fields), **dict(stream.only), RATE: 0}
-        host = Host(stream, *faults, options=UnitOptions(fields=tuple(fields.items()), packet_types=(b"S1",)))
+        host = playing(raw, *faults)
         host.send(SetFields(RAM, ((RATE, 5),)))
         got = [encode(packet) for packet in packets_of(host.listen(51.0))]
         assert len(got) == 1002 - lost
