@@ -243,30 +243,22 @@ def status() -> str:
     return imutui("status").stdout if client.running() else ""
 
 
-def test_lost_polls_and_silences_are_no_rate_that_is_not_kept() -> None:
-    rate = PolledRate(20.0)
+def test_a_rate_that_is_not_kept_is_told_from_losses_and_stalls() -> None:
+    """One in five lost and ten seconds of silence, or one late answer: so many were asked for as should be."""
+    lossy, stalled, halved = PolledRate(20.0), PolledRate(20.0), PolledRate(100.0)
     for k in range(200):
         if k % 5 == 2:
-            rate.unanswered()
+            lossy.unanswered()
         elif not 100 <= k < 140:
-            rate.answered(k * 50_000_000 + (k >= 140) * 10_000_000_000)
-    assert rate.finding() is None
-
-
-def test_every_second_request_left_out_is_a_rate_that_is_not_kept() -> None:
-    rate = PolledRate(100.0)
+            lossy.answered(k * 50_000_000 + (k >= 140) * 10_000_000_000)
+    for k in range(40):
+        stalled.answered(k * 50_000_000 + (k >= 20) * 700_000_000)
     for k in range(5):
-        rate.answered(k * 20_000_000)
-    assert rate.finding() is None
-    rate.answered(5 * 20_000_000)
-    assert "100 Hz were asked for, 50 Hz came" in str(rate.finding())
-
-
-def test_one_stall_is_no_rate_that_is_not_kept_and_many_are() -> None:
-    rate = PolledRate(20.0)
+        halved.answered(k * 20_000_000)
+    assert (lossy.finding(), stalled.finding()) == (None, None)
+    assert halved.finding() is None  # by so few requests
+    halved.answered(5 * 20_000_000)
+    assert "100 Hz were asked for, 50 Hz came" in str(halved.finding())
     for k in range(40):
-        rate.answered(k * 50_000_000 + (k >= 20) * 700_000_000)
-    assert rate.finding() is None
-    for k in range(40):
-        rate.answered(k * 500_000_000 + 2_800_000_000)
-    assert "20 Hz were asked for" in str(rate.finding())
+        stalled.answered(k * 500_000_000 + 2_800_000_000)
+    assert "20 Hz were asked for" in str(stalled.finding())

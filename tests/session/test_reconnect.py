@@ -20,7 +20,7 @@ from helpers.units import Still, served
 
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import Identity
-from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, encode
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
@@ -259,17 +259,6 @@ def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_t
     assert "refused" in "".join(texts)
     # mostly at once, else after 3 s of packets that are late
     assert len(log.raw) < 900
-
-
-def test_a_stream_that_falls_into_volts_is_set_right(home: Path) -> None:
-    with served(unit()) as device, acquiring(home, device) as run:
-        run.more_packets()
-        run.line.write(encode(Command.VOLTAGE_MODE))
-        wait_until(lambda: "the unit is back" in str(run.seen()["events"]))
-        run.more_packets()
-        texts, log = run.content()
-    assert "measures in volts" in "".join(texts)
-    assert {packet.counts for packet in log.raw} == {log.raw[0].counts}
 
 
 def ticks_in(sent: bytes) -> list[int]:

@@ -1,4 +1,10 @@
+"""From packets to samples and files, and what is loaded before the first packet is on the disk."""
+
+import contextlib
+import subprocess
+import sys
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -6,12 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.acquisitions import acquiring, untimed
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import effects_file, reader
+from imutui.logbook import effects_file, reader, schemas
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -19,7 +27,7 @@ from imutui.session import engine, live_filter, recorder
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import Plan
 from imutui.session.recording import Recording, finish_file
-from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.sample_pipeline import Averager, Sample, SamplePipeline
 from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
@@ -167,3 +175,79 @@ def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monke
     monkeypatch.setattr(recorder, "Recording", slow)
     with acquiring(home) as run:
         assert run.seen()["state"] == "running"
+
+
+# averaging
+
+PERIOD_NS = 7_500_000
+
+
+def feed(averager: Averager, n: int, drop: Collection[int] = ()) -> list[Sample]:
+    """Packets at 133.3 Hz whose counts are their number."""
+    out = []
+    for k in range(n):
+        if k not in drop:
+            sample = averager.add(k * PERIOD_NS, (k, k, k, k, k, k), 1000 + k)
+            if sample is not None:
+                out.append(sample)
+    return out
+
+
+@pytest.mark.parametrize("rate", [0.1, 1.0, 20.0, 50.0, 100.0, 120.0])
+def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> None:
+    n = int(40e9 / PERIOD_NS)
+    samples = feed(Averager(rate), n)
+    assert abs(len(samples) - 40 * rate) <= 2
+    assert n - sum(s.packets for s in samples) <= 134 / rate
+
+
+def test_a_sample_is_the_mean_of_its_packets_at_their_mean_instant() -> None:
+    for sample in feed(Averager(20.0), 500):
+        assert np.allclose(sample.counts, sample.stamp_ns / PERIOD_NS)
+        assert sample.temperature == pytest.approx(1000 + sample.stamp_ns / PERIOD_NS)
+
+
+def test_a_period_without_packets_gives_no_sample() -> None:
+    whole, holed = feed(Averager(20.0), 200), feed(Averager(20.0), 200, drop=set(range(40, 80)))
+    assert len(whole) - len(holed) == 6
+    assert whole[-1].stamp_ns == holed[-1].stamp_ns
+
+
+# What is loaded before the first packet is on the disk, and what is not
+
+HEAVY = ("numba", "scipy.signal", "scipy.stats")
+
+
+@pytest.mark.parametrize(
+    "program", ["imutui.session.__main__", "imutui.cli.follow_acquisition", "imutui.cli.virtual_readings"]
+)
+def test_neither_compiler_nor_statistics_are_loaded_to_begin_with(program: str) -> None:
+    code = f"import sys, {program}; print([name for name in {HEAVY!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"
+
+
+def packets_in(path: Path) -> int:
+    """Raw packets in a log that is still being written."""
+    with path.open("rb") as stream, contextlib.suppress(EndOfFile):
+        count = 0
+        for _, channel, _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            count += channel.topic == schemas.RAW
+    return count
+
+
+def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loading it takes a second or more, compiling it many; a power cut meanwhile costs nothing but what came since."""
+    path = tmp_path / "a.mcap"
+    on_disk: list[int] = []
+    unprepared = live_filter.Preparation(effects=False)
+    monkeypatch.setattr(unprepared, "begin", lambda: on_disk.append(packets_in(path)))
+    monkeypatch.setattr(live_filter, "PLAIN", unprepared)
+    info = SessionInfo(sampling="polled", rate_hz=20.0)
+    pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
+    pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000)
+    assert on_disk == [1]
+    assert pipeline.filter is not None
+    assert pipeline.filter.estimator is None

@@ -93,17 +93,6 @@ def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(m
     assert "power it off and on" in gone.in_words(None, 1.5)
 
 
-def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:
-    """An hour's average would otherwise hold up the end of an acquisition; nothing is said of a zeroing cut short."""
-    with reading(UnitOptions(zero_samples_per_unit=1000), None) as (reader, items):
-        packets(items, 5)
-        reader.zero(200)
-    left = []
-    while not items.empty():
-        left.append(items.get())
-    assert not any(isinstance(item, ZeroingFinished) for item in left)
-
-
 def test_zero_erases_the_stored_zero_at_once() -> None:
     with reading(UnitOptions(), None) as (reader, items):
         packets(items, 5)

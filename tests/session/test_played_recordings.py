@@ -1,4 +1,4 @@
-"""The stream that a real IMU381 sent, played over a pseudo-terminal and recorded live: what its log has of it."""
+"""Recordings of real units played over a pseudo-terminal and recorded live: what their logs have of them."""
 
 import json
 from collections.abc import Callable
@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import unit_time
+from helpers.acquisitions import replayed, untimed
 from helpers.commands import imutui
+from helpers.turned import GYRO_BIAS, turned_run
 from rosbags.highlevel import AnyReader
 
 from filters.imu import STANDARD_GRAVITY
@@ -84,3 +86,25 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
             noise = np.diff(decoded[theirs] * unit, axis=0).std(axis=0)
             assert np.allclose(np.diff(ours, axis=0).std(axis=0), noise, rtol=1e-3)
         assert np.allclose(log.temperature_degc, decoded["temp"], atol=1e-4)
+
+
+# A unit turned by hand over the wire: the filter runs on its first rest, live as in a replay
+
+
+def test_live_equals_replay_of_a_unit_that_is_turned(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = turned_run(seed=71, rests=8, seconds=12.0, biased=True)
+    source = home / "turned.npz"
+    np.savez(source, t=run.t, gyro=np.rad2deg(run.reading[:, :3]), accel=run.reading[:, 3:] / 9.80665)
+    with unit_time.virtual("--from", str(source)) as (port, environment):
+        for name in ("PYTHONPATH", "IMUTUI_TEST_UNIT_TIME"):
+            monkeypatch.setenv(name, environment[name])
+        asked = Plan(
+            port, logs=str(home / "logs"), record=True, rate_hz=50.0, duration_s=40.0, accel_sign=1, reference="turned"
+        )
+        live = client.start(asked).wait(120.0)
+    assert live is not None
+    assert untimed(live) == replayed(live["log"], code=None)
+    assert live["reference"] == "turned"
+    assert 10 * 50 <= live["samples"] <= 13 * 50
+    assert live["duration_s"] > 39.0
+    assert np.allclose(live["final"]["gyro_bias_dps"], np.rad2deg(GYRO_BIAS), atol=0.05)
