@@ -22,6 +22,7 @@ import numpy.typing as npt
 from numpy import fft
 
 from filters.allan import RunningAllan
+from filters.errors import InputError
 from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.specification import IMU400CD_200, ImuSpec
 from imutui.instrument.counts import DataPacket, Scaling
@@ -52,10 +53,7 @@ class Spectrum:
 
 
 class RunningSpectrum:
-    """Takes samples block by block; no segment reaches across an interruption.
-
-    `channels`: values of a sample.
-    """
+    """Takes samples block by block; no segment reaches across an interruption."""
 
     def __init__(self, channels: int) -> None:
         self._sets = [_Segments(length, channels) for length in LENGTHS]
@@ -140,11 +138,7 @@ _DIGITS = 6
 
 
 class ChannelStatistics:
-    """Statistics of seven channels since they were begun.
-
-    `scaling`: ranges of the unit.
-    `spec`: what its noise is compared with.
-    """
+    """Statistics of seven channels since they were begun; their noise is compared with `spec`."""
 
     def __init__(self, scaling: Scaling, spec: ImuSpec = IMU400CD_200) -> None:
         self._spec = spec
@@ -196,14 +190,12 @@ class ChannelStatistics:
         np.add.at(self._histogram, (np.arange(len(NAMES))[None, :], words), 1)
 
     def snapshot(self, channel: int, t: float) -> StatisticsSnapshot:
-        """All that is known of a channel.
+        """All that is known of a channel, by its place in `NAMES`; `t` is now, s since the start.
 
-        `channel`: its place in `NAMES`.
-        `t`: now, s since the start.
-        Raises ValueError if there is no such channel.
+        Raises InputError if there is no such channel.
         """
         if not 0 <= channel < len(NAMES):
-            raise ValueError(f"`channel` is {channel}; they are numbered from 0 to {len(NAMES) - 1}")
+            raise InputError(f"`channel` is {channel}; they are numbered from 0 to {len(NAMES) - 1}")
         self._work_out()
         period = self._seconds / self._steps if self._steps and self._seconds > 0.0 else None
         white, bandwidth = _promised(self._spec, channel)

@@ -69,18 +69,19 @@ def _read(path: Path) -> EndReport | None:
 
 def who(what: str) -> str:
     """Who asks for an end: what does, its user, terminal and process, such as `imutui stop, ana on pts/3, pid 42`."""
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):  # a user id without a name
-        user = str(os.getuid())
-    return one_line(f"{what}, {user}{_on_terminal()}, pid {os.getpid()}", NOTE_LIMIT)
-
-
-def _on_terminal() -> str:
-    for stream in (0, 2, 1):
+    terminal = ""
+    for stream in (1, 2, 0):
         with contextlib.suppress(OSError):
-            return f" on {os.ttyname(stream).removeprefix('/dev/')}"
-    return ""
+            terminal = f" on {os.ttyname(stream).removeprefix('/dev/')}"
+    return one_line(f"{what}, {user_name()}{terminal}, pid {os.getpid()}", NOTE_LIMIT)
+
+
+def user_name() -> str:
+    """Of whoever runs this, or their id."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user id without a name
+        return str(os.getuid())
 
 
 _GRACE_S = 10.0

@@ -38,8 +38,7 @@ class StreamError(Exception):
 class LiveStream:
     """The stream of one acquisition. Not thread-safe: the worker, which writes the file, hands messages on.
 
-    `host`, `port`: address and TCP port to listen on.
-    `name`: what viewers show.
+    Viewers show its name.
     Raises StreamError if the library is not installed, the port is taken, or the address is none of this computer.
     """
 
@@ -85,12 +84,7 @@ class LiveStream:
         self._socket.setblocking(False)
 
     def send(self, topic: str, data: bytes, log_ns: int) -> None:
-        """Hand a message on, or keep it for a moment; never waits and never raises.
-
-        `topic`: one of `schemas.TYPES`.
-        `data`: CDR.
-        `log_ns`: its log time, UTC, ns.
-        """
+        """Hand a message (CDR) on, or keep it for a moment; never waits and never raises."""
         if self._ended:
             return
         if len(self._waiting) >= WAITING_LIMIT:

@@ -1,8 +1,6 @@
 """What is known of an acquisition when it begins: the metadata of its logs, and their names."""
 
-import getpass
 import hashlib
-import os
 import re
 import socket
 import time
@@ -24,6 +22,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
+from imutui.session.end_report import user_name
 from imutui.session.identity import model_of
 from imutui.session.plan import Plan
 from imutui.session.previous_log import boot_id
@@ -64,7 +63,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         host=socket.gethostname(),
         acquisition=plan.name,
         boot_id=boot_id(),
-        operator=plan.operator or _user(),
+        operator=plan.operator or user_name(),
         filter=filter_of(plan, motion_of(plan)),
         reference_sha256=_reference_sha256(plan),
         effects_sha256=_effects_sha256(plan),
@@ -109,7 +108,10 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple
         raise InputError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(known)}")
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
         name, text = (str(part) for part in changes.get("reference_file", ("", "")))
-        kind = _kind(name, text) if name else str(changes.get("reference", "level"))
+        kind = str(changes.get("reference", "level"))
+        if name:
+            is_profile = isinstance(reference_file.parse(name, text.encode()), Profile)
+            kind = "profile" if is_profile else "trajectory"
         plan = replace(plan, reference=kind, reference_file=(name, text))
     elif "reference" in changes:
         plan = replace(plan, reference=str(changes["reference"]))
@@ -122,10 +124,6 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple
             )
     info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
     return plan, replace(info, effects_sha256=_effects_sha256(plan), filter=filter_of(plan, motion_of(plan)))
-
-
-def _kind(name: str, text: str) -> str:
-    return "profile" if isinstance(reference_file.parse(name, text.encode()), Profile) else "trajectory"
 
 
 def motion_of(plan: Plan) -> Profile | Trajectory | None:
@@ -199,10 +197,3 @@ def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> 
     while path.exists():
         path, number = logs / f"{stem}_{number}.mcap", number + 1
     return path
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user id without a name
-        return str(os.getuid())

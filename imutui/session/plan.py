@@ -8,9 +8,10 @@ from pathlib import Path
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from imutui import toml_text
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.instrument import Instrument as Instrument
 from imutui.instrument.names import DEFAULT
-from imutui.instrument.registry import INSTRUMENTS, of_model
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
 MIN_RATE_HZ = 0.1
@@ -28,35 +29,11 @@ INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
-    """What a kind of unit gives."""
-
-    name: str  # what files of such units begin with
-    # least_rate_hz, most_rate_hz: bounds of the output rate
-    least_rate_hz: float
-    most_rate_hz: float
-    # rates, rising, at which each packet of a stream is a sample; at others samples are means of packets
-    rates_hz: tuple[float, ...]
-    # mode, mode_words: what its packets are, in two words and in a line
-    mode: str
-    mode_words: str
-    zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
-
-
-def offer_of(model: str) -> Offer:
-    """What a unit of some model gives; that of the usual instrument where it is none of those known."""
-    it = of_model(model)
-    rates_hz = tuple(sorted(it.rates_hz))
-    return Offer(it.name, MIN_RATE_HZ, it.most_rate_hz, rates_hz, it.mode, it.mode_words, it.zeroes_rates)
-
-
-@dataclass(frozen=True, slots=True)
 class HistoryWish:
     """What a viewer lacks of a run's history."""
 
     run: int = 0  # the run that it has rows of; of another one all is sent
-    # estimates_s, temperature_s: instants of the last rows that it has, s since the run's first sample; None if it has
-    # none
+    # instants of the last rows that it has, s since the run's first sample; None if it has none
     estimates_s: float | None = None
     temperature_s: float | None = None
 

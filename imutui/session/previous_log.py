@@ -53,12 +53,9 @@ def boot_id() -> str:
 
 
 def find(folder: Path, info: SessionInfo, *, finished_too: bool) -> PreviousLog | None:
-    """The last recording of the same acquisition, unit and computer in a folder.
+    """The last recording in a folder of the same acquisition, unit and computer as the one that is to begin.
 
-    `folder`: of the recordings.
-    `info`: of the recording that is to begin.
-    `finished_too`: whether one that was finished counts, or is nothing to be told of.
-    Returns none if there is none, or it was finished and that does not count.
+    None if there is none, or if it was finished and is nothing to be told of (`finished_too`).
     """
     for path in _newest(folder):
         try:
@@ -102,9 +99,5 @@ def _previous(found: summary.Summary, info: SessionInfo) -> PreviousLog:
     known = booted and info.boot_id
     restart = (PROCESS if booted == info.boot_id else COMPUTER) if known else ""
     last_s = found.modified if found.started_ns is None else found.started_ns / 1e9 + (found.seconds or 0.0)
-    return PreviousLog(found.path.name, found.session.get("log_id", ""), _is_finished(found), last_s, restart)
-
-
-def _is_finished(found: summary.Summary) -> bool:
-    # one that is damaged has no summary to tell its end by
-    return found.state == summary.FINISHED
+    finished = found.state == summary.FINISHED  # one that is damaged has no summary to tell its end by
+    return PreviousLog(found.path.name, found.session.get("log_id", ""), finished, last_s, restart)

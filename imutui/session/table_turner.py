@@ -22,10 +22,7 @@ _LATENCY_S = 0.2
 
 
 class TableTurner:
-    """Knows where the table is.
-
-    `write`: takes lines for the unit's process.
-    """
+    """Knows where the table is; `write` takes lines for the unit's process."""
 
     def __init__(self, write: Callable[[str], object]) -> None:
         self._write = write

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from filters import allan
 from filters.allan import RunningAllan
+from filters.errors import InputError
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.session.channel_statistics import LENGTHS, ChannelStatistics, RunningSpectrum
@@ -190,6 +191,8 @@ def test_statistics_begin_anew() -> None:
         statistics.add(k * PERIOD, packet)
     statistics.begin(4.0)
     assert statistics.snapshot(0, 4.0)["packets"] == 0
+    with pytest.raises(InputError, match="from 0 to 6"):  # a viewer's mistake, and no defect of ours
+        statistics.snapshot(7, 4.0)
     for k, packet in enumerate(packets(white(2, 500))):
         statistics.add(5.0 + k * PERIOD, packet)
     seen = statistics.snapshot(0, 10.0)

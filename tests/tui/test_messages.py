@@ -3,7 +3,7 @@
 import pytest
 
 from imutui.session.client import SessionError
-from imutui.session.plan import offer_of
+from imutui.session.plan import of_model
 from imutui.tui import messages
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.connect.text import Choice
@@ -57,13 +57,13 @@ def test_an_acquisition_that_does_not_answer_may_still_run() -> None:
 
 @pytest.mark.parametrize(("entered", "rate"), [("133", 133.0), ("0.1", 0.1), (" 0,5 ", 0.5)])
 def test_rates_are_read(entered: str, rate: float) -> None:
-    assert text.parse_rate(entered, offer_of("")) == rate
+    assert text.parse_rate(entered, of_model("")) == rate
 
 
 @pytest.mark.parametrize("entered", ["", "fast", "0.05", "134", "nan"])
 def test_impossible_rates_are_refused(entered: str) -> None:
     with pytest.raises(ValueError, match=r"0\.1 to 133 Hz"):
-        text.parse_rate(entered, offer_of(""))
+        text.parse_rate(entered, of_model(""))
 
 
 def test_enter_takes_what_is_most_likely_meant() -> None:

@@ -18,7 +18,7 @@ from textual.widgets.option_list import Option
 
 from filters.errors import InputError
 from imutui.session import client as session
-from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Offer, Plan, offer_of
+from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Instrument, Plan, of_model
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -97,10 +97,10 @@ class ConnectForm(Vertical):
         self.query_one("#mode", Static).update(Content.styled(offer.mode_words, "dim"))
         self._say_summary()
 
-    def _offered(self) -> Offer:
+    def _offered(self) -> Instrument:
         """What the unit gives that answered at the port that is chosen; the usual one's where none was asked."""
         choice = self._choice()
-        return offer_of("" if choice is None else self._models.get(choice.value, ""))
+        return of_model("" if choice is None else self._models.get(choice.value, ""))
 
     def _say_summary(self) -> None:
         """What the Connect button would do."""

@@ -10,7 +10,7 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Button, Static
 
-from imutui.session.plan import Plan, offer_of
+from imutui.session.plan import Plan, of_model
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
@@ -147,7 +147,7 @@ class ConnectPage(Page):
     def _zeroes_rates(self) -> bool:
         """Whether the unit that is connected has a command for it."""
         now = self.now
-        return now is None or offer_of(now["instrument"]).zeroes_rates
+        return now is None or of_model(now["instrument"]).zeroes_rates
 
     # what the user does
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from filters.errors import InputError
-from imutui.session.plan import VIRTUAL_PORT, Offer, offer_of
+from imutui.session.plan import MIN_RATE_HZ, VIRTUAL_PORT, Instrument, of_model
 from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -52,24 +52,24 @@ class Choice:
         return self.kind == "port" and self.value != VIRTUAL_PORT
 
 
-def parse_rate(entered: str, offer: Offer) -> float:
+def parse_rate(entered: str, offer: Instrument) -> float:
     """Output rate in Hz; InputError with what is wrong. A decimal comma is fine."""
-    bounds = f"{offer.least_rate_hz:g} to {offer.most_rate_hz:g} Hz"
+    bounds = f"{MIN_RATE_HZ:g} to {offer.most_rate_hz:g} Hz"
     try:
         rate = float(entered.strip().replace(",", "."))
     except ValueError:
         raise InputError(f"not a number; {bounds}") from None
-    if not offer.least_rate_hz <= rate <= offer.most_rate_hz:
+    if not MIN_RATE_HZ <= rate <= offer.most_rate_hz:
         raise InputError(f"outside {bounds}")
     return rate
 
 
-def rates(offer: Offer) -> str:
+def rates(offer: Instrument) -> str:
     """Which rates a unit gives, and at which of them samples are no means of packets, where there are several."""
-    bounds = f"{offer.least_rate_hz:g} to {offer.most_rate_hz:g}"
+    bounds = f"{MIN_RATE_HZ:g} to {offer.most_rate_hz:g}"
     if len(offer.rates_hz) == 1:
         return bounds
-    return f"{bounds}; unaveraged at {' '.join(f'{rate:g}' for rate in offer.rates_hz)}"
+    return f"{bounds}; unaveraged at {' '.join(f'{rate:g}' for rate in sorted(offer.rates_hz))}"
 
 
 def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
@@ -135,7 +135,7 @@ def _demo(before: str) -> StyledText:
 def connected(now: Snapshot) -> StyledText:
     """What is connected, and how it is read."""
     reference, filter_ = now["reference"], now["filter"]
-    mode = offer_of(now["instrument"]).mode
+    mode = of_model(now["instrument"]).mode
     how = f"{now['rate_hz']:g} Hz, {now['sampling']}, {mode}, {now['baud']} baud"
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:

@@ -4,7 +4,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from filters.errors import InputError
-from imutui.session.plan import RecordingWish, offer_of
+from imutui.session.plan import RecordingWish, of_model
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
 
@@ -166,7 +166,7 @@ def _number(name: str, entered: str) -> float:
 
 def will_write(now: Snapshot) -> str:
     """Where a file would go."""
-    name, number = offer_of(now["instrument"]).name, now["serial_number"] or "serial"
+    name, number = of_model(now["instrument"]).name, now["serial_number"] or "serial"
     return str(PurePath(now["logs"] or "the logs folder") / f"{name}_{number}_UTC_note.mcap")
 
 
