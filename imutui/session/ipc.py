@@ -159,29 +159,24 @@ def _address(path: Path) -> Iterator[str]:
 
 def connect(name: str, timeout: float) -> socket.socket:
     """Connected socket of that acquisition; OSError if it is not there."""
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection, deadline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM), time.monotonic() + timeout
     connection.settimeout(timeout)
     try:
         with _address(socket_path(name)) as address:
-            _connect(connection, address, timeout)
+            while True:
+                try:
+                    connection.connect(address)
+                except (
+                    BlockingIOError
+                ):  # a queue that is full for the moment is waited for, which the kernel does not do
+                    if time.monotonic() > deadline:
+                        raise
+                    time.sleep(_QUEUE_FULL_S)
+                else:
+                    return connection
     except OSError:
         connection.close()
         raise
-    return connection
-
-
-def _connect(connection: socket.socket, address: str, timeout: float) -> None:
-    """Connect; a queue that is full for the moment is waited for, which the kernel does not do."""
-    deadline = time.monotonic() + timeout
-    while True:
-        try:
-            connection.connect(address)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(_QUEUE_FULL_S)
-        else:
-            return
 
 
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):

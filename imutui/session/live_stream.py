@@ -124,16 +124,13 @@ class LiveStream:
             if not told:
                 self._give_up()
                 break
-            self._take(told)
+            with contextlib.suppress(ValueError, KeyError):
+                said = json.loads(told)
+                self._viewers, self._slow = int(said["viewers"]), int(said["slow"])
         if not self._ended or self._is_told:
             return None
         self._is_told = True
         return "the stream for Foxglove has ended by itself, the recording goes on; the acquisition's log may say why"
-
-    def _take(self, told: bytes) -> None:
-        with contextlib.suppress(ValueError, KeyError):
-            said = json.loads(told)
-            self._viewers, self._slow = int(said["viewers"]), int(said["slow"])
 
     def snapshot(self) -> StreamSnapshot:
         """How it goes, for viewers of the acquisition."""

@@ -157,7 +157,10 @@ class SamplePipeline:
             self.started_ns = stamp.monotonic_ns
             self._flush()  # the first packet is on the disk before the filter is loaded, which takes its time
         self.counters.packets += 1
-        self._count_lost(stamp)
+        self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
+        if stamp.gap is not None:
+            self.counters.lost_packets += stamp.gap.lost_min
+            self.counters.lost_packets_max += stamp.gap.lost_max
         when, degrees = stamp.monotonic_ns, packet.temperature
         if self._averager is not None:
             sample = self._averager.add(when, counts, degrees, valid=not at_limit)
@@ -165,12 +168,6 @@ class SamplePipeline:
             sample = Sample(when, np.array(counts, float), float(degrees), 1, not at_limit)
         if sample is not None:
             self._sample(sample, host_ns)
-
-    def _count_lost(self, stamp: Stamp) -> None:
-        self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
-        if stamp.gap is not None:
-            self.counters.lost_packets += stamp.gap.lost_min
-            self.counters.lost_packets_max += stamp.gap.lost_max
 
     def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
         """Take what the line has cost since the packet before."""

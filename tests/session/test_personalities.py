@@ -9,7 +9,7 @@ import re
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -208,15 +208,11 @@ class Personality:
         return uut_unit.VirtualUnit(self.source(), self.unit, seed=3)
 
 
-def imu381(
-    check: Callable[[Run], None] = went_well,
-    faults: tuple[LineFault, ...] = (),
-    how: Mapping[str, Any] | None = None,
-    **options: Any,
-) -> Personality:
-    """One of an IMU381."""
-    rest: dict[str, Any] = {"baud": 115200, "source": lambda: Numbered(1260.0 / 2**16), **(how or {})}
-    return Personality(check, faults, UutOptions(**options), **rest)
+def imu381(**how: Any) -> Personality:
+    """One of an IMU381; what its options are called is one of those."""
+    options = {key: how.pop(key) for key in list(how) if key not in Personality.__dataclass_fields__}
+    rest: dict[str, Any] = {"baud": 115200, "source": lambda: Numbered(1260.0 / 2**16), **how}
+    return Personality(unit=UutOptions(**options), **rest)
 
 
 def with_stuck_channel() -> Source:
@@ -229,20 +225,35 @@ def fault(kind: str, at: float = 0.5, **how: Any) -> tuple[LineFault, ...]:
     return (LineFault(at, kind, **how),)
 
 
+OF_BOTH: dict[str, dict[str, Any]] = {
+    "is plain": {},
+    "drops bytes": {"check": losing(1), "faults": fault("drop_bytes", count=7)},
+    "adds garbage": {"faults": fault("garbage", count=40)},
+    "turns bits": {"check": losing(3), "faults": fault("bit_flips", count=3)},
+    "loses packets": {"check": losing(2), "faults": fault("lose_packets", count=2)},
+    "is silent": {"check": silent, "faults": fault("silence", seconds=0.3)},
+    "stalls": {"faults": fault("stall", seconds=0.7)},
+    "has a backlog": {"faults": fault("backlog", count=60)},
+    "stutters": {"faults": fault("stutter", seconds=0.2)},
+    "pauses": {"faults": fault("pause", seconds=0.5)},
+    "bursts and loses": {"check": losing(3), "faults": fault("lose_packets", count=3), "bursts_s": 0.016},
+    "stalls and loses": {
+        "check": losing(1),
+        "faults": (*fault("stall", seconds=0.6), *fault("lose_packets", 0.8, count=1)),
+    },
+    "is reset": {"check": found_again, "faults": fault("reset")},
+    "hangs up": {"check": found_again, "faults": fault("hang_up", seconds=0.3)},
+    "loses its power": {"check": found_again, "faults": fault("hang_up", seconds=0.3, power=True)},
+    "is another": {
+        "check": refused_another,
+        "faults": fault("hang_up", seconds=0.3, serial_number=7),
+        "until": another_is_refused,
+    },
+}
 PERSONALITIES = {
-    "plain": Personality(),
-    "drops bytes": Personality(losing(1), fault("drop_bytes", count=7)),
-    "adds garbage": Personality(went_well, fault("garbage", count=40)),
-    "turns bits": Personality(losing(3), fault("bit_flips", count=3)),
-    "loses packets": Personality(losing(2), fault("lose_packets", count=2)),
-    "is silent": Personality(silent, fault("silence", seconds=0.3)),
-    "stalls": Personality(went_well, fault("stall", seconds=0.7)),
-    "has a backlog": Personality(went_well, fault("backlog", count=60)),
-    "stutters": Personality(went_well, fault("stutter", seconds=0.2)),
-    "pauses": Personality(went_well, fault("pause", seconds=0.5)),
+    **{name: Personality(**how) for name, how in OF_BOTH.items()},
+    **{f"(an IMU381) {name}": imu381(**how) for name, how in OF_BOTH.items()},
     "bursts": Personality(bursts_s=0.016),
-    "bursts and loses": Personality(losing(3), fault("lose_packets", count=3), bursts_s=0.016),
-    "stalls and loses": Personality(losing(1), (*fault("stall", seconds=0.6), *fault("lose_packets", 0.8, count=1))),
     "loses over a slow line": Personality(losing(1), fault("lose_packets", count=1), baud=9600),
     "stalls over a slow line": Personality(went_well, fault("stall", seconds=0.7), baud=9600),
     "loses over a line that halves": Personality(losing(2), fault("lose_packets", count=2), baud=19200),
@@ -256,39 +267,13 @@ PERSONALITIES = {
     "keeps at a ping": Personality(unit=UnitOptions(ping="keeps")),
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
     "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
-    "is reset": Personality(found_again, fault("reset")),
     "falls into voltage mode": Personality(set_up_again, fault("mode_change")),
-    "hangs up": Personality(found_again, fault("hang_up", seconds=0.3)),
-    "loses its power": Personality(found_again, fault("hang_up", seconds=0.3, power=True)),
-    "is another": Personality(
-        refused_another, fault("hang_up", seconds=0.3, serial_number=7), until=another_is_refused
-    ),
-    "(an IMU381) is plain": imu381(),
     "(an IMU381) counts its packets": imu381(counter=Meaning.PACKETS),
-    "(an IMU381) drops bytes": imu381(losing(1), fault("drop_bytes", count=7)),
-    "(an IMU381) adds garbage": imu381(went_well, fault("garbage", count=40)),
-    "(an IMU381) turns bits": imu381(losing(3), fault("bit_flips", count=3)),
-    "(an IMU381) loses packets": imu381(losing(2), fault("lose_packets", count=2)),
     "(an IMU381) counts packets and loses some": imu381(
-        losing(2), fault("lose_packets", count=2), counter=Meaning.PACKETS
-    ),
-    "(an IMU381) is silent": imu381(silent, fault("silence", seconds=0.3)),
-    "(an IMU381) stalls": imu381(went_well, fault("stall", seconds=0.7)),
-    "(an IMU381) has a backlog": imu381(went_well, fault("backlog", count=60)),
-    "(an IMU381) stutters": imu381(went_well, fault("stutter", seconds=0.2)),
-    "(an IMU381) pauses": imu381(went_well, fault("pause", seconds=0.5)),
-    "(an IMU381) bursts and loses": imu381(losing(3), fault("lose_packets", count=3), {"bursts_s": 0.016}),
-    "(an IMU381) stalls and loses": imu381(
-        losing(1), (*fault("stall", seconds=0.6), *fault("lose_packets", 0.8, count=1))
+        check=losing(2), faults=fault("lose_packets", count=2), counter=Meaning.PACKETS
     ),
     "(an IMU381) runs fast": imu381(clock_skew_ppm=200.0),
     "(an IMU381) answers late": imu381(reply_delay_s=0.7),
-    "(an IMU381) is reset": imu381(found_again, fault("reset")),
-    "(an IMU381) hangs up": imu381(found_again, fault("hang_up", seconds=0.3)),
-    "(an IMU381) loses its power": imu381(found_again, fault("hang_up", seconds=0.3, power=True)),
-    "(an IMU381) is another": imu381(
-        refused_another, fault("hang_up", seconds=0.3, serial_number=7), {"until": another_is_refused}
-    ),
 }
 
 
