@@ -84,11 +84,9 @@ class EstimateHistory:
         return float(self._t[0]) if self.attached_late and self._count else 0.0
 
     def add(self, t: float, values: Floats, sd3: Floats, converged: Flags | None = None) -> None:
-        """Take estimates (columns,) and their three standard deviations; an earlier instant is another run.
+        """Take estimates (columns,) and their three standard deviations, NaN where nothing is known.
 
-        `t`: s since the run's first sample.
-        `values`, `sd3`: NaN where nothing is known.
-        `converged`: whether each is converged; None for none.
+        `t` is s since the run's first sample: an earlier instant is another run. `converged` is None for none.
         """
         if t < self._newest:
             self._count, self.attached_late = 0, False
@@ -105,10 +103,9 @@ class EstimateHistory:
         self._newest = t
 
     def rows(self, since: float | None, most: int) -> HistoryRows:
-        """Rows for a viewer that has all before an instant, the row of that instant among them, oldest first.
+        """Rows for a viewer that has all before `since` (s; None: nothing), the row of that instant among them.
 
-        `since`: s since the run's first sample; None for all.
-        `most`: how many rows at most.
+        Oldest first, and not more than `most`.
         """
         t = self.instants()
         first = 0 if since is None else max(int(np.searchsorted(t, since, "right")) - 1, 0)

@@ -29,10 +29,7 @@ _LEEWAY_S = 15.0
 
 
 class SessionError(Exception):
-    """What was asked of an acquisition did not work; the message is for the user.
-
-    `exit_code`: of a command that ends with this.
-    """
+    """What was asked of an acquisition did not work; the message is for the user, the code for its command's end."""
 
     def __init__(self, message: str, exit_code: int = lifecycle.INSTRUMENT) -> None:
         super().__init__(message)
@@ -104,11 +101,10 @@ class Client:
         self._ask({"ask": "configure", "changes": changes})
 
     def zero(self, argument: int) -> str:
-        """Have the unit, held still, zero its rate sensors; refused while recording. Snapshots do not wait meanwhile.
+        """Have the unit, held still, zero its rate sensors; returns what came of it. Snapshots do not wait meanwhile.
 
-        `argument`: length of the average, 0 to 255: ten or a hundred samples for each, documents dispute it. 0 erases
-          the stored zero.
-        Returns what came of it.
+        The argument is the average's length, 0 to 255: ten or a hundred samples for each, documents dispute it. 0
+        erases the stored zero. Refused while recording.
         Raises SessionError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         from imutui.instrument.registry import INSTRUMENTS
@@ -121,11 +117,7 @@ class Client:
         return self._ask({"ask": "profile"})["profile"]
 
     def guide(self, do: str, wish: RecordingWish | None = None) -> None:
-        """Guide the operator through the profile.
-
-        `do`: "begin" (records if nothing does), "next", "cancel" or "resume".
-        `wish`: of the recording that "begin" begins.
-        """
+        """Guide the operator: "begin" (records as wished if nothing does), "next", "cancel" or "resume"."""
         self._ask({"ask": "guide", "do": do, "wish": asdict(wish or RecordingWish())})
 
     def stop_recording(self) -> "ResultDocument":

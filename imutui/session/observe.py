@@ -107,7 +107,7 @@ def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
         "marks": pipeline.marks,
         "bytes_per_s": recording.guard.bytes_per_s(),
         "to_full_s": recording.guard.seconds_left(recorder.free_bytes(now_ns)),
-        "part": recording.parts.number,
+        "part": recording.part,
     }
 
 

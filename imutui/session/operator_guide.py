@@ -118,10 +118,7 @@ class Guide:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
     def snapshot(self, now_ns: int, started_ns: int | None, turns_s: float | None = None) -> GuideSnapshot:
-        """What viewers see; `started_ns` is when the run of samples began, if it has.
-
-        `turns_s`: for how long a virtual unit turns still to where the operator sent it.
-        """
+        """What viewers see; `started_ns` is when the run of samples began, if it has. See `GuideSnapshot`."""
         self.advance(now_ns)
         return {
             "state": self.state,

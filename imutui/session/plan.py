@@ -237,12 +237,7 @@ DEMO = "demo"  # name and note of the demo's acquisition
 
 
 def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
-    """The demo: a virtual instrument with an effect to be found, recorded from the first packet.
-
-    `defaults`: where to record, and who does.
-    `rate_hz`: output rate.
-    `seed`: of the virtual unit's biases and noise.
-    """
+    """The demo: a virtual instrument with an effect to be found, recorded from the first packet as the defaults say."""
     scenario = Path(__file__).with_name("demo.toml")
     return Plan(
         VIRTUAL_PORT,

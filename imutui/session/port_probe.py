@@ -20,15 +20,10 @@ def probe(port: str) -> ProbeAnswer:
                 identity = host.find()
             except InstrumentError as error:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
-            found: ProbeAnswer = {
-                "port": port,
-                "answers": True,
-                "instrument": model_of(identity.version) or instrument.model,
-                "serial_number": identity.serial_number,
-                "firmware": identity.version,
-                "baud": line.baud,
-                "error": None,
-            }
+            found = not_answered(port, None)
+            found["answers"], found["baud"] = True, line.baud
+            found["instrument"] = model_of(identity.version) or instrument.model
+            found["serial_number"], found["firmware"] = identity.serial_number, identity.version
             try:
                 host.check_model(identity)
             except InstrumentError as error:

@@ -252,13 +252,13 @@ class Recorder:
         self._rotate(recording)
 
     def _rotate(self, recording: Recording) -> None:
-        self._finish_file(recording, recording.parts.next_path())
+        self._finish_file(recording, recording.next_path())
         before, vanished = recording.writer.path.name, recording.vanished
         recording.next_file()
         self.recording = recording
         self.begin_run()
         why = "" if vanished is None else f": {vanished.words}"
-        self.event("acquisition", f"part {recording.parts.number}, continues {before}{why}")
+        self.event("acquisition", f"part {recording.part}, continues {before}{why}")
 
     def _finish_file(self, recording: Recording, following: Path | None = None) -> "ResultDocument":
         """Finish the present file, and say so if it is not where it was made; `following` is the next one, if any."""

@@ -8,7 +8,7 @@ they are parts of.
 
 import time
 import uuid
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,43 +32,11 @@ _MB = 1_000_000
 _MIN_FILE_S = 1.0
 
 
-@dataclass(slots=True)
-class RecordingParts:
-    """The files of one recording."""
-
-    first: Path  # the first file
-    # minutes, mb: after how much a file is full; 0 for never
-    minutes: float
-    mb: float
-    number: int = 1  # of the present file, from 1
-    # of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran
-    finished: "list[PartResult]" = field(default_factory=list)
-
-    def is_full(self, seconds: float, size: int) -> bool:
-        """Whether the present file has had its time or size; never before it is a second long.
-
-        `seconds`: of the file, by a clock that nobody sets.
-        `size`: bytes of it on the disk.
-        """
-        if seconds < _MIN_FILE_S:
-            return False
-        return 0.0 < self.minutes * 60.0 <= seconds or 0.0 < self.mb * _MB <= size
-
-    def next_path(self) -> Path:
-        """Name of the next file, which does not exist yet: that of the first, and which part it is."""
-        stem = f"{self.first.stem}_p{self.number + 1}"
-        path, number = self.first.with_name(f"{stem}{self.first.suffix}"), 2
-        while path.exists():
-            path, number = self.first.with_name(f"{stem}_{number}{self.first.suffix}"), number + 1
-        return path
-
-    def add_result(self, result: "ResultDocument") -> "ResultDocument":
-        """Take the result of the present file; returned with all parts so far where there are several."""
-        passes = sources.of_document(result).passes
-        self.finished.append({"log": result["log"], "converged": result.get("converged", True), "passes": passes})
-        if len(self.finished) > 1:
-            result["parts"] = list(self.finished)
-        return result
+def is_full(plan: Plan, seconds: float, size: int) -> bool:
+    """Whether a file has had its time or its size, and another may follow; never before it is a second long."""
+    if seconds < _MIN_FILE_S or not plan.rotates:
+        return False
+    return 0.0 < plan.rotate_minutes * 60.0 <= seconds or 0.0 < plan.rotate_mb * _MB <= size
 
 
 class Recording:
@@ -96,12 +64,23 @@ class Recording:
         self._plan = plan
         self._stream = stream
         self.writer = _open(path, self.info, plan, stream, overwrite=plan.overwrite)
-        self.parts = RecordingParts(path, plan.rotate_minutes, plan.rotate_mb)
+        self._first = path
+        self.part = 1  # number of the present file
+        # of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran
+        self._finished: list[PartResult] = []
         self.vanished: VanishedFile | None = None
 
     def is_full(self, seconds: float) -> bool:
-        """Whether the present file, of so many seconds, has had its time or size and another may follow."""
-        return self._plan.rotates and self.parts.is_full(seconds, self.writer.size)
+        """See the function; `seconds` of the present file, by a clock that nobody sets."""
+        return is_full(self._plan, seconds, self.writer.size)
+
+    def next_path(self) -> Path:
+        """Name of the next file, which does not exist yet: that of the first, and which part it is."""
+        stem, suffix = f"{self._first.stem}_p{self.part + 1}", self._first.suffix
+        path, number = self._first.with_name(f"{stem}{suffix}"), 2
+        while path.exists():
+            path, number = self._first.with_name(f"{stem}_{number}{suffix}"), number + 1
+        return path
 
     def look(self, error: OSError | None = None) -> VanishedFile | None:
         """What became of the present file, if it vanished; `error` is what its disk answered, if not that it is full.
@@ -119,7 +98,7 @@ class Recording:
 
         After one that vanished the folder is made again, where there is one to make it in.
         """
-        path = self.parts.next_path()
+        path = self.next_path()
         if self.vanished is not None:
             path.parent.mkdir(exist_ok=True)
             self.vanished = None
@@ -128,7 +107,7 @@ class Recording:
                 self._plan = replace(self._plan, filter="none", reference="gravity", reference_file=("", ""))
                 self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
         self.info = replace(self._next_info, log_id=uuid.uuid4().hex[:16])
-        self.parts.number += 1
+        self.part += 1
         self.writer = _open(path, self.info, self._plan, self._stream, overwrite=False)
 
     def describe(self, note: str | None, operator: str | None) -> None:
@@ -156,7 +135,12 @@ class Recording:
         following = power_on.continued(self.info, self.info, self.writer.path, sha256, first_ns)
         memory = "" if pipeline.filter is None else pipeline.filter.memory()
         self._next_info = previous_log.told(replace(following, memory=memory), None)
-        return self.parts.add_result(result) if result["finished"] else result
+        if result["finished"]:
+            passes = sources.of_document(result).passes
+            self._finished.append({"log": result["log"], "converged": result.get("converged", True), "passes": passes})
+            if len(self._finished) > 1:
+                result["parts"] = list(self._finished)
+        return result
 
 
 def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":

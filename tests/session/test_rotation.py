@@ -20,9 +20,10 @@ from imutui.session import live_filter
 from imutui.session.disk_space import DiskGuard, FreeSpace
 from imutui.session.metadata import effects_of
 from imutui.session.plan import Plan
-from imutui.session.recording import Recording, RecordingParts
+from imutui.session.recording import Recording, is_full
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
+from imutui.verdict import sources
 
 S = 1_000_000_000
 START = 1_795_257_000_000_000_000
@@ -65,25 +66,16 @@ sd = 1.0
     ],
 )
 def test_a_file_is_full_by_time_or_by_size(minutes: float, mb: float, seconds: float, size: int, full: bool) -> None:
-    assert RecordingParts(Path("a.mcap"), minutes, mb).is_full(seconds, size) is full
+    assert is_full(Plan("virtual", rotate_minutes=minutes, rotate_mb=mb), seconds, size) is full
 
 
 def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> None:
-    parts = RecordingParts(tmp_path / "a.mcap", 1.0, 0.0)
-    assert parts.next_path() == tmp_path / "a_p2.mcap"
+    recording = Recording(Plan("virtual", min_free_mb=0.0), SessionInfo(), "", tmp_path / "a.mcap")
+    assert recording.next_path() == tmp_path / "a_p2.mcap"
     (tmp_path / "a_p2.mcap").touch()
-    assert parts.next_path() == tmp_path / "a_p2_2.mcap"
-    parts.number = 2
-    assert parts.next_path() == tmp_path / "a_p3.mcap"
-
-
-def test_only_a_recording_in_several_files_tells_its_parts() -> None:
-    parts = RecordingParts(Path("a.mcap"), 1.0, 0.0)
-    assert parts.add_result({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
-    assert parts.add_result({"log": "a_p2.mcap", "converged": False})["parts"] == [
-        {"log": "a.mcap", "converged": True, "passes": True},
-        {"log": "a_p2.mcap", "converged": False, "passes": True},
-    ]
+    assert recording.next_path() == tmp_path / "a_p2_2.mcap"
+    recording.part = 2
+    assert recording.next_path() == tmp_path / "a_p3.mcap"
 
 
 @pytest.mark.parametrize("limits", [{"rotate_minutes": -1.0}, {"rotate_mb": float("nan")}, {"rotate_mb": float("inf")}])
@@ -168,6 +160,10 @@ def test_each_file_alone_replays_to_its_live_result(files: list[tuple[Path, dict
     for path, live in files:
         assert untimed(replay(path, ReplayOptions())) == untimed(live)
     assert [live["history_known"] for _, live in files] == [False, True, True]
+    # only a recording in several files tells its parts
+    assert [len(live.get("parts", [])) for _, live in files] == [0, 2, 3]
+    for part, (path, live) in zip(files[2][1]["parts"], files, strict=True):
+        assert part == {"log": str(path), "converged": live["converged"], "passes": sources.of_document(live).passes}
 
 
 def test_memory_crosses_files_as_if_there_were_one(files: list[tuple[Path, dict[str, Any]]], tmp_path: Path) -> None:
