@@ -95,11 +95,8 @@ def octaves(first: int, last: int) -> NDArray[np.int_]:
 def degrees_of_freedom(count: int, factors: NDArray[np.int_]) -> Array:
     """Equivalent degrees of freedom of the overlapping estimate for white noise of the rate (SP 1065, table 5).
 
-    (3(n-1)/(2m) - 2(n-2)/n) · 4m²/(4m² + 5), n = count + 1 points of phase. For other noise about the same number.
-
-    `count`: samples.
-    `factors`: averaging factors m, shape (M,).
-    Returns shape (M,), at least 1.
+    (3(n-1)/(2m) - 2(n-2)/n) · 4m²/(4m² + 5), at least 1, n = count + 1 points of phase, of averaging factors m, (M,).
+    For other noise about the same number.
     """
     m, n = factors.astype(float), count + 1.0
     edf = (3.0 * (n - 1.0) / (2.0 * m) - 2.0 * (n - 2.0) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
@@ -175,11 +172,7 @@ class RunningAllan:
         return AllanTable(np.array(factors, np.int64), np.reshape(np.array(deviations, float), shape), np.array(dof))
 
     def noise(self, period: float) -> NoiseLevels:
-        """Levels of samples that were never interrupted, as `noise_of`.
-
-        `period`: sample period, s.
-        Raises ValueError if they are too few for five averaging times.
-        """
+        """Levels of samples of a period, s, that were never interrupted, as `noise_of`, which refuses too few."""
         count = int(self._levels[0].counts[0]) + 1 if self._levels else 0
         factors, table = _settled(count, period), self.table()
         return _levels(factors, table.deviation[np.isin(table.factors, factors)], count, period)

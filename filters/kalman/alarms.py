@@ -73,14 +73,8 @@ def causes(reference: str) -> str:
 def of_residuals(
     convergence: Convergence, spec: ImuSpec, observable: tuple[bool, ...], reference: str = "level"
 ) -> list[str]:
-    """Sentences on readings that are off the reference by more than a bias can be.
-
-    `convergence`: with the mean raw residual; without one there is nothing to say.
-    `spec`: limits of the biases.
-    `observable`: for the six biases, whether they can be told from attitude.
-    """
-    apparent = convergence.apparent
-    out: list[str] = []
+    """Sentences on readings that are off the reference by more than a bias can be; none without a mean raw residual."""
+    apparent, out = convergence.apparent, list[str]()
     if apparent is None:
         return out
     if np.any(np.abs(apparent[:3]) > 0.5 * STANDARD_GRAVITY):
@@ -140,10 +134,8 @@ class Departures:
         self._sums: dict[int, Array] = {}
 
     def add(self, segment: int, seconds: float, residual: Array, rate: Array, force: Array) -> None:
-        """Take a block.
+        """Take a block of so many seconds, which lies in one segment.
 
-        `segment`: that it lies in.
-        `seconds`: its length.
         `residual`: mean raw residual, accelerometer then gyro, body axes, SI, shape (6,).
         `rate`, `force`: what a perfect unit reads there, rad/s and m/s², body axes, shape (3,).
         """

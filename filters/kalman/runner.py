@@ -36,7 +36,6 @@ _LOUD, _DRIFTING = 3.0, 3.0
 class Estimator:
     """The filter with its reference and its convergence monitor; fed by `step` or `run`, read by everybody.
 
-    `settings`: what decides the estimates.
     `every`: least time between two estimates that `step` and `run` give, s; 0 for each sample, infinity for none.
     Raises InputError if the reference cannot be had: no motion given, or a rate too slow for it; or if the effects'
       numbers do not belong together.
@@ -213,8 +212,12 @@ class Estimator:
         first = self.first_nis
         if first is not None and first > nis_gates()[9] and not any("off the reference" in text for text in out):
             out.append(f"the first innovation is far outside what the filter expects (NIS {first:.0f}): {causes}")
-        if not out and self._forces_are_off(self._engine.sums):
-            out.append(f"accelerometers are off the reference by over 0.5 g: {causes}")
+        sums, apparent = self._engine.sums, self.monitor.convergence().apparent
+        if not out and apparent is None and sums[layout.SUM_RESIDUALS]:
+            # before there is a mean over 10 s, that of the present second
+            force = sums[layout.SUM_RESIDUAL : layout.SUM_RESIDUAL + 3] / sums[layout.SUM_RESIDUALS]
+            if np.any(np.abs(force) > 0.5 * STANDARD_GRAVITY):
+                out.append(f"accelerometers are off the reference by over 0.5 g: {causes}")
         departure = self.departure()
         # an effect of some per cent is no reference that belongs to something else; where it is, is told elsewhere
         if self._core(layout.CORE_OVERRULED) and (departure is None or departure.gross):
@@ -234,13 +237,6 @@ class Estimator:
         is_loud = ratio is not None and float(np.max(ratio)) > _LOUD
         least = TOLERANCE if is_loud else _DRIFTING * TOLERANCE
         return self._departures.worst(*self._engine.biases(), self.monitor.noise(), least)
-
-    def _forces_are_off(self, sums: Array) -> bool:
-        """Whether, before there is a mean over 10 s, that of the present second says so."""
-        if self.monitor.convergence().apparent is not None or not sums[layout.SUM_RESIDUALS]:
-            return False
-        mean = sums[layout.SUM_RESIDUAL : layout.SUM_RESIDUAL + 3] / sums[layout.SUM_RESIDUALS]
-        return bool(np.any(np.abs(mean) > 0.5 * STANDARD_GRAVITY))
 
     def confounded(self) -> list[str]:
         """Sentences on biases that the motion cannot tell from other effects, body axes; empty for a unit at rest."""
@@ -402,8 +398,8 @@ def rows(
 def warm_up(say: Callable[[str], None] | None = None, *, effects: bool = False) -> None:
     """Load or compile the filter's step, which takes some seconds the first time on a machine.
 
-    `say`: told how far compiling has come, a sentence at a time; never called where there is nothing to compile.
-    `effects`: whether effects will join the filter: theirs is a step of its own, compiled when it is first needed.
+    `say` is told how far it has come, a sentence at a time, if there is anything to compile. Effects that will join the
+    filter have a step of their own, compiled when it is first needed.
     """
     from filters.kalman.engines import compile_step
 

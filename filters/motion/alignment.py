@@ -72,12 +72,9 @@ def level_by_gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> S
     for, so tilt starts as uncertain as that bias makes it. The yaw row is kept with reference 0; without it the
     vertical gyro bias would not be seen. It is read to Earth rate's 0.004 deg/s, because true heading is unknown.
 
-    `site`: where the unit stands.
     `mean_force_b`: mean specific force, body axes, m/s², shape (3,).
     `accel_bias_sd`: standard deviation of the accelerometer bias at the start, m/s².
-    Returns rows position, velocity and yaw.
-    Raises InputError if the mean force is not within 10 % of gravity: then the unit does not stand still, or units are
-      wrong.
+    Raises InputError if the mean force is not within 10 % of gravity: the unit moves, or units are wrong.
     """
     norm = float(np.linalg.norm(mean_force_b))
     if not 0.9 < norm / site.gravity < 1.1:
