@@ -2,26 +2,13 @@
 
 import hashlib
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.paths import ROOT
 
 HERE = Path(__file__).parent
 SETS = ("first", "second")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _benchmarks() -> Iterator[None]:
-    """Modules of benchmarks/ can be imported."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        yield
-    for name in ("undeclared", "undeclared_sets", "undeclared_score", "tracing_wire"):
-        sys.modules.pop(name, None)
 
 
 def kept(name: str) -> dict[str, Any]:

@@ -4,8 +4,7 @@ And a measured recording played through the virtual instrument with an effect ad
 """
 
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 import sample_effects
 from helpers.commands import imutui
-from helpers.paths import ROOT
 from helpers.places import own_places
 from helpers.shared import once
 from unit_time import SLOW_LINE, record, virtual
@@ -23,16 +21,6 @@ from filters.channels import CHANNELS
 from imutui.logbook import reader
 
 SAMPLE_SET = Path(sample_effects.__file__)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _benchmarks() -> Iterator[None]:
-    """Modules of benchmarks/ can be imported."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        yield
-    for name in ("undeclared", "undeclared_sets", "undeclared_score", "tracing_wire"):
-        sys.modules.pop(name, None)
 
 
 # -- the format -------------------------------------------------------------------------------------------------------
