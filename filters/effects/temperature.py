@@ -5,11 +5,12 @@ past alone. What remembers temperature is the same for both. It goes on from one
 which temperature is taken to have gone by a straight line.
 """
 
+import functools
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
@@ -120,11 +121,17 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     widths = np.array([width for width, _ in BANKS])
     at = np.array(PLAYS_AT_START if at is None else at, np.float64)
     means = np.empty((u.size, widths.size))
-    _play(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
+    _compiled_play()(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
     return np.asarray(means / widths), at
 
 
-@njit(cache=True, nogil=True)
+@functools.cache
+def _compiled_play() -> Callable[[Array, Array, Array, Array], None]:
+    from numba import njit  # what takes effects along without those of temperature does not load it
+
+    return njit(cache=True, nogil=True)(_play)  # type: ignore[no-any-return]
+
+
 def _play(u, r, at, means):  # type: ignore[no-untyped-def]
     """Banks of play operators of half widths `r`; `at` becomes where they end, `means` (n, BANKS) those of a bank."""
     each = r.size // means.shape[1]

@@ -144,7 +144,8 @@ def told(error: Exception | KeyboardInterrupt) -> int:
     """Say what has ended a command; returns its exit code."""
     if isinstance(error, BrokenPipeError):
         return FINE  # whoever read our output has had enough
-    if isinstance(error, KeyboardInterrupt):
+    # amid the making of a class Python 3.11 has it be the cause of a RuntimeError
+    if isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt):
         say("imutui: interrupted")
         return INTERRUPTED
     code, words = in_words(error)

@@ -166,9 +166,8 @@ def connect(name: str, timeout: float) -> socket.socket:
             while True:
                 try:
                     connection.connect(address)
-                except (
-                    BlockingIOError
-                ):  # a queue that is full for the moment is waited for, which the kernel does not do
+                except BlockingIOError:
+                    # a queue that is full for the moment is waited for, which the kernel does not do
                     if time.monotonic() > deadline:
                         raise
                     time.sleep(_QUEUE_FULL_S)

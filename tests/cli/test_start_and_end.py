@@ -14,6 +14,7 @@ import pytest
 from helpers.paths import ROOT, SAMPLE
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 
+from imutui.cli import exit_codes
 from imutui.session import ipc
 
 ENTRY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["imutui"]
@@ -69,6 +70,19 @@ def test_ctrl_c_at_any_moment_of_the_start_ends_in_one_line(home: Path, line: st
         assert program.returncode in wanted, f"moment {k}: {err}"
         assert program.returncode != 130 or err, f"moment {k}"
     wait_until(lambda: not ipc.names(), LIMIT_S)
+
+
+def test_ctrl_c_amid_the_making_of_a_class_is_one_too(capsys: pytest.CaptureFixture[str]) -> None:
+    """Python 3.11 wraps what `__set_name__` raises."""
+
+    class Interrupts:
+        def __set_name__(self, owner: type, name: str) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(RuntimeError) as wrapped:
+        type("Made", (), {"attribute": Interrupts()})
+    assert exit_codes.told(wrapped.value) == 130
+    assert capsys.readouterr().err == "imutui: interrupted\n"
 
 
 CLOSED = "imutui: the standard output is closed, and what is asked for goes there. `>/dev/null` throws it away.\n"

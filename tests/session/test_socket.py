@@ -61,9 +61,7 @@ def server(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ipc.Server]:
 
 
 def ask(line: bytes) -> dict[str, Any]:
-    with socket.socket(socket.AF_UNIX) as connection:
-        connection.settimeout(60.0)
-        connection.connect(str(ipc.socket_path("asked")))
+    with ipc.connect("asked", 60.0) as connection:
         return exchange(connection, line)
 
 
