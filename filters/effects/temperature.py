@@ -129,7 +129,7 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
 def _compiled_play() -> Callable[[Array, Array, Array, Array], None]:
     from numba import njit  # what takes effects along without those of temperature does not load it
 
-    return njit(cache=True, nogil=True)(_play)  # type: ignore[no-any-return]
+    return njit(cache=True, nogil=True)(_play)
 
 
 def _play(u, r, at, means):  # type: ignore[no-untyped-def]
