@@ -3,6 +3,7 @@
 Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
 """
 
+import mmap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -14,8 +15,18 @@ from filters.errors import InputError
 from imutui.logbook import mcap_format, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import HEAD, Index, parse
-from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, RecordTable, joined, records_of, tabulate
-from imutui.logbook.scan import Scan, reason
+from imutui.logbook.mcap_stream import (
+    CHANNEL,
+    JOINED,
+    MESSAGE_HEAD,
+    Batch,
+    RecordTable,
+    joined,
+    records_of,
+    tabulate,
+    told_behind,
+)
+from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
@@ -258,18 +269,19 @@ def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda 
 
 def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
     """Schemas, channels, and messages in batches, of all whole pieces."""
-    inflater, starts = mcap_format.Inflater(found.size), np.empty(0, np.int64)
-    with found.path.open("rb") as stream:
+    inflater, held_from = mcap_format.Inflater(found.size), 0
+    with found.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for number, piece in enumerate(found.pieces):
-            if piece.opcode not in _BELONGINGS:
-                stream.seek(piece.at)
-                body = stream.read(piece.length)
-                is_chunk = piece.opcode == Opcode.CHUNK
-                whole = HEAD.pack(piece.opcode, piece.length) + body
-                content = inflater.content(mcap_format.chunk_of(body)) if is_chunk else whole
-                table = tabulate(content, like=starts)
-                starts = table.starts if is_chunk else starts
-                yield from records_of(content, work.meet(table))
+            if piece.opcode == Opcode.CHUNK:
+                inside = inflater.content(mcap_format.chunk_of(content(data, piece)))
+                told = told_behind(data, piece.at + piece.length).entries[:, 1]
+                yield from records_of(inside, work.meet(tabulate(inside, told=told)))
+            elif piece.opcode not in _BELONGINGS:
+                whole = HEAD.pack(piece.opcode, piece.length) + content(data, piece)
+                yield from records_of(whole, work.meet(tabulate(whole)))
+            if piece.at - held_from > WINDOW:
+                forget(data, held_from, piece.at)
+                held_from = piece.at
             progress(number / len(found.pieces))
 
 

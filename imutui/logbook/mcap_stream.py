@@ -4,6 +4,7 @@ The format's rules are those of mcap.stream_reader, which reads a record at a ti
 objects, and a chunk's messages stay bytes beside a table of where each begins.
 """
 
+import mmap
 import os
 import struct
 import zlib
@@ -28,6 +29,8 @@ JOINED = 2**13  # messages that are taken at once: what a batch costs beside its
 _MESSAGE = int(Opcode.MESSAGE)  # compared with an array, numpy takes an enum's member for an object
 _BLOCK = 2**20
 _LENGTH_OF_RECORD = struct.Struct("<xQ")
+_INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
+_ENTRY = 16  # a time and a place
 # What is left aside at each level; the rest of the file's index says nothing that the records themselves don't.
 _IN_FILE = np.isin(np.arange(256), [*(mcap_format.PARSED.keys() - {Opcode.HEADER}), Opcode.CHUNK, Opcode.MESSAGE])
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
@@ -49,15 +52,15 @@ class RecordTable(NamedTuple):
         return np.asarray((self.rows[:, CHANNEL] < 0) & (self.rows[:, OPCODE] == _MESSAGE))
 
 
-def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, like: np.ndarray = _NONE) -> RecordTable:
+def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, told: np.ndarray = _NONE) -> RecordTable:
     """The whole records in bytes.
 
     `wanted`: of each opcode whether it is, bool, shape (256,).
-    `like`: `starts` of the chunk before: most records lie where its records lay, and are found at once.
+    `told`: where messages begin as indexes tell, true or not, uint64: those that do are found at once.
     """
     end = len(content)
     # eight bytes each, where a list takes forty: records may be as short as their heads
-    found, head = array("q", _as_before(content, like).tobytes()), HEAD.size
+    found, head = array("q", _following(content, told).tobytes()), HEAD.size
     at = found.pop() if found else 0
     length_at, append, last = _LENGTH_OF_RECORD.unpack_from, found.append, end - head
     while at <= last:
@@ -88,14 +91,50 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, like: np.ndarray = 
     return RecordTable(rows, at, starts)
 
 
-def _as_before(content: bytes, like: np.ndarray) -> np.ndarray:
-    """Where records begin that follow each other here as in other bytes; only the last of them may not be whole."""
-    like = like[: np.searchsorted(like, len(content) - HEAD.size, side="right")]
-    if not like.size:
-        return like
-    lengths = windows(np.frombuffer(content, np.uint8), like + 1, 8).view("<u8")[:-1, 0]
-    others = np.flatnonzero(lengths != (np.diff(like) - HEAD.size).astype(np.uint64))
-    return like[: others[0] + 1] if others.size else like
+def _following(content: bytes, told: np.ndarray) -> np.ndarray:
+    """The first of these offsets, from 0 on, at which records follow each other; only the last may not be whole."""
+    starts = np.sort(told)
+    starts = starts[: np.searchsorted(starts, len(content) - HEAD.size, side="right")].astype(np.int64)
+    if not starts.size or starts[0]:
+        return _NONE
+    lengths = windows(np.frombuffer(content, np.uint8), starts + 1, 8).view("<u8")[:-1, 0]
+    others = np.flatnonzero(lengths != (np.diff(starts) - HEAD.size).astype(np.uint64))
+    return starts[: others[0] + 1] if others.size else starts
+
+
+class Told(NamedTuple):
+    """What the indexes behind a chunk say of its messages, true or not."""
+
+    channels: np.ndarray  # channel id of each, shape (n,)
+    entries: np.ndarray  # log time and where it begins in the chunk's content, uint64, shape (n, 2)
+    end: int  # where the first byte is that is no index with as many entries as it says
+
+    def fits(self, content: bytes) -> bool:
+        """Whether there are such messages."""
+        times, at = self.entries.T
+        if not at.size:
+            return True
+        if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
+            return False
+        heads = windows(np.frombuffer(content, np.uint8), at.astype(np.int64) + HEAD.size, MESSAGE.size)
+        found = heads.view(MESSAGE_HEAD)[:, 0]
+        return bool(((found["channel"] == self.channels) & (found["log_ns"].view("<u8") == times)).all())
+
+
+def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
+    """What the message indexes say that begin at an offset."""
+    channels, counts, entries = [], [], []
+    while at + _INDEX_HEAD.size <= len(data):
+        opcode, length, channel, size = _INDEX_HEAD.unpack_from(data, at)
+        first, end = at + _INDEX_HEAD.size, at + HEAD.size + length
+        if opcode != Opcode.MESSAGE_INDEX or size % _ENTRY or first + size != end or end > len(data):
+            break
+        channels.append(channel)
+        counts.append(size // _ENTRY)
+        entries.append(data[first:end])
+        at = end
+    ids = np.repeat(np.array(channels, np.uint16), counts)
+    return Told(ids, np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2), at)
 
 
 def windows(data: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:

@@ -25,12 +25,11 @@ from imutui.logbook.mcap_format import (
     LIMIT,
     MAGIC,
     MALFORMED,
-    MESSAGE,
     ChecksumError,
     Index,
     prefixed,
 )
-from imutui.logbook.mcap_stream import MESSAGE_HEAD, tabulate, windows
+from imutui.logbook.mcap_stream import tabulate, told_behind
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
 
@@ -153,7 +152,7 @@ class _FileWalk:
     def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None], *, indexes: bool) -> None:
         self._indexes = indexes
         self._inside: bytes | None = None
-        self._starts_inside = np.empty(0, np.int64)
+        self._fitting = 0  # up to where message indexes are known to be what they must be
         self._data = data
         self._found = found
         self._progress = progress
@@ -244,27 +243,30 @@ class _FileWalk:
         if opcode >= mcap_format.PRIVATE:
             return "" if self._follows(at + length) else "these bytes are no record"
         try:
-            self._check(opcode, content(self._data, Piece(opcode, at, length)))
+            self._check(opcode, at, content(self._data, Piece(opcode, at, length)))
         except ChecksumError:
             return "a checksum is wrong"
         except (*MALFORMED, MemoryError) as error:
             return f"{_article(_name(opcode))} cannot be read ({reason(error)})"
         return ""
 
-    def _check(self, opcode: int, body: bytes) -> None:
-        """Raise if a record's content is not what it must be."""
+    def _check(self, opcode: int, at: int, body: bytes) -> None:
+        """Raise if the content of a record, which begins at an offset, is not what it must be."""
         if opcode == Opcode.CHUNK:
             self._inside = None
             inside = self._inflater.content(mcap_format.chunk_of(body))
-            found = tabulate(inside, _DECLARATIONS, self._starts_inside)
-            self._starts_inside = found.starts
+            told = told_behind(self._data, at + len(body))
+            found = tabulate(inside, _DECLARATIONS, told.entries[:, 1])
             if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
             for kind, _, start, length in found.rows.tolist():
                 mcap_format.parse(mcap_format.PARSED[kind], inside[start : start + length])
             self._inside = inside
-        elif opcode == Opcode.MESSAGE_INDEX:
-            if not _fits(body, self._inside if self._indexes else None):
+            # all of them at once; one by one, which takes longer, only to say which one is wrong
+            self._fitting = told.end if not self._indexes or told.fits(inside) else 0
+        elif opcode == Opcode.MESSAGE_INDEX and at >= self._fitting:
+            told = told_behind(HEAD.pack(opcode, len(body)) + body, 0)
+            if not told.end or (self._indexes and self._inside is not None and not told.fits(self._inside)):
                 raise McapError("it does not fit its chunk")
         elif opcode == Opcode.ATTACHMENT:
             mcap_format.parse(Attachment, body)
@@ -345,27 +347,6 @@ _MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
 _DECLARATIONS = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL])
 """What a chunk says of its messages: without it, nothing knows what they are."""
 _SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
-
-
-_ENTRIES = struct.Struct("<HI")
-"""Before the times and places that a message index has: channel id, their length in bytes."""
-
-
-def _fits(index: bytes, content: bytes | None) -> bool:
-    """Whether a message index is as long as it says, and its entries are times and places of messages of its chunk."""
-    channel, length = _ENTRIES.unpack_from(index)
-    if length % 16 or len(index) != _ENTRIES.size + length:
-        return False
-    if content is None:
-        return True
-    times, at = np.frombuffer(index, "<u8", offset=_ENTRIES.size).reshape(-1, 2).T
-    if not at.size:
-        return True
-    if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
-        return False
-    heads = windows(np.frombuffer(content, np.uint8), at.astype(np.int64) + HEAD.size, MESSAGE.size)
-    told = heads.view(MESSAGE_HEAD)[:, 0]
-    return bool(((told["channel"] == channel) & (told["log_ns"].view("<u8") == times)).all())
 
 
 def _name(opcode: int) -> str:

@@ -78,14 +78,17 @@ def test_damaged_files_say_the_same_by_batches_and_message_by_message(
 @given(
     st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=60), st.integers(-30, 30)), max_size=12),
     st.binary(max_size=20),
+    st.lists(st.integers(0, 2**64 - 1) | st.integers(0, 300), max_size=3),
 )
-def test_records_are_those_that_one_finds_head_by_head(parts: list[tuple[int, bytes, int]], rest: bytes) -> None:
+def test_records_are_those_that_one_finds_head_by_head(
+    parts: list[tuple[int, bytes, int]], rest: bytes, lies: list[int]
+) -> None:
     content = b"".join(
         HEAD.pack(opcode if opcode > 20 else 5, max(0, len(body) + (wrong if wrong > 25 else 0))) + body
         for opcode, body, wrong in parts
     )
     content += rest
-    wanted, rows, at = np.arange(256) % 7 != 3, [], 0
+    wanted, rows, starts, at = np.arange(256) % 7 != 3, [], list[int](), 0
     while at + HEAD.size <= len(content):
         opcode, length = HEAD.unpack_from(content, at)
         if at + HEAD.size + length > len(content):
@@ -95,10 +98,12 @@ def test_records_are_those_that_one_finds_head_by_head(parts: list[tuple[int, by
         before = HEAD.size + (MESSAGE.size if message else 0)
         if wanted[opcode]:
             rows.append([opcode, channel, at + before, HEAD.size + length - before])
+        starts.append(at)
         at += HEAD.size + length
-    found = mcap_stream.tabulate(content, wanted)
-    assert (found.rows.tolist(), found.end) == (rows, at)
-    assert found.short.tolist() == [row[:2] == [5, -1] for row in rows]
+    for told in ([], starts, starts[1:], [*starts, at], [*lies, *starts[::-1]], lies):
+        found = mcap_stream.tabulate(content, wanted, np.array(told, np.uint64))
+        assert (found.rows.tolist(), found.starts.tolist(), found.end) == (rows, starts, at)
+        assert found.short.tolist() == [row[:2] == [5, -1] for row in rows]
 
 
 def message(kind: int, stamp: int, rng: random.Random) -> bytes:
