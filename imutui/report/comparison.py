@@ -107,6 +107,20 @@ def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
         (_bias_table(documents, names, related), *comparison_figures.of_replays(documents, names, related)),
     )
     yield Section("Noise beside each other", (_noise_table(documents, names),))
+    yield Section("Runs beside each other", (_run_table(documents, names),))
+
+
+def _run_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:
+    headings = ("Samples", "Seconds", "Lost", "Gaps", "Outliers", "Alarms", "Converged at, s")
+    rows = []
+    for d, name in zip(documents, names, strict=True):
+        since = [t for times in d["converged_s"].values() for t in times if t is not None]
+        counts = (d["lost_packets"], len(d["gaps"]), d["rejected"], len(d["alarms"]))
+        seconds = NOTHING if d["duration_s"] is None else f"{d['duration_s']:.1f}"
+        last = f"{max(since):.1f}" if since else NOTHING
+        rows.append((name.mark, str(d["samples"]), seconds, *map(str, counts), last))
+    columns = (Column("Result", "code"), *(Column(heading, "number") for heading in headings))
+    return Table(columns, tuple(rows), "Lost: packets. Converged at: when the last of the biases that converged did.")
 
 
 def _readings(d: "ResultDocument", name: Compared) -> str:

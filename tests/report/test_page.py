@@ -415,6 +415,18 @@ def test_noise_beside_each_other_is_compared_with_each_result_s_own_specificatio
     assert "have 4.5 deg/√h and 1 m/s/√h (A); 2.5 deg/√h and 0.2 m/s/√h (B)." in said(replayed(), other)
 
 
+def test_runs_beside_each_other_have_what_disturbed_each() -> None:
+    gap = {"after_s": 3.0, "seconds": 0.5}
+    other = replayed(samples=7, duration_s=2.5, lost_packets=4, gaps=[gap], rejected=3, alarms=["one", "two"])
+    other["converged_s"] = {channel: [None] * 3 for channel in other["converged_s"]}
+    section = page.page([page.Story(replayed()), page.Story(other)]).articles[0].sections[-1]
+    (table,) = section.blocks
+    assert isinstance(table, Table)
+    assert table.rows[1][1:] == ("7", "2.5", "4", "1", "3", "2", "–")
+    last = max(t for times in replayed()["converged_s"].values() for t in times if t is not None)
+    assert (table.rows[0][1], table.rows[0][-1]) == (str(replayed()["samples"]), f"{last:.1f}")
+
+
 def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
     one, two = traces.whole_document(), {**traces.whole_document(), "findings": []}
     made = page.page([page.Story(one), page.Story(two)]).articles[0]
