@@ -173,9 +173,10 @@ def _above_slope(d: _Differences, at: int) -> Array:
 
 
 def _refined(d: _Differences, at: int, members: tuple[int, ...]) -> int:
-    """The place near by where the members' steps together are largest."""
+    """The place near by where the members' steps together are largest, and none of them lacks its readings."""
     near = np.flatnonzero((d.run == d.run[at]) & (np.abs(d.row - d.row[at]) <= d.scale))
-    return int(near[np.argmax(np.sum(d.z[near][:, list(members)] ** 2, axis=1))])
+    z = d.z[near][:, list(members)]
+    return int(near[np.argmax(np.where((z != 0.0).all(axis=1), np.sum(z**2, axis=1), 0.0))])
 
 
 def _differences(rows: Rows, m: int, sd: Array | None = None) -> _Differences | None:

@@ -186,3 +186,19 @@ def test_steps_of_readings_that_are_missing_in_turn_have_a_coherence() -> None:
     assert set(cause.channels) == {3, 4, 5}
     assert 0.5 < cause.coherence <= 1.0
     assert np.ptp(cause.course) == pytest.approx(8.0 * MG, rel=0.5)
+
+
+def test_an_event_is_placed_where_all_its_channels_have_readings() -> None:
+    """Two channels step at once; a while later one of them steps further, and the other has just gone missing."""
+    rng = np.random.default_rng(6)
+    t = np.arange(2400) / _HZ
+    reading = rng.standard_normal((t.size, 6)) * MG
+    reading[t >= 300.0, 3:5] += 12.0 * MG
+    reading[t >= 303.0, 3] += 60.0 * MG
+    reading[:, 5] += PAPER_SITE.gravity
+    flagged = np.zeros(reading.shape, bool)
+    flagged[(t >= 302.0) & (t < 320.0), 4] = True
+    still = np.zeros((1, 3))
+    (cause,) = causes_of([Run("run", t, reading, None, still, still, AxisMap(), PAPER_SITE, flagged=flagged)])
+    assert set(cause.channels) == {3, 4}
+    assert (cause.size != 0.0).all()
