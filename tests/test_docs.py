@@ -197,7 +197,18 @@ def test_files_and_folders_named_in_the_pages_exist() -> None:
 def test_tables_to_register_in_are_where_the_pages_say() -> None:
     """Whoever adds something finds the table that names it."""
     named = re.findall(r"`([A-Z]{4,})`(?: of| \()\s*`?([\w/]+\.py)", TEXTS["docs/architecture.md"])
-    tables = {"INSTRUMENTS", "FILTERS", "ENGINES", "EFFECTS", "PAGES", "COMMANDS"}
+    tables = {
+        "INSTRUMENTS",
+        "FILTERS",
+        "ENGINES",
+        "EFFECTS",
+        "PAGES",
+        "COMMANDS",
+        "UNITS",
+        "CASES",
+        "EQUATIONS",
+        "MEMBERS",
+    }
     assert {table for table, _ in named} == tables
     for table, path in named:
         assert re.search(rf"^{table}\b", (ROOT / path).read_text(), flags=re.MULTILINE), f"{table} in {path}"

@@ -62,7 +62,7 @@ EFFECTS: dict[str, Entry] = {
     "coarse": Entry("fault", "a coarse lattice", "N", _FAULT),
     "dropout": Entry("fault", "missing readings", "P", _FAULT),
     "jitter": Entry("fault", "stamps that are off", "P", _FAULT),
-}  # name to entry, in the order of docs/formats.md
+}  # name to entry, in the order of docs/effects_notes.toml
 
 
 def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, ShapeValue]) -> Hypothesis:
