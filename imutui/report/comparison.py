@@ -111,7 +111,7 @@ def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
 
 
 def _run_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:
-    headings = ("Samples", "Seconds", "Lost", "Gaps", "Outliers", "Alarms", "Converged at, s")
+    headings = ("Samples", "Seconds", "Lost", "Gaps", "Outliers", "Alarms", "Converged, s")
     rows = []
     for d, name in zip(documents, names, strict=True):
         since = [t for times in d["converged_s"].values() for t in times if t is not None]
@@ -120,7 +120,7 @@ def _run_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
         last = f"{max(since):.1f}" if since else NOTHING
         rows.append((name.mark, str(d["samples"]), seconds, *map(str, counts), last))
     columns = (Column("Result", "code"), *(Column(heading, "number") for heading in headings))
-    return Table(columns, tuple(rows), "Lost: packets. Converged at: when the last of the biases that converged did.")
+    return Table(columns, tuple(rows), "Lost: packets. Converged: when the last of the biases that converged did.")
 
 
 def _readings(d: "ResultDocument", name: Compared) -> str:
