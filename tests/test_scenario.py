@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import typer
 from helpers.commands import imutui
+from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.processes import command_line, started
 
 from filters.imu import IMU400CD_200
@@ -28,18 +29,7 @@ from imutui.scenario import ScenarioError, load_profile, load_scenario
 
 DEG = math.pi / 180.0
 MG = 9.80665e-3
-PROFILE = """
-align = "gyro"
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 90.0, 0.0]
-seconds = 30.0
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = 30.0
-seconds = 12.0
-"""
+PROFILE = profile_toml(dwell(30.0, middle=90.0), rate("inner", 30.0, 12.0), align="gyro")
 SEGMENTS = (Dwell((0.0, 90 * DEG, 0.0), 30.0), Rate("inner", 30 * DEG, 12.0))
 FULL = """
 seed = 7
@@ -283,33 +273,15 @@ def virtual(*arguments: str) -> Iterator[str]:
         yield process.stdout.readline().strip()
 
 
-WIRE = """
-seed = 3
-[biases]
-accel_mg = [40.0, -30.0, 20.0]
-gyro_dps = [9.0, -2.0, 1.0]
-[noise]
-gyro_arw_deg_sqrt_h = 0.1
-accel_vrw_mps_sqrt_h = 0.01
-[temperature]
-history = [[0.0, 20.0], [8.0, 60.0]]
-[[effect]]
-name = "thermal_lin"
-channel = "gy"
-dps_per_k = 0.5
-reference_degc = 20.0
-[[power_on]]
-[[power_on]]
-gyro_dps = [5.0, -2.0, 1.0]
-[[fault]]
-at_s = 1.5
-kind = "silence"
-seconds = 0.3
-[[fault]]
-at_s = 2.2
-kind = "drop_bytes"
-count = 5
-"""
+WIRE = toml(
+    seed=3,
+    biases={"accel_mg": [40.0, -30.0, 20.0], "gyro_dps": [9.0, -2.0, 1.0]},
+    noise={"gyro_arw_deg_sqrt_h": 0.1, "accel_vrw_mps_sqrt_h": 0.01},
+    temperature={"history": [[0.0, 20.0], [8.0, 60.0]]},
+    effect=[{"name": "thermal_lin", "channel": "gy", "dps_per_k": 0.5, "reference_degc": 20.0}],
+    power_on=[{}, {"gyro_dps": [5.0, -2.0, 1.0]}],
+    fault=[{"at_s": 1.5, "kind": "silence", "seconds": 0.3}, {"at_s": 2.2, "kind": "drop_bytes", "count": 5}],
+)
 
 
 def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
@@ -363,14 +335,7 @@ def test_a_wrong_call_ends_in_words(
 
 
 def test_dropouts_and_jitter_of_a_scenario_reach_the_line(tmp_path: Path) -> None:
-    text = """
-    [[effect]]
-    name = "dropout"
-    probability = 0.3
-    [[effect]]
-    name = "jitter"
-    sd_s = 0.001
-    """
+    text = toml(effect=[{"name": "dropout", "probability": 0.3}, {"name": "jitter", "sd_s": 0.001}])
     readings = SimulatedReadings(load_scenario(written(tmp_path, text)))
     line = readings.line()
     assert line is not None
@@ -400,6 +365,6 @@ def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(
     monkeypatch.chdir(tmp_path)
     name = Path(reference_file.ready_made()[0].name)
     ready_made = load_scenario(name).profile
-    name.write_text('[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 7.0\n')
+    name.write_text(profile_toml(dwell(7.0)))
     assert load_scenario(name).profile == Profile((Dwell((0.0, 0.0, 0.0), 7.0),))
     assert ready_made == reference_file.ready_made()[0].profile

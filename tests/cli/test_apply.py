@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.commands import imutui
+from helpers.documents import Entry, effect, effects_toml, state
 from helpers.paths import SAMPLE
 from rosbags.highlevel import AnyReader
 
@@ -15,22 +16,21 @@ from imutui.jobs import apply as job
 from imutui.logbook import checksum_file, effects_file, reader
 
 
-def effect(name: str, channel: str, unit: str, mean: float, kind: str = "A", more: str = "", state: str = "k") -> str:
+def known(name: str, channel: str, unit: str, mean: float, of: str = "k", **parameters: str) -> Entry:
     """One effect of a file, known exactly."""
-    text = f'[[effect]]\neffect = "{name}"\nchannels = ["{channel}"]\ninclude_as = "{kind}"\n{more}'
-    return text + f'[[effect.state]]\nname = "{state}"\nunit = "{unit}"\nmean = {mean}\nsd = 0.0\n' if unit else text
+    return effect(name, channel, state(of, unit, mean, 0.0), **parameters)
 
 
-SCALE = effect("scale", "az", "1", 0.01)
-THERMAL = effect("thermal_lin", "gy", "deg/s/K", 0.02)
-RAMP = effect("ramp", "ax", "mg/s", 0.1)
-DRIFT = effect("gauss_markov", "gx", "deg/s", 0.0, "S", state="level") + "tau_s = 30.0\nq = 0.01\n"
-SPIKES = effect("spikes", "ay", "", 0.0, "P", "[effect.parameters]\nlimit = 15.0\n")
+SCALE = known("scale", "az", "1", 0.01)
+THERMAL = known("thermal_lin", "gy", "deg/s/K", 0.02)
+RAMP = known("ramp", "ax", "mg/s", 0.1)
+DRIFT = effect("gauss_markov", "gx", state("level", "deg/s", 0.0, 0.0, tau_s=30.0, q=0.01), include_as="S")
+SPIKES = effect("spikes", "ay", include_as="P", limit=15.0)
 
 
-def written(tmp_path: Path, *effects: str) -> Path:
+def written(tmp_path: Path, *effects: Entry) -> Path:
     path = tmp_path / "effects.toml"
-    path.write_text('version = 1\nsource = "by hand"\n' + "".join(effects))
+    path.write_text(effects_toml(*effects, source="by hand"))
     effects_file.from_file(path)
     return path
 
@@ -79,11 +79,11 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
     bias = np.array([0.0, 0.0, 1.5, 0.08, 0.0, 0.0])
     effects = written(
         tmp_path,
-        effect("scale", "gz", "1", 0.02),
-        effect("cross_axis", "ay", "rad", 0.03, state="x", more='[effect.parameters]\naxes = "x"\n'),
-        effect("g_sensitivity", "gx", "deg/s/g", 0.4, state="z", more='[effect.parameters]\naxes = "z"\n'),
-        effect("bias", "gz", "deg/s", 1.5),
-        effect("bias", "ax", "mg", 80.0),
+        known("scale", "gz", "1", 0.02),
+        known("cross_axis", "ay", "rad", 0.03, "x", axes="x"),
+        known("g_sensitivity", "gx", "deg/s/g", 0.4, "z", axes="z"),
+        known("bias", "gz", "deg/s", 1.5),
+        known("bias", "ax", "mg", 80.0),
     )
     rng, n = np.random.default_rng(5), 400
     true = rng.standard_normal((n, 6)) * 1e-3 + [0.0, 0.0, 0.0, 0.6, 0.0, 0.8]
@@ -164,7 +164,7 @@ def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
     good = written(tmp_path, SCALE)
     (tmp_path / "bad.toml").write_text("version = 7")
     unknown = tmp_path / "unknown.toml"
-    unknown.write_text("version = 1\n" + effect("gremlins", "gx", "1", 1.0))
+    unknown.write_text(effects_toml(known("gremlins", "gx", "1", 1.0)))
     (tmp_path / "there.mcap").write_text("mine")
     np.savez(tmp_path / "cold.npz", t=np.arange(50) / 20.0, gyro=np.zeros((50, 3)), accel=np.ones((50, 3)) * [0, 0, 1])
     imutui("import", str(tmp_path / "cold.npz"), "-o", str(tmp_path / "cold.mcap"))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.commands import imutui
+from helpers.documents import toml
 from helpers.places import own_places
 from helpers.shared import once
 from unit_time import SLOW_LINE, acquire
@@ -15,30 +16,22 @@ from imutui.instrument.imu400.crossbow import TICK_S
 from imutui.logbook import reader
 
 # three power-ons that heat and cool at different times; the last is held out, and lasts long enough for a verdict
-SCENARIO = """
-seed = 23
-[biases]
-accel_mg = [5.0, -3.0, 8.0]
-gyro_dps = [0.5, -0.2, 0.1]
-[[effect]]
-name = "thermal_lin"
-channel = "gy"
-dps_per_k = 0.1
-[[effect]]
-name = "spikes"
-channel = "ay"
-mg = 3000.0
-per_hour = 300.0
-[[power_on]]
-seed = 1
-temperature = { history = [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0]] }
-[[power_on]]
-seed = 2
-temperature = { history = [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [115.0, 34.0]] }
-[[power_on]]
-seed = 3
-temperature = { history = [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [305.0, 25.0]] }
-"""
+SCENARIO = toml(
+    seed=23,
+    biases={"accel_mg": [5.0, -3.0, 8.0], "gyro_dps": [0.5, -0.2, 0.1]},
+    effect=[
+        {"name": "thermal_lin", "channel": "gy", "dps_per_k": 0.1},
+        {"name": "spikes", "channel": "ay", "mg": 3000.0, "per_hour": 300.0},
+    ],
+    power_on=[
+        {"seed": seed, "temperature": {"history": history}}
+        for seed, history in (
+            (1, [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0]]),
+            (2, [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [115.0, 34.0]]),
+            (3, [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [305.0, 25.0]]),
+        )
+    ],
+)
 SECONDS = (115.0, 115.0, 305.0)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import serial
 from helpers.commands import imutui
+from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.paths import SAMPLE
 from helpers.processes import command_line, started
 from unit_time import record, virtual, virtual_in_real_time
@@ -46,31 +47,14 @@ def counted(seed):
 def late_failure(seed):
     return lambda t, temp, ang, rate, w, f: [0.0] * 6 if t < 1.0 else None
 """
-SCENARIO = """
-profile = "table.toml"
-[biases]
-accel_run_mg = 1.0
-[temperature]
-history = [[0.0, 20.0], [60.0, 50.0]]
-[[effect]]
-name = "thermal_lin"
-channel = "gy"
-dps_per_k = 0.5
-[[power_on]]
-[[power_on]]
-accel_mg = [20.0, 0.0, 0.0]
-"""
-TABLE = """
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 2.0
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = 30.0
-seconds = 8.0
-"""
+SCENARIO = toml(
+    profile="table.toml",
+    biases={"accel_run_mg": 1.0},
+    temperature={"history": [[0.0, 20.0], [60.0, 50.0]]},
+    effect=[{"name": "thermal_lin", "channel": "gy", "dps_per_k": 0.5}],
+    power_on=[{}, {"accel_mg": [20.0, 0.0, 0.0]}],
+)
+TABLE = profile_toml(dwell(2.0), rate("inner", 30.0, 8.0))
 
 
 def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings | TurnedReadings, Spoiled]:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from helpers.commands import imutui
+from helpers.documents import dwell, profile_toml, rate, sine
 
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
@@ -16,24 +17,8 @@ from imutui.jobs import operator_steps
 NOTHING = dict.fromkeys(("angles_deg", "axis", "rate_dps", "amplitude_deg", "hz"))
 UP = Dwell((0.0, 0.0, 0.0), 60.0)
 DOWN = Dwell((math.pi, 0.0, 0.0), 60.0)
-TOML = """\
-align = "none"
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 90.0, 0.0]
-seconds = 12.5
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = -30.0
-seconds = 4.0
-[[segment]]
-kind = "sine"
-axis = "middle"
-amplitude_deg = 10.0
-hz = 0.5
-seconds = 20.0
-"""
+SEGMENTS = dwell(12.5, middle=90.0), rate("inner", -30.0, 4.0), sine("middle", 10.0, 0.5, 20.0)
+TOML = profile_toml(*SEGMENTS, align="none")
 
 
 def d_of(profile: Profile, effect: str, channel: str, axis: str = "") -> list[float]:
@@ -152,12 +137,7 @@ def test_a_profile_by_hand_is_joined_by_marks() -> None:
 def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
     """So that what is shown after attaching again is the same."""
     was = operator_steps.load("a.toml", TOML)
-    segments = [
-        NOTHING | {"kind": "dwell", "angles_deg": [0.0, 90.0, 0.0], "seconds": 12.5},
-        NOTHING | {"kind": "rate", "axis": "inner", "rate_dps": -30.0, "seconds": 4.0},
-        NOTHING | {"kind": "sine", "axis": "middle", "amplitude_deg": 10.0, "hz": 0.5, "seconds": 20.0},
-    ]
-    made = operator_steps.from_segments(segments)
+    made = operator_steps.from_segments([NOTHING | segment for segment in SEGMENTS])
     assert made is not None
     assert made.segments == was.segments
     assert operator_steps.from_segments([NOTHING | {"kind": "sampled", "seconds": 3.0}]) is None

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import logs
+from helpers.documents import dwell, profile_file, rate
 from mcap.reader import make_reader
 
 from filters import attitude, simulation, state
@@ -28,40 +29,14 @@ from imutui.logbook.trajectory_file import Trajectory
 SPEC = IMU400CD_200
 BIAS = Truth(np.array([0.06, -0.04, 0.08]), np.deg2rad([0.5, -0.7, 0.3]))
 
-TUMBLE = """\
-offset_sd_s = 0.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 6.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 90.0, 0.0]
-seconds = 8.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [90.0, 0.0, 0.0]
-seconds = 8.0
-
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = 20.0
-seconds = 5.0
-"""
-MARKED = 'align = "marks"\n' + TUMBLE.replace("offset_sd_s = 0.0\n", "")
-GYRO = 'align = "gyro"\n' + TUMBLE.replace("offset_sd_s = 0.0\n", "")
+SEGMENTS = dwell(6.0), dwell(8.0, middle=90.0), dwell(8.0, 90.0), rate("inner", 20.0, 5.0)
+TUMBLE = profile_file(*SEGMENTS, offset_sd_s=0.0)
+MARKED = profile_file(*SEGMENTS, align="marks")
+GYRO = profile_file(*SEGMENTS, align="gyro")
 
 
-def profile_file(text: str) -> ReferenceFile:
-    return ReferenceFile("profile", "reference.toml", "application/toml", text.encode())
-
-
-def simulated(text: str | None, hz: float = 20.0, seconds: float | None = None, seed: int = 1) -> Samples:
-    profile = None if text is None else profile_file(text).motion()
+def simulated(file: ReferenceFile | None, hz: float = 20.0, seconds: float | None = None, seed: int = 1) -> Samples:
+    profile = None if file is None else file.motion()
     assert profile is None or isinstance(profile, Profile)
     length = seconds if seconds is not None else profile.duration if profile is not None else 30.0
     return simulation.simulate(profile, rate_hz=hz, seconds=length, seed=seed, truth=BIAS)[0]
@@ -81,9 +56,9 @@ def record(
     return logs.of_samples(path, samples, session, attachment, marks)
 
 
-def tumbled(path: Path, text: str = TUMBLE, **info: Any) -> Path:
+def tumbled(path: Path, file: ReferenceFile = TUMBLE, **info: Any) -> Path:
     """A log that carries its profile."""
-    return record(path, simulated(text), attachment=profile_file(text), **info)
+    return record(path, simulated(file), attachment=file, **info)
 
 
 def shift(result: dict[str, Any]) -> np.ndarray:
@@ -119,9 +94,9 @@ def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
 
 
 def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) -> None:
-    wrong = TUMBLE.replace("[0.0, 90.0, 0.0]", "[0.0, -90.0, 0.0]")
-    path = record(tmp_path / "a.mcap", simulated(TUMBLE), attachment=profile_file(wrong))
-    own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=profile_file(TUMBLE)))
+    wrong = profile_file(SEGMENTS[0], dwell(8.0, middle=-90.0), *SEGMENTS[2:], offset_sd_s=0.0)
+    path = record(tmp_path / "a.mcap", simulated(TUMBLE), attachment=wrong)
+    own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=TUMBLE))
     assert own["rejected"] > 0
     assert any("left out" in text or "off the reference" in text for text in own["alarms"])
     assert named["rejected"] == 0
@@ -129,7 +104,7 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
     assert own["config_sha256"] != named["config_sha256"]
     # the kind goes with the file: a log made level takes a named profile as well
     level = record(tmp_path / "b.mcap", simulated(TUMBLE))
-    assert untimed(replay(level, ReplayOptions(reference=profile_file(TUMBLE))))["final"] == named["final"]
+    assert untimed(replay(level, ReplayOptions(reference=TUMBLE)))["final"] == named["final"]
 
 
 def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
@@ -139,12 +114,12 @@ def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Pa
 
 
 def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
-    profile = profile_file(MARKED).motion()
+    profile = MARKED.motion()
     assert isinstance(profile, Profile)
     samples = simulated(MARKED)
     for name, texts in (("a", ("segment 1", "segment 2", "segment 3")), ("b", ("on", "turned", "segment 3"))):
         marks = [(float(t) + 0.3, text) for t, text in zip(profile.rest_starts[:3], texts, strict=True)]
-        path = record(tmp_path / f"{name}.mcap", samples, attachment=profile_file(MARKED), marks=marks)
+        path = record(tmp_path / f"{name}.mcap", samples, attachment=MARKED, marks=marks)
         result = replay(path, ReplayOptions())
         assert np.all(np.abs(shift(result)) < 4.0)
         assert result["rejected"] == 0
@@ -154,7 +129,7 @@ def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
 
 
 def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
-    profile = profile_file(GYRO).motion()
+    profile = GYRO.motion()
     assert isinstance(profile, Profile)
     early = simulated(GYRO, seconds=profile.duration + 3.0)
     still = simulation.simulate(rate_hz=20.0, seconds=6.0, seed=8, truth=BIAS)[0]
@@ -163,7 +138,7 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
         np.concatenate([still.gyro, early.gyro]),
         np.concatenate([still.accel, early.accel]),
     )
-    path = record(tmp_path / "a.mcap", late, attachment=profile_file(GYRO))
+    path = record(tmp_path / "a.mcap", late, attachment=GYRO)
     log = reader.read(path)
     _, settings = job.prepare(log, replay_input.select(log, None, None), ReplayOptions())
     assert settings.offset_sd is not None
@@ -172,12 +147,12 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
     assert np.all(np.abs(shift(result)) < 4.0)
     assert result["rejected"] == 0
     with pytest.raises(ValueError, match="another `sign`"):
-        replay(path, ReplayOptions(reference=profile_file(GYRO.replace("\n\n", "\nsign = [1, -1, 1]\n\n", 1))))
+        replay(path, ReplayOptions(reference=profile_file(*SEGMENTS, align="gyro", sign=[1, -1, 1])))
 
 
 def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Path) -> None:
     """A profile that turns between two samples, and readings that do: nothing is known of the rate in between."""
-    slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, profile_file(TUMBLE))
+    slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, TUMBLE)
     with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz.*nothing is known of the rate"):
         replay(slow, ReplayOptions())
     still = simulated(None, hz=0.1, seconds=100.0)
@@ -210,7 +185,7 @@ def rows(path: Path, options: ReplayOptions) -> tuple[np.ndarray, np.ndarray]:
 
 
 def table_trajectory(samples: Samples) -> ReferenceFile:
-    profile = profile_file(TUMBLE).motion()
+    profile = TUMBLE.motion()
     assert isinstance(profile, Profile)
     t = np.arange(0.0, samples.t[-1], 0.25)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
@@ -223,7 +198,7 @@ def table_trajectory(samples: Samples) -> ReferenceFile:
 def test_a_part_knows_what_the_whole_knows_and_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
     """--start and --end shift profile, marks and trajectory; a part may begin in the second dwell, at 90°."""
     samples = simulated(TUMBLE)
-    file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
+    file = table_trajectory(samples) if kind == "trajectory" else (MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
     path = record(tmp_path / "a.mcap", samples, attachment=file, marks=marks)
     t, whole = rows(path, ReplayOptions())
@@ -278,7 +253,7 @@ def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -
 
 def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
     samples = simulated(TUMBLE)
-    for name, file in (("a", profile_file(TUMBLE)), ("b", table_trajectory(samples))):
+    for name, file in (("a", TUMBLE), ("b", table_trajectory(samples))):
         path = record(tmp_path / f"{name}.mcap", samples, attachment=file)
         with pytest.raises(ValueError, match=r"`noise` is \"log\".*at rest"):
             replay(path, ReplayOptions(overrides={"noise": "log"}))
@@ -360,9 +335,9 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
         check_estimate(message, estimates[stamp])
 
 
-@pytest.mark.parametrize("text", [None, TUMBLE])
-def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str | None) -> None:
-    path = record(tmp_path / "a.mcap", simulated(None)) if text is None else tumbled(tmp_path / "a.mcap", text)
+@pytest.mark.parametrize("file", [None, TUMBLE])
+def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, file: ReferenceFile | None) -> None:
+    path = record(tmp_path / "a.mcap", simulated(file), attachment=file)
     plain = replay(path, ReplayOptions())
     for hz in (10.0, 0.0, 3.0):
         output = tmp_path / f"{hz}.mcap"

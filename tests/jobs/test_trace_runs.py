@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import logs
+from helpers.documents import dwell, profile_file, rate
 from helpers.traces import arrays, imported, readings, tumble
 
 from filters.attitude import to_quaternion
@@ -21,29 +22,11 @@ from imutui.logbook import trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
 
-DWELLS = """
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 30.0
-[[segment]]
-kind = "dwell"
-angles_deg = [90.0, 0.0, 0.0]
-seconds = 30.0
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = 20.0
-seconds = 10.0
-"""
+DWELLS = dwell(30.0), dwell(30.0, 90.0), rate("inner", 20.0, 10.0)
 
 
 def read(path: Path, file: ReferenceFile | None = None, **overrides: Any) -> LoggedRun:
     return runs.read_run(path, path.stem, ReplayOptions(overrides=overrides, reference=file))
-
-
-def profile(text: str) -> ReferenceFile:
-    return ReferenceFile("profile", "reference.toml", "application/toml", text.encode())
 
 
 def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float = 0.0, marks: tuple[float, ...] = (),
@@ -149,7 +132,7 @@ def test_gravity_gives_a_still_unit_its_attitude(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("align", "late"), [("none", 0.0), ("gyro", 12.3)])
 def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late: float) -> None:
-    reference = profile(f'align = "{align}"\n' + DWELLS)
+    reference = profile_file(*DWELLS, align=align)
     got = read(recorded(tmp_path / "a.mcap", reference, late=late))
     run_consistency.check_reference(got)
     run = got.run
@@ -162,7 +145,7 @@ def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late
 def test_gyros_that_read_late_do_not_make_the_profile_late(tmp_path: Path) -> None:
     """What they are late by is known, and taken off the instant found from them; it is not taken for a delay twice."""
     latency = 0.00334
-    reference = profile('align = "gyro"\n' + DWELLS + DWELLS.replace("inner", "middle"))
+    reference = profile_file(*DWELLS, *DWELLS[:2], rate("middle", 20.0, 10.0), align="gyro")
     got = read(recorded(tmp_path / "a.mcap", reference, hz=100.0, late=12.3, gyro_late=latency))
     assert got.run.latency[:3] == pytest.approx(latency, abs=1e-4)
     start = float(got.how.split("starts at ")[1].split(" ")[0])
@@ -170,7 +153,7 @@ def test_gyros_that_read_late_do_not_make_the_profile_late(tmp_path: Path) -> No
 
 
 def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:
-    got = read(recorded(tmp_path / "a.mcap", profile('align = "marks"\n' + DWELLS), marks=(0.0, 36.0)))
+    got = read(recorded(tmp_path / "a.mcap", profile_file(*DWELLS, align="marks"), marks=(0.0, 36.0)))
     run = got.run
     assert run.flagged is not None
     used = ~run.flagged[:, 0]
@@ -183,7 +166,7 @@ def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:
 
 
 def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
-    run = read(recorded(tmp_path / "a.mcap", profile(DWELLS))).run
+    run = read(recorded(tmp_path / "a.mcap", profile_file(*DWELLS))).run
     assert run.lsb is not None
     assert np.rad2deg(run.lsb[0]) == pytest.approx(200.0 * 1.5 / 2**15)
     assert run.lsb[5] / 9.80665 == pytest.approx(4.0 * 1.5 / 2**15)
@@ -196,7 +179,7 @@ def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
 
 def test_an_imu381_brings_the_size_of_its_counts(tmp_path: Path) -> None:
     """Its low-pass filters are set in the unit: what they do is found, and not assumed."""
-    path = recorded(tmp_path / "a.mcap", profile(DWELLS), instrument="IMU381ZA-400")
+    path = recorded(tmp_path / "a.mcap", profile_file(*DWELLS), instrument="IMU381ZA-400")
     run = read(path).run
     assert run.lsb is not None
     assert np.rad2deg(run.lsb[0]) == pytest.approx(1260.0 / 2**16)

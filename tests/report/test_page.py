@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import traces
+from helpers.documents import Entry, effect, effects_toml, state
 from helpers.traces import COMMON, RUN, replayed
 from helpers.traces import of_two_runs as document
 
@@ -174,29 +175,17 @@ def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None
     assert "older" not in said
 
 
-def _effects(*parts: tuple[str, str, str, float], shape: str = "") -> str:
-    """An effects file of effects with channel, state and mean; units as they have to be."""
-    units = {"thermal_lin": "mg/K", "hysteresis": "mg", "asymmetry": "1", "g_squared": "deg/s/g2"}
-    rows = [[float(i == j) for j in range(len(parts))] for i in range(len(parts))]
-    return f"version = 1\ncorrelation = {rows}\n" + "".join(
-        f'[[effect]]\neffect = "{name}"\nchannels = ["{channel}"]\ninclude_as = "A"\n'
-        f'{shape if name in ("hysteresis", "g_squared") else ""}[[effect.state]]\nname = "{state}"\n'
-        f'unit = "{units[name]}"\nmean = {mean}\nsd = {abs(mean) / 100}\n'
-        for name, channel, state, mean in parts
-    )
-
-
-def _driven(text: str, channel: str, **afters: Any) -> Any:
-    """A trace's document with that effects file, and of each run the residual after correction over 101 cells."""
+def _driven(*effects: Entry, **afters: Any) -> Any:
+    """A trace's document with a file of those effects, and of each run the residual after correction over 101 cells."""
+    (channel,) = effects[0]["channels"]
     t = np.arange(0.5, 101.0)
     runs = [
         {"run": name, "heldout": k > 0, "channels": {channel: {"residual": {"x": t.tolist(), "after": list(after)}}}}
         for k, (name, after) in enumerate(afters.items())
     ]
-    return {"effects_file": text, "curves": runs}
+    return {"effects_file": effects_toml(*effects), "curves": runs}
 
 
-PLAY = "[effect.parameters]\nwidth_k = 10.0\n"
 T_FINE = np.arange(0.05, 101.0, 0.1)
 WAVE = np.sin(np.arange(101.0))
 
@@ -206,7 +195,7 @@ def _course(driver: str, values: np.ndarray, **fields: Any) -> DriverCourse:
 
 
 def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> None:
-    d = _driven(_effects(("thermal_lin", "ax", "k", 0.5)), "ax", a=WAVE, b=3.0 + WAVE)
+    d = _driven(effect("thermal_lin", "ax", state("k", "mg/K", 0.5, 0.005)), a=WAVE, b=3.0 + WAVE)
     courses = {"a": _course("temperature", 20.0 + 0.1 * T_FINE), "b": _course("temperature", 32.0 - 0.05 * T_FINE)}
     (curve,) = driver_curves.of_trace(d, courses)
     (line,) = curve.lines
@@ -224,7 +213,7 @@ def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> Non
 def test_an_error_that_follows_a_rate_is_drawn_where_the_rate_holds() -> None:
     """A mean over a cell in which the rate changes is that of no rate."""
     rate = np.select([T_FINE < 40.0, T_FINE < 60.0], [-50.0, 5.0 * (T_FINE - 50.0)], 50.0)
-    d = _driven(_effects(("asymmetry", "gx", "k", 0.02)), "gx", a=WAVE)
+    d = _driven(effect("asymmetry", "gx", state("k", "1", 0.02, 2e-4)), a=WAVE)
     (curve,) = driver_curves.of_trace(d, {"a": _course("wx", rate)})
     (line,), (points,) = curve.lines, curve.points
     assert (curve.driver, curve.driver_unit, curve.unit) == ("wx", "deg/s", "deg/s")
@@ -238,17 +227,15 @@ def test_an_error_that_follows_a_rate_is_drawn_where_the_rate_holds() -> None:
 def test_an_error_that_follows_the_square_of_a_force_is_drawn_over_that_force() -> None:
     force = np.interp(T_FINE, [0.0, 101.0], [-1.0, 1.0])
     for axis in "xyz":
-        d = _driven(
-            _effects(("g_squared", "gx", "k", 0.5), shape=f'[effect.parameters]\naxis = "{axis}"\n'), "gx", a=WAVE
-        )
+        d = _driven(effect("g_squared", "gx", state("k", "deg/s/g2", 0.5, 0.005), axis=axis), a=WAVE)
         (curve,) = driver_curves.of_trace(d, {"a": _course(f"f{axis}", force)})
         assert (curve.driver, curve.driver_unit) == (f"f{axis}", "g")
         assert np.ptp(curve.lines[0].y) == pytest.approx(0.5, rel=0.1)
 
 
 def test_what_remembers_temperature_is_a_line_along_the_run() -> None:
-    text = _effects(("hysteresis", "ax", "k", 2.0), ("thermal_lin", "ax", "k", 0.1), shape=PLAY)
-    d = _driven(text, "ax", a=WAVE)
+    play = effect("hysteresis", "ax", state("k", "mg", 2.0, 0.02), width_k=10.0)
+    d = _driven(play, effect("thermal_lin", "ax", state("k", "mg/K", 0.1, 1e-3)), a=WAVE)
     up_and_down = np.interp(T_FINE, [0.0, 50.0, 101.0], [20.0, 55.0, 20.0])
     (curve,) = driver_curves.of_trace(d, {"a": _course("temperature", up_and_down)})
     (line,), (points,) = curve.lines, curve.points

@@ -19,6 +19,7 @@ import pytest
 import unit_time
 from helpers.acquisitions import replayed, untimed
 from helpers.commands import imutui, imutui_process
+from helpers.documents import dwell, effect, effects_toml, profile_toml, state
 from helpers.places import own_places
 from helpers.processes import LIMIT_S, wait_until
 from helpers.tap import packets_of
@@ -30,29 +31,8 @@ from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
 from imutui.verdict import sources
 
-PROFILE = """
-align = "marks"
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 3.0
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 90.0]
-seconds = 60.0
-"""
-EFFECTS = """
-version = 1
-[[effect]]
-effect = "thermal_lin"
-channels = ["gy"]
-include_as = "A"
-[[effect.state]]
-name = "k"
-unit = "deg/s/K"
-mean = 0.02
-sd = 0.01
-"""
+PROFILE = profile_toml(dwell(3.0), dwell(60.0, inner=90.0), align="marks")
+EFFECTS = effects_toml(effect("thermal_lin", "gy", state("k", "deg/s/K", 0.02, 0.01)))
 
 
 Start = Callable[..., client.Client]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from helpers.acquisitions import acquiring, mounted, mounts, untimed
 from helpers.commands import imutui
+from helpers.documents import dwell, profile_toml
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import virtual
 
@@ -29,13 +30,7 @@ from imutui.session import client, lifecycle
 from imutui.session.disk_space import DiskGuard, disk_message, vanished
 from imutui.session.plan import Plan, RecordingWish
 
-PROFILE = """
-align = "marks"
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 600.0
-"""
+PROFILE = profile_toml(dwell(600.0), align="marks")
 
 
 def ticks(*logs: Path) -> np.ndarray:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.documents import dwell, profile_toml
 from helpers.processes import wait_until
 
 from filters.motion.profile import Profile
@@ -123,25 +124,7 @@ def test_segments_are_described_as_the_operator_sets_them() -> None:
 
 # A virtual unit of an acquisition's own turns as the operator of a profile says, and what is recorded is right
 
-TURNED = """
-align = "marks"
-slew_dps = 60.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 10.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [90.0, 0.0, 0.0]
-seconds = 10.0
-
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, -90.0, 0.0]
-seconds = 10.0
-"""
+TURNED = profile_toml(dwell(10.0), dwell(10.0, 90.0), dwell(10.0, middle=-90.0), align="marks", slew_dps=60.0)
 
 
 def test_the_unit_reads_the_motion_that_the_turner_knows() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.acquisitions import acquiring, untimed
+from helpers.documents import effect, effects_toml, state
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 
@@ -31,18 +32,7 @@ from imutui.session.sample_pipeline import Averager, Sample, SamplePipeline
 from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
-FILE = b"""\
-version = 1
-[[effect]]
-effect = "thermal_lin"
-channels = ["gy"]
-include_as = "A"
-[[effect.state]]
-name = "k"
-unit = "rad/s/K"
-mean = 1e-3
-sd = 1e-3
-"""
+FILE = effects_toml(effect("thermal_lin", "gy", state("k", "rad/s/K", 1e-3, 1e-3))).encode()
 
 
 class Thermal:
@@ -124,7 +114,7 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
     assert without["config_sha256"] != live["config_sha256"]
     assert without["final"]["gyro_bias_dps"] != live["final"]["gyro_bias_dps"]
     # another file's effects go before the log's own
-    other = replay(tmp_path / "a.mcap", ReplayOptions(effects=FILE.replace(b"sd = 1e-3", b"sd = 1e-6")))
+    other = replay(tmp_path / "a.mcap", ReplayOptions(effects=FILE.replace(b"sd = 0.001", b"sd = 1e-6")))
     assert other["effects"][0]["sd"] <= 1e-6
 
 

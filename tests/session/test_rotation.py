@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.acquisitions import untimed
+from helpers.documents import effect, effects_toml, state
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
@@ -28,29 +29,10 @@ from imutui.verdict import sources
 S = 1_000_000_000
 START = 1_795_257_000_000_000_000
 NOISE = np.random.default_rng(8).normal(size=(17_000, 6))
-REMEMBERING = """\
-version = 1
-[[effect]]
-effect = "thermal_lag"
-channels = ["gy"]
-include_as = "A"
-parameters = { tau_s = 180.0 }
-[[effect.state]]
-name = "k"
-unit = "deg/s/K"
-mean = 0.02
-sd = 0.01
-[[effect]]
-effect = "hysteresis"
-channels = ["ax"]
-include_as = "A"
-parameters = { width_k = 10.0 }
-[[effect.state]]
-name = "k"
-unit = "mg"
-mean = 2.0
-sd = 1.0
-"""
+REMEMBERING = effects_toml(
+    effect("thermal_lag", "gy", state("k", "deg/s/K", 0.02, 0.01), tau_s=180.0),
+    effect("hysteresis", "ax", state("k", "mg", 2.0, 1.0), width_k=10.0),
+)
 
 
 @pytest.mark.parametrize(

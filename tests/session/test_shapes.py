@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from helpers.acquisitions import Running, acquiring
+from helpers.documents import dwell, profile_toml, rate
 from helpers.fake_client import FakeClient
 
 from imutui.estimate_history import HistorySnapshot
@@ -15,18 +16,7 @@ from imutui.session import live_filter
 from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 
-PROFILE = """
-align = "marks"
-[[segment]]
-kind = "dwell"
-angles_deg = [0.0, 0.0, 0.0]
-seconds = 600.0
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = 5.0
-seconds = 2.0
-"""
+PROFILE = profile_toml(dwell(600.0), rate("inner", 5.0, 2.0), align="marks")
 
 
 def travelled(record: Any) -> Any:

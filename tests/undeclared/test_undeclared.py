@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import sample_effects
 from helpers.commands import imutui
+from helpers.documents import toml
 from helpers.places import own_places
 from helpers.shared import once
 from unit_time import SLOW_LINE, record, virtual
@@ -214,21 +215,16 @@ def test_a_result_can_be_printed_and_holds_nothing_of_this_machine(result: dict[
     assert str(tmp_path.parents[1]) not in json.dumps(result)
 
 
-SCENARIO = """
-seed = 5
-[instrument]
-accel_sign = 1
-[[effect]]
-name = "thermal_lin"
-channel = "gy"
-dps_per_k = 0.02
-[[power_on]]
-temperature = { history = [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0], [150.0, 24.0]] }
-[[power_on]]
-temperature = { history = [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [150.0, 34.0]] }
-[[power_on]]
-temperature = { history = [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [310.0, 25.0]] }
-"""
+SCENARIO = toml(
+    seed=5,
+    instrument={"accel_sign": 1},
+    effect=[{"name": "thermal_lin", "channel": "gy", "dps_per_k": 0.02}],
+    power_on=[
+        {"temperature": {"history": [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0], [150.0, 24.0]]}},
+        {"temperature": {"history": [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [150.0, 34.0]]}},
+        {"temperature": {"history": [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [310.0, 25.0]]}},
+    ],
+)
 SECONDS = (150.0, 150.0, 310.0)
 
 

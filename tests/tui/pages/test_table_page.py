@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.documents import dwell, profile_toml, rate
 from helpers.fake_client import FakeClient
 from helpers.pilot import SMALLEST, opened
 
@@ -14,8 +15,6 @@ from imutui.tui.pages.table import profiles
 
 SIZES = [SMALLEST, (120, 40)]
 ANGLES = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0))
-REST = '[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
-TURN = '[[segment]]\nkind = "rate"\naxis = "inner"\nrate_dps = 30.0\nseconds = 9.0\n'
 BAD = '[[segment]]\nkind = "spin"\n'
 
 
@@ -143,7 +142,9 @@ async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
 async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -> None:
     client = Acquisition(folder / "logs")
     client.changes["note"] = "cold"
-    (folder / "a.toml").write_text(f'# To tell scale from bias: turn it.\nalign = "gyro"\n{REST}{TURN}')
+    (folder / "a.toml").write_text(
+        "# To tell scale from bias: turn it.\n" + profile_toml(dwell(9.0), rate("inner", 30.0, 9.0), align="gyro")
+    )
     async with opened(client) as see:
         await see("5 → a.toml")
         await see("G k → To tell scale from bias: turn it. | turn inner at +30 deg/s")
@@ -162,7 +163,7 @@ async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -
 
 async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder: Path) -> None:
     client = Acquisition(folder / "logs")
-    recommended = f'# To tell scale from bias: rest.\nalign = "none"\n{REST}'
+    recommended = "# To tell scale from bias: rest.\n" + profile_toml(dwell(9.0), align="none")
     async with opened(client) as see:
         see.app.post_message(requests.ExperimentFound(recommended, "trace of a.mcap"))
         await see("5 → experiment that the last trace wants | trace of a.mcap | To tell scale from bias: rest.")
@@ -181,9 +182,7 @@ async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder
 async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
     client = Acquisition(folder / "logs")
     elsewhere = folder / "run"
-    (elsewhere / "my.toml").write_text(
-        'align = "marks"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
-    )
+    (elsewhere / "my.toml").write_text(profile_toml(dwell(9.0), align="marks"))
     async with opened(client) as see:
         await see("5 → ready-made")
         await see("o 'run/no.toml' enter → run/no.toml: can't be read: No such file")
