@@ -1,6 +1,5 @@
 """Profiles and scenarios from files, their errors, and a scenario over the wire."""
 
-import json
 import math
 import struct
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from helpers.commands import imutui
+from helpers.commands import imutui_json
 from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.processes import command_line, started
 
@@ -286,10 +285,9 @@ WIRE = toml(
 
 def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
     written(home, WIRE, "s.toml")
-    wish = ("--duration", "4", "--rate", "133", "--filter", "none", "-o", "a.mcap", "--json")
+    wish = ("--duration", "4", "--rate", "133", "--filter", "none", "-o", "a.mcap")
     with virtual("--scenario", "s.toml", "--power-on", "1", "--sent", "sent.csv") as port:
-        done = imutui("record", "--port", port, *wish)
-    assert json.loads(done.stdout)
+        assert imutui_json("record", "--port", port, *wish)
     log = reader.read(home / "a.mcap", raw=True)
     axes = log.info.axes()
     dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))

@@ -1,12 +1,10 @@
 """`imutui apply`: the corrected log is what a filter with the effects sees, to rounding, and any program reads it."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.documents import Entry, effect, effects_toml, state
 from helpers.paths import SAMPLE
 from rosbags.highlevel import AnyReader
@@ -35,11 +33,6 @@ def written(tmp_path: Path, *effects: Entry) -> Path:
     return path
 
 
-def replayed(log: Path, *options: str) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(imutui("replay", str(log), *options, "--json", check=None).stdout)
-    return document
-
-
 def mounted(tmp_path: Path) -> Path:
     """A still unit on its side with the other sign, that warms up."""
     n = 800
@@ -58,7 +51,8 @@ def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Pa
     corrected = tmp_path / "corrected.mcap"
     imutui("apply", str(log), "--effects", str(effects), "-o", str(corrected))
     with_effects, after, before = (
-        replayed(*each) for each in ((log, "--effects", str(effects)), (corrected,), (log, "--effects", "none"))
+        imutui_json("replay", *each, check=None)
+        for each in ((log, "--effects", effects), (corrected,), (log, "--effects", "none"))
     )
     # a unit whose attitude is unknown is levelled by its readings, with the effects still in them
     rounding, moved = (1e-9 if source == "sample" else 1e-5), 0.0
@@ -100,11 +94,8 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
 
 
 def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
-    done = imutui(
-        "apply", str(SAMPLE), "--effects", str(written(tmp_path, SCALE, DRIFT, SPIKES)), "-o",
-        str(tmp_path / "c.mcap"), "--json",
-    )  # fmt: skip
-    document = json.loads(done.stdout)
+    effects = written(tmp_path, SCALE, DRIFT, SPIKES)
+    document = imutui_json("apply", SAMPLE, "--effects", effects, "-o", tmp_path / "c.mcap")
     assert document["corrected"][0] == "az: scale factor is off"
     assert len(document["corrected"]) == 2
     assert len(document["left"]) == 1

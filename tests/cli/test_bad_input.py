@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.commands import Done, imutui
+from helpers.commands import Done, imutui, imutui_json
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
@@ -55,7 +55,7 @@ def error(done: Done, code: int) -> str:
 def test_status_with_nothing_running_is_fine() -> None:
     done = imutui("status")
     assert (done.stdout, done.stderr) == ("no acquisition is running\n", "")
-    assert json.loads(imutui("status", "--json").stdout) == []
+    assert imutui_json("status") == []
 
 
 @pytest.mark.parametrize("line", ["record", "recrod", "mark", "replay", "import a.npz"])

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from helpers import many_logs
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.many_logs import rows_of
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.shared import once
@@ -39,8 +39,7 @@ def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[
     """Rows of a campaign that nothing befell, by two processes."""
 
     def make(folder: Path) -> None:
-        done = imutui("campaign", str(logs), "-o", str(folder / "plain"), "--workers", "2", "--json", check=1)
-        told = json.loads(done.stdout)
+        told = imutui_json("campaign", logs, "-o", folder / "plain", "--workers", "2", check=1)
         assert (told["logs"], told["computed"], told["kept"], told["errors"]) == (200, 200, 0, 3)
 
     return rows_of(once(tmp_path_factory, "campaign_rows", make) / "plain")
@@ -115,7 +114,7 @@ def test_a_bad_log_is_a_row_with_its_error(expected: list[dict[str, Any]]) -> No
 
 def test_a_row_is_what_a_replay_tells(logs: Path, expected: list[dict[str, Any]]) -> None:
     row = expected[-1]
-    own = json.loads(imutui("replay", str(logs / row["log"]), "--json", check=None).stdout)
+    own = imutui_json("replay", logs / row["log"], check=None)
     for key in ("final", "sd", "spread", "converged_s", "log_sha256", "config_sha256", "samples", "alarms", "kind"):
         assert row[key] == own[key], key
     assert row["serial_number"] == own["identity"]["serial_number"]
@@ -147,7 +146,7 @@ def test_an_interrupted_campaign_goes_on_where_it_was(
     # what a cut in the middle of a line leaves
     with (results / "rows.jsonl").open("a") as stream:
         stream.write('{"log": "half')
-    told = json.loads(imutui("campaign", str(logs), "-o", "results", "--json", check=1).stdout)
+    told = imutui_json("campaign", logs, "-o", "results", check=1)
     assert (told["kept"], told["computed"], told["broken_lines"]) == (len(made["rows"]), 200 - len(made["rows"]), 1)
     assert rows_of(results) == expected
     assert lines(results) == 201
@@ -174,7 +173,7 @@ def test_a_killed_worker_costs_only_the_log_that_it_was_on(tmp_path: Path, monke
     assert "killed" in told["first_errors"][0]
     (tmp_path / "logs" / "stuck.mcap").unlink()
     many_logs.still(tmp_path / "logs" / "stuck.mcap", 9)
-    told = json.loads(imutui("campaign", "logs", "-o", "results", "--json", check=1).stdout)
+    told = imutui_json("campaign", "logs", "-o", "results", check=1)
     assert (told["kept"], told["computed"], told["errors"]) == (4, 1, 0)
 
 

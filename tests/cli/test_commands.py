@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import serial
-from helpers.commands import imutui, imutui_process
+from helpers.commands import imutui, imutui_json, imutui_process
 from helpers.fake_client import FakeClient
 from helpers.paths import SAMPLE
 from helpers.processes import LIMIT_S, command_line, started
@@ -26,10 +25,6 @@ from imutui.logbook import schemas
 
 ACEINNA = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
 ADIS = ("--accel-sign", "+1", "--reference", "gravity")
-
-
-def replayed(log: Path, *arguments: str, check: int | None = 0) -> Any:
-    return json.loads(imutui("replay", str(log), *arguments, "--json", check=check).stdout)
 
 
 def still(path: Path, seconds: float = 30.0) -> Path:
@@ -85,7 +80,7 @@ def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Calla
     source = recording("aceinna_imu381_s1_static.npz")
     done = imutui("import", str(source), "-o", "a.mcap", *ACEINNA, "--kind", "measured")
     assert "temps" in done.stderr, "an array that was not imported is named"
-    result = replayed(home / "a.mcap")
+    result = imutui_json("replay", "a.mcap")
     with np.load(source) as measured:
         gyro, accel = measured["gyro"].mean(axis=0), measured["accel"].mean(axis=0)
     assert np.allclose(result["final"]["gyro_bias_dps"], gyro, atol=0.015)
@@ -103,7 +98,7 @@ def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Calla
 def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
     source = recording("adis16405_static_a.npz")
     imutui("import", str(source), "-o", "a.mcap", "--end", "600", *ADIS)
-    result = replayed(home / "a.mcap", "--end", "60")
+    result = imutui_json("replay", "a.mcap", "--end", "60")
     with np.load(source) as measured:
         gyro = measured["gyro"][:6001].mean(axis=0)
     assert result["samples"] == 6001
@@ -115,7 +110,7 @@ def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable
 
 def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
-    result = replayed(home / "a.mcap", "-o", "est.mcap", "--estimates", "10")
+    result = imutui_json("replay", "a.mcap", "-o", "est.mcap", "--estimates", "10")
     with AnyReader([home / "est.mcap"]) as bag:
         estimates = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.ESTIMATE]
     assert len(estimates) == pytest.approx(300, abs=2)
@@ -125,9 +120,9 @@ def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> Non
 
 def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None:
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
-    plain = replayed(home / "a.mcap")
-    paper = replayed(home / "a.mcap", "--set", "filter.kappa=-12")
-    drawn = replayed(home / "a.mcap", "--set", "filter.measurements=drawn", "--set", "filter.seed=3", check=None)
+    plain = imutui_json("replay", "a.mcap")
+    paper = imutui_json("replay", "a.mcap", "--set", "filter.kappa=-12")
+    drawn = imutui_json("replay", "a.mcap", "--set", "filter.measurements=drawn", "--set", "filter.seed=3", check=None)
     assert plain["log_sha256"] == paper["log_sha256"]
     assert len({r["config_sha256"] for r in (plain, paper, drawn)}) == 3
     assert np.allclose(plain["final"]["gyro_bias_dps"], paper["final"]["gyro_bias_dps"], atol=1e-4)
@@ -140,7 +135,7 @@ def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None
 def test_several_logs_give_a_list(home: Path) -> None:
     for name in ("a", "b"):
         imutui("import", str(still(home / f"{name}.npz", 3.0)), "-o", f"{name}.mcap")
-    results = json.loads(imutui("replay", "a.mcap", "b.mcap", "--json", check=1).stdout)
+    results = imutui_json("replay", "a.mcap", "b.mcap", check=1)
     assert [Path(r["log"]).name for r in results] == ["a.mcap", "b.mcap"]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.paths import SAMPLE
 from mcap.writer import Writer
 
@@ -266,7 +266,7 @@ def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
 @pytest.mark.parametrize("kind", FORMATS)
 def test_json_says_what_was_made(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"a.{kind}"
-    document = json.loads(imutui("export", str(SAMPLE), "-o", str(path), "--json").stdout)
+    document = imutui_json("export", SAMPLE, "-o", path)
     assert (document["format"], document["rows"], document["output"]) == (kind, 520, str(path))
     assert document["units"]["accel"] == "g"
     assert document["reference"] is None

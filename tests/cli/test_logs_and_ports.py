@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.paths import SAMPLE
 from helpers.processes import command_line, started
 from rosbags.highlevel import AnyReader
@@ -34,7 +34,7 @@ def test_info_says_what_is_in_a_log(home: Path) -> None:
     # the sample is of a version that wrote no transform, and is read all the same
     assert all((topic in text) == (topic != schemas.TRANSFORMS) for topic in schemas.TYPES)
     assert max(map(len, text.splitlines())) <= 80
-    document = json.loads(imutui("info", str(SAMPLE), "--json").stdout)
+    document = imutui_json("info", SAMPLE)
     assert (document["kind"], document["samples"]) == ("simulated", 520)
     several = imutui("info", str(SAMPLE), "none.mcap", "--json", check=3)
     assert len(json.loads(several.stdout)) == 1
@@ -47,7 +47,7 @@ def test_check_ends_with_what_it_found(damaged: Path) -> None:
     assert found.startswith("4 findings: ")
     assert "where: 8,737 bytes at byte 144,676, between 12.0 and 13.0 s of the log" in " ".join(found.split())
     assert found.count("next: ") == 4
-    document = json.loads(imutui("check", str(damaged), "--json", check=1).stdout)
+    document = imutui_json("check", damaged, check=1)
     assert [finding["code"] for finding in document["findings"]] == ["damage", "unfinished", "sequence", "gaps"]
     assert "is a folder" in imutui("check", str(damaged.parent), check=3).stderr
 
@@ -61,7 +61,7 @@ def test_recover_makes_a_file_that_others_open(damaged: Path) -> None:
     assert topics.count(schemas.IMU) == 500
     again = imutui("recover", str(damaged), "-o", "fixed.mcap", check=2)
     assert "--force" in again.stderr
-    document = json.loads(imutui("recover", str(damaged), "-o", "fixed.mcap", "--force", "--json", check=1).stdout)
+    document = imutui_json("recover", damaged, "-o", "fixed.mcap", "--force", check=1)
     assert document["samples"] == 500
     assert "itself" in imutui("recover", str(damaged), "-o", str(damaged), "--force", check=2).stderr
     assert [path.name for path in sorted(damaged.parent.glob("*.*"))] == [
@@ -87,7 +87,7 @@ def test_devices_asks_who_is_there_on_request(home: Path) -> None:
     with started(command_line("virtual", "--serial-number", "4711")) as unit:
         assert unit.stdout is not None
         port = unit.stdout.readline().strip()
-        told = json.loads(imutui("devices", port, "--json").stdout)
+        told = imutui_json("devices", port)
         text = imutui("devices", "--probe", port).stdout
     (found,) = told["ports"]
     assert (found["answers"], found["serial_number"]) == (True, "4711")
@@ -96,7 +96,7 @@ def test_devices_asks_who_is_there_on_request(home: Path) -> None:
     absent = imutui("devices", "/dev/nowhere", check=1)
     assert "no answer" in absent.stdout
     assert "no such port" in absent.stdout
-    listed = json.loads(imutui("devices", "--json").stdout)
+    listed = imutui_json("devices")
     assert all("answers" not in entry for entry in listed["ports"])
 
 
@@ -116,7 +116,7 @@ def test_configuration_is_shown_in_columns_with_sources_and_places(home: Path, m
     (home / "again").mkdir()
     (home / "again" / "imutui.toml").write_text(done.stdout)
     assert config.load({}, home / "again").text("screen.plot") == "sweep"
-    assert json.loads(imutui("config", "--json").stdout)["files"][-1] == {
+    assert imutui_json("config")["files"][-1] == {
         "path": str(home / "imutui.toml"),
         "read": True,
     }

@@ -1,12 +1,11 @@
 """`imutui service`: the unit, its settings, the udev rule, and what verifies them. No service manager runs here."""
 
-import json
 import re
 import shutil
 from pathlib import Path
 
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 
 from filters.errors import InputError
 from imutui.service import udev_rule, user_unit
@@ -63,8 +62,7 @@ def test_without_systemd_analyze_nothing_is_called_verified(
     home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("imutui.service.shutil.which", lambda *_, **__: None)
-    done = imutui("service", "--check", "--json", check=1)
-    document = json.loads(done.stdout)
+    document = imutui_json("service", "--check", check=1)
     assert document["unit"]["verified_by"] == []
     assert "no systemd-analyze" in document["unit"]["problems"][0]
     assert document["rule"] == document["rule"] | {"verified_by": ["imutui"], "problems": [], "installed": False}
@@ -175,12 +173,12 @@ def test_a_rule_that_was_edited_is_verified_by_udev_or_not_at_all(
     made.parent.mkdir()
     made.write_text(udev_rule.text())
     script(program / "udevadm", "echo Unknown command verb verify. >&2; exit 1")
-    rule = json.loads(imutui("service", "--check", "--json", check=None).stdout)["rule"]
+    rule = imutui_json("service", "--check", check=None)["rule"]
     assert rule == {"path": str(made), "installed": True, "verified_by": ["imutui"], "problems": []}
     made.write_text(udev_rule.text().replace("MODE=", "MOED="))
-    rule = json.loads(imutui("service", "--check", "--json", check=1).stdout)["rule"]
+    rule = imutui_json("service", "--check", check=1)["rule"]
     assert rule["verified_by"] == []
     assert "not verified" in rule["problems"][0]
     script(program / "udevadm", "echo line 3: MOED is unknown; exit 1")
-    rule = json.loads(imutui("service", "--check", "--json", check=1).stdout)["rule"]
+    rule = imutui_json("service", "--check", check=1)["rule"]
     assert rule == rule | {"verified_by": ["udevadm verify"], "problems": ["line 3: MOED is unknown"]}

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import traces
-from helpers.commands import Done, imutui
+from helpers.commands import Done, imutui, imutui_json
 from helpers.traces import arrays, imported
 
 from filters.tracing.result import Trace
@@ -203,7 +203,7 @@ def test_mistakes_end_with_one_paragraph_and_a_next_step(tracer: Tracer, logs: d
 def test_a_reference_can_be_named(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
     (home / "table.toml").write_text(traces.PROFILE)
     for reference in ("level", "gravity", "table.toml"):
-        result = json.loads(run(logs["a"], "--reference", reference, "--json").stdout)
+        result = imutui_json("trace", logs["a"], "--reference", reference)
         assert result["runs"][0]["reference"] == reference.replace("table.toml", "profile")
 
 

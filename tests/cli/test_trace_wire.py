@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui_json
 from helpers.documents import toml
 from helpers.places import own_places
 from helpers.shared import once
@@ -72,8 +72,7 @@ def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:
 
 def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -> None:
     """Right channel, right cause, held-out error at the floor; with it the bias is one and the same, live as well."""
-    done = imutui("trace", *map(str, logs), "-o", "effects.toml", "--json")
-    result = json.loads(done.stdout)
+    result = imutui_json("trace", *logs, "-o", "effects.toml")
     assert [(f["effect"], f["channels"]) for f in result["findings"]] == [("thermal_lin", ["gy"])]
     assert result["findings"][0]["params"][0]["value"] == pytest.approx(0.1, abs=0.005)
     assert result["status"]["gy"] == "explained"
@@ -101,6 +100,6 @@ def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -
 def _biases(logs: list[Path], effects: str | None = None, *options: str) -> list[float]:
     """Of gy at the end of each, by one replay of all."""
     options += () if effects is None else ("--effects", effects)
-    replayed = json.loads(imutui("replay", *map(str, logs), *options, "--json", check=None).stdout)
+    replayed = imutui_json("replay", *logs, *options, check=None)
     documents = replayed if isinstance(replayed, list) else [replayed]
     return [float(document["final"]["gyro_bias_dps"][1]) for document in documents]

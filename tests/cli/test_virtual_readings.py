@@ -1,13 +1,12 @@
 """What the virtual instrument measures: errors of a file's function, and a recording with something added to it."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serial
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.paths import SAMPLE
 from helpers.processes import command_line, started
@@ -215,7 +214,7 @@ def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Pa
         info = reader.read(home / f"{name}.mcap").info
         assert (info.kind, info.source) == (kind, source)
         assert ("+" in info.firmware) == bool(source)
-    document = json.loads(imutui("info", "both.mcap", "--json").stdout)
+    document = imutui_json("info", "both.mcap")
     assert (document["kind"], document["source"]) == ("simulated", told)
     assert "SIMULATED: measured noise of still.npz" in imutui("info", "both.mcap").stdout
 

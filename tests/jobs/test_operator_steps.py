@@ -1,11 +1,10 @@
 """What segments make testable, by cases whose answer is known; profiles that are offered."""
 
 import itertools
-import json
 import math
 from pathlib import Path
 
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml, rate, sine
 
 from filters.motion.profile import Profile
@@ -148,11 +147,11 @@ def test_the_command_prints_the_guided_list(home: Path) -> None:
     printed = imutui("profile", "a.toml").stdout
     assert "turn inner at -30 deg/s, 4 s" in printed
     assert "makes testable: bias gx gy gz" in printed
-    document = json.loads(imutui("profile", "six positions, 30 s each", "--json").stdout)
+    document = imutui_json("profile", "six positions, 30 s each")
     assert set(document) == {"version", "profile", "align", "duration_s", "segments"}
     assert set(document["segments"][2]) == {"number", "text", "seconds", "makes_testable"}
     assert document["segments"][2]["makes_testable"][0] == "bias ax ay az"
-    listed = json.loads(imutui("profile", "--json").stdout)
+    listed = imutui_json("profile")
     assert [entry["name"] for entry in listed][-1] == "a.toml"
     assert "can't be read" in imutui("profile", "none.toml", check=3).stderr
 

@@ -1,12 +1,11 @@
 """Logs of one power-on in a trace: joined in order, or said to lack what came before."""
 
-import json
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.paths import DATA
 from helpers.traces import arrays
 
@@ -107,7 +106,7 @@ def test_a_measured_power_on_in_two_parts_traces_as_one(tmp_path: Path) -> None:
     cooling, heating = tmp_path / "cooling.mcap", tmp_path / "heating.mcap"
     imutui("import", str(source), "-o", str(cooling), "--end", "1360", *flags)
     imutui("import", str(source), "-o", str(heating), "--start", "1360", "--continues", str(cooling), *flags)
-    told = json.loads(imutui("trace", str(cooling), str(heating), "--json").stdout)
+    told = imutui_json("trace", cooling, heating)
     one, two = told["runs"]
     assert one["power_on"] == two["power_on"]
     assert (one["heldout"], two["heldout"]) == (False, True)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.paths import DATA
 
 FAST, SLOW = DATA / "broad_fast_rotation.npz", DATA / "broad_slow_rotation_breaks.npz"
@@ -20,8 +20,7 @@ def taken(source: Path, folder: Path) -> str:
 
 @needed
 def test_fast_turns_by_hand_give_their_delay_and_it_holds_on_other_turns(tmp_path: Path) -> None:
-    done = imutui("trace", taken(FAST, tmp_path), taken(SLOW, tmp_path), "--json")
-    told = json.loads(done.stdout)
+    told = imutui_json("trace", taken(FAST, tmp_path), taken(SLOW, tmp_path))
     (delay,) = [f for f in told["findings"] if f["effect"] == "delay"]
     assert delay["params"][0]["value"] == pytest.approx(0.0042, abs=0.0001)
     assert set(delay["channels"]) == {"gx", "gy", "gz"}

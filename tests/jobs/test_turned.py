@@ -1,11 +1,10 @@
 """Logs of a unit turned by hand: imported, traced, replayed; what is found serves the filter on another log."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.runs import run_of
 from helpers.traces import imported
 from helpers.turned import ACCEL_BIAS, ACCELEROMETERS, GYRO_BIAS, GYROS, SPEC, turned_run
@@ -42,19 +41,14 @@ def test_what_a_turned_log_shows_serves_the_filter_on_another_log(tmp_path: Path
     effects = (*ACCELEROMETERS, *GYROS)
     turned = log(tmp_path / "turned.mcap", turned_run(*effects, seed=61))
     level = log(tmp_path / "level.mcap", level_run(*effects, seed=62), "level")
-    done = imutui(
-        "trace", str(turned), "-o", str(tmp_path / "effects.toml"), "--report", str(tmp_path / "page"), "--json"
-    )
-    document = json.loads(done.stdout)
+    document = imutui_json("trace", turned, "-o", tmp_path / "effects.toml", "--report", tmp_path / "page")
     assert document["runs"][0]["reference"] == "turned"
     assert {e["metric"]: e["channel"] for e in document["error"]} == {"gravity_norm": None, "gravity_direction": None}
     assert set(document["status"].values()) <= {"explained", "partial"}
     assert "Turned by hand" in (tmp_path / "page" / "index.html").read_text()
 
-    plain = json.loads(imutui("replay", str(level), "--json", check=None).stdout)
-    mended = json.loads(
-        imutui("replay", str(level), "--effects", str(tmp_path / "effects.toml"), "--json", check=None).stdout
-    )
+    plain = imutui_json("replay", level, check=None)
+    mended = imutui_json("replay", level, "--effects", tmp_path / "effects.toml", check=None)
     biases = [np.array(r["final"]["accel_bias_mg"]) for r in (plain, mended)]
     assert np.abs(biases[0]).max() > 10.0
     assert np.abs(biases[1]).max() < 1.0
@@ -66,7 +60,7 @@ def test_what_a_turned_log_shows_serves_the_filter_on_another_log(tmp_path: Path
 def test_a_replay_runs_on_the_first_rest(tmp_path: Path) -> None:
     run = turned_run(seed=63, rests=6, seconds=20.0)
     turned = log(tmp_path / "turned.mcap", run)
-    result = json.loads(imutui("replay", str(turned), "--json", check=None).stdout)
+    result = imutui_json("replay", turned, check=None)
     assert result["reference"] == "turned"
     assert 1900 <= result["samples"] <= 2100
     assert result["rate_hz"] == pytest.approx(100.0, rel=1e-3)
@@ -100,7 +94,7 @@ def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
     )
     assert "moves" not in done.stderr
     assert "turned" in done.stdout + done.stderr
-    assert json.loads(imutui("info", str(tmp_path / "a.mcap"), "--json").stdout)["reference"] == "turned"
+    assert imutui_json("info", tmp_path / "a.mcap")["reference"] == "turned"
     # nobody knows when a recording was made whose stamps begin at its import
     assert "start         not stated" in imutui("info", str(tmp_path / "a.mcap")).stdout
 
@@ -109,7 +103,7 @@ def test_a_recording_of_accelerometers_alone_is_calibrated(tmp_path: Path) -> No
     run = turned_run(*ACCELEROMETERS, seed=68)
     given = {"t": run.t, "gyro": np.full((run.t.size, 3), np.nan), "accel": run.reading[:, 3:] / STANDARD_GRAVITY}
     turned = imported(tmp_path / "a.mcap", given, accel_sign=1, reference="turned")
-    document = json.loads(imutui("trace", str(turned), "--json").stdout)
+    document = imutui_json("trace", turned)
     assert set(document["status"]) == {"ax", "ay", "az"}
     assert [e["metric"] for e in document["error"]] == ["gravity_norm"]
     assert document["error"][0]["after"] < 0.1

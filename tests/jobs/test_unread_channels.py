@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.paths import DATA
 from helpers.traces import arrays
 
@@ -34,11 +34,6 @@ def log_of(path: Path, *channels: str, flags: tuple[str, ...] = (), **how: Any) 
     return path, done.stderr
 
 
-def replayed(log: Path, *flags: str) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads(imutui("replay", str(log), "--json", *flags, check=None).stdout)
-    return told
-
-
 def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_path: Path) -> None:
     flags = ("--mount", "y,-x,z", "--reference", "gravity")
     log, said = log_of(tmp_path / "a.mcap", "gy", "ax", flags=flags)
@@ -52,9 +47,9 @@ def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_pa
 
 def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
     log, _ = log_of(tmp_path / "a.mcap", "gx", "az")
-    assert json.loads(imutui("info", str(log), "--json").stdout)["unread_channels"] == ["gx", "az"]
+    assert imutui_json("info", log)["unread_channels"] == ["gx", "az"]
     assert "gx, az" in imutui("info", str(log)).stdout
-    told = json.loads(imutui("check", str(log), "--json").stdout)
+    told = imutui_json("check", log)
     assert told["fine"]
     assert any("gx, az" in note for note in told["notes"])
 
@@ -64,8 +59,8 @@ def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> 
 def test_replay_gives_no_bias_of_a_missing_channel_and_the_others_as_they_were(
     tmp_path: Path, lacks: tuple[str, ...], flags: tuple[str, ...]
 ) -> None:
-    whole = replayed(log_of(tmp_path / "whole.mcap", flags=flags)[0])
-    part = replayed(log_of(tmp_path / "part.mcap", *lacks, flags=flags)[0])
+    whole = imutui_json("replay", log_of(tmp_path / "whole.mcap", flags=flags)[0], check=None)
+    part = imutui_json("replay", log_of(tmp_path / "part.mcap", *lacks, flags=flags)[0], check=None)
     for c, name in enumerate(CHANNELS):
         field, k = ("gyro_bias_dps" if c < 3 else "accel_bias_mg"), c % 3
         if name in lacks:
@@ -82,7 +77,7 @@ def test_replay_gives_no_bias_of_a_missing_channel_and_the_others_as_they_were(
 def test_noise_measured_on_the_log_is_that_of_the_channels_there(tmp_path: Path) -> None:
     """One that is missing borrows from its kind, so that the covariance stays positive."""
     log, _ = log_of(tmp_path / "a.mcap", "gy")
-    told = replayed(log, "--set", "filter.noise=log")
+    told = imutui_json("replay", log, "--set", "filter.noise=log", check=None)
     used = told["noise"]["used"]["gyro_arw_deg_sqrt_h"]
     assert used[1] == pytest.approx(max(used[0], used[2]))
     assert told["final"]["gyro_bias_dps"][1] is None
@@ -137,7 +132,7 @@ def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
 @pytest.mark.parametrize("moving", [False, True])
 def test_trace_leaves_out_what_is_missing_and_finds_what_is_there(tmp_path: Path, moving: bool) -> None:
     log, _ = log_of(tmp_path / "a.mcap", "gx", "ay", moving=moving, seconds=600.0, slope=0.05)
-    told = json.loads(imutui("trace", str(log), "--json").stdout)
+    told = imutui_json("trace", log)
     assert set(told["status"]) == {"gy", "gz", "ax", "az"}
     texts = json.dumps({k: told[k] for k in ("findings", "integrity", "lines", "noise_level", "drift", "remainder")})
     assert '"gx"' not in texts

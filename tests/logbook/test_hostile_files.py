@@ -12,7 +12,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.fuzzing import memory_of
 from helpers.logs import LAYOUTS, START, recorded, rewritten
 from mcap.opcode import Opcode
@@ -111,7 +111,7 @@ def test_info_prints_json_whatever_the_metadata_hold(tmp_path: Path) -> None:
     log = LogWriter(path, SessionInfo(rate_hz=20, latitude_deg=float("nan"), height_m=float("inf")), "", START)
     log.imu(START, START, np.zeros(3), np.ones(3))
     log.finish({}, START)
-    assert json.loads(imutui("info", "--json", str(path)).stdout)["latitude_deg"] is None
+    assert imutui_json("info", path)["latitude_deg"] is None
     assert "site" not in imutui("info", str(path)).stdout
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import unit_time
 from helpers.acquisitions import replayed, untimed
-from helpers.commands import imutui, imutui_process
+from helpers.commands import imutui, imutui_json, imutui_process
 from helpers.documents import dwell, effect, effects_toml, profile_toml, state
 from helpers.places import own_places
 from helpers.processes import LIMIT_S, wait_until
@@ -121,7 +121,7 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
 
 def test_a_demo_recovers_known_biases(home: Path) -> None:
     with unit_time.own():
-        result = json.loads(imutui("demo", "--headless", "--seconds", "30", "--seed", "7", "--json").stdout)
+        result = imutui_json("demo", "--headless", "--seconds", "30", "--seed", "7")
     for key, limit in (("accel_bias_mg", 0.6), ("gyro_bias_dps", 0.05)):
         error = np.array(result["final"][key]) - result["truth"][key]
         assert np.all(np.abs(error) < 3 * np.array(result["sd"][key]))
@@ -142,7 +142,7 @@ def test_a_recording_is_started_marked_and_finished_from_outside(start: Start) -
     assert Path(path).name.endswith("_first-run.mcap")
     imutui_process("mark", "table at 90 deg")
     wait_until(lambda: (connection.snapshot(2**62)["recording"] or {}).get("samples", 0) > 20)
-    status = json.loads(imutui("status", "--json").stdout)[0]
+    status = imutui_json("status")[0]
     assert status["recording"]["path"] == path
     # so short a recording leaves biases that have not converged, which `stop` says as `record` does
     result = json.loads(imutui_process("stop", "--json", check=1).stdout)
@@ -506,7 +506,7 @@ def test_status_tells_room_parts_reference_and_guide(start: Start) -> None:
     text = imutui("status").stdout
     assert "reference profile from tumble.toml" in text
     assert "guide: waiting for the operator at segment 1 of 2" in text
-    assert json.loads(imutui("status", "--json").stdout)[0]["guide"]["state"] == "go"
+    assert imutui_json("status")[0]["guide"]["state"] == "go"
     events = [event["text"] for event in connection.snapshot(2**62)["events"]]
     assert any("stays in one file" in event for event in events)
     connection.stop()

@@ -1,6 +1,5 @@
 """Recordings of real units played over a pseudo-terminal and recorded live: what their logs have of them."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 import unit_time
 from helpers.acquisitions import replayed, untimed
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.turned import GYRO_BIAS, turned_run
 from rosbags.highlevel import AnyReader
 
@@ -71,9 +70,7 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
     source = recording("aceinna_imu381_s1_static.npz")
     flags = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
     imutui("import", str(source), "-o", "decoded.mcap", *flags)
-    of_stream, of_arrays = (
-        json.loads(imutui("replay", path, "--json").stdout) for path in (str(recorded), "decoded.mcap")
-    )
+    of_stream, of_arrays = (imutui_json("replay", path) for path in (str(recorded), "decoded.mcap"))
     for kind in ("gyro_bias_dps", "accel_bias_mg"):
         for ours, theirs, sd in zip(
             *(of[kind] for of in (of_stream["final"], of_arrays["final"], of_arrays["sd"])), strict=True

@@ -3,7 +3,6 @@
 Real pseudo-terminals and TCP connections; the unit, and what leads to it, are served by the test's own process.
 """
 
-import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -13,7 +12,7 @@ from typing import Any
 
 import pytest
 from helpers.acquisitions import acquiring, replayed, untimed
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.processes import wait_until
 from helpers.terminal_server import TerminalServer
 from helpers.units import Still, served
@@ -95,7 +94,7 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     assert len([gap for gap in live["gaps"] if gap["seconds"] > away]) == 1
     assert untimed(live) == replayed(log, code=1)
     assert "finished" in imutui("check", str(log), check=1).stdout
-    assert json.loads(imutui("info", str(log), "--json").stdout)["finished"]
+    assert imutui_json("info", log)["finished"]
 
 
 @of_both

@@ -1,6 +1,5 @@
 """Several units on several ports, recorded at once: one list of them, and words for whoever does not say which."""
 
-import json
 import os
 import signal
 from collections.abc import Iterator
@@ -8,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.places import own_places
 from helpers.processes import end_owner, wait_until
 from helpers.units import Still, served, virtual
@@ -47,10 +46,10 @@ def test_one_status_lists_all(two: dict[str, Client]) -> None:
         asked = {"a": "asked 133 Hz measured 13", "b": "asked 100 Hz measured "}[name]
         file = {"a": "imu400cd_9911750_", "b": "imu381_9911750_"}[name]
         assert all(word in line for word in ("running", asked, "lost ", file, f"_{name}.mcap"))
-    document = json.loads(imutui("status", "--json").stdout)
+    document = imutui_json("status")
     assert [(state["name"], state["state"]) for state in document] == [("a", "running"), ("b", "running")]
     assert all(state["free_bytes"] and state["recording"]["path"] for state in document)
-    assert [state["name"] for state in json.loads(imutui("status", "--name", "b", "--json").stdout)] == ["b"]
+    assert [state["name"] for state in imutui_json("status", "--name", "b")] == ["b"]
     assert "Running: a, b." in imutui("status", "--name", "c", check=4).stderr
 
 
@@ -77,7 +76,7 @@ def test_one_that_hangs_costs_no_other_its_line(two: dict[str, Client], monkeypa
     os.kill(two["a"].pid, signal.SIGSTOP)
     try:
         text = imutui("status", check=4).stdout
-        told: list[dict[str, Any]] = json.loads(imutui("status", "--json", check=4).stdout)
+        told: list[dict[str, Any]] = imutui_json("status", check=4)
     finally:
         os.kill(two["a"].pid, signal.SIGCONT)
     assert "a: its process lives, but does not answer" in text
@@ -89,7 +88,7 @@ def test_each_is_stopped_by_its_name(two: dict[str, Client]) -> None:
     imutui("mark", "at b", "--name", "b")
     logs = {}
     for name, left in (("a", ["b"]), ("b", [])):
-        logs[name] = Path(json.loads(imutui("stop", "--name", name, "--json").stdout)["log"])
+        logs[name] = Path(imutui_json("stop", "--name", name)["log"])
         assert client.running() == left
     read = {name: reader.read(log) for name, log in logs.items()}
     assert all(log.finished and log.info.acquisition == name for name, log in read.items())

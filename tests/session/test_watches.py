@@ -1,13 +1,12 @@
 """What is said of gravity where a unit may turn its own axes, and of status words."""
 
 import itertools
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
+from helpers.commands import imutui, imutui_json
 from helpers.units import Still, served
 
 from filters.imu import AxisMap, format_mount, parse_mount
@@ -97,7 +96,7 @@ def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
     with served(VirtualUnit(Still(), options)) as port:
         # the filter, which takes the mounting for what was said, finds the same
         imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", str(log), check=1)
-    told = json.loads(imutui("info", str(log), "--json").stdout)
+    told = imutui_json("info", log)
     assert told["own_mount"] == format_mount(np.diag([1.0, -1.0, -1.0])) == "x,-y,-z"
     assert told["configuration"] == (
         "rate divider 4 (25 Hz), 115200 baud, packets S1, field 5 2142, field 6 2142, orientation 0x0048 (+Ux -Uy -Uz)"

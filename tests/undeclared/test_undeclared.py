@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sample_effects
-from helpers.commands import imutui
+from helpers.commands import imutui_json
 from helpers.documents import toml
 from helpers.places import own_places
 from helpers.shared import once
@@ -245,7 +245,7 @@ def test_an_effect_on_a_measured_recording_is_found_over_the_wire(home: Path, re
     info = reader.read(logs[0]).info
     told = "measured noise of adis16405_static_a.npz + thermal_lin; temperature simulated"
     assert (info.kind, info.source) == ("simulated", told)
-    result = json.loads(imutui("trace", *map(str, logs), "--json").stdout)
+    result = imutui_json("trace", *logs)
     assert {(run["kind"], run["source"]) for run in result["runs"]} == {("simulated", told)}
     gyros = [f for f in result["findings"] if set(f["channels"]) & {"gx", "gy", "gz"}]
     assert [(f["effect"], f["channels"]) for f in gyros] == [("thermal_lin", ["gy"])]

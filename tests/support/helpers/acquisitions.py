@@ -1,6 +1,5 @@
 """Acquisitions that run in the test's own process, on a unit that it serves, and small disks for them."""
 
-import json
 import os
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from helpers.commands import imutui
+from helpers.commands import imutui_json
 from helpers.paths import ROOT
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
@@ -37,7 +36,7 @@ def untimed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def replayed(log: str | Path, code: int | None = 0) -> dict[str, Any]:
     """What the command `replay` makes of a log, without timings."""
-    return untimed(json.loads(imutui("replay", str(log), "--json", check=code).stdout))
+    return untimed(imutui_json("replay", log, check=code))
 
 
 class Running:

@@ -1,12 +1,14 @@
 """Commands of imutui, called in this process or run in one of their own."""
 
 import io
+import json
 import os
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from typing import Any
 from unittest.mock import patch
 
 from helpers.processes import LIMIT_S, command_line
@@ -39,6 +41,11 @@ def imutui(*arguments: str, check: int | None = 0) -> Done:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
     told = [stream.buffer.getvalue().decode() for stream in (out, err)]  # type: ignore[attr-defined]
     return _checked(Done([*arguments], code, *told), check)
+
+
+def imutui_json(*arguments: object, check: int | None = 0) -> Any:
+    """What it prints with --json."""
+    return json.loads(imutui(*map(str, arguments), "--json", check=check).stdout)
 
 
 def imutui_process(*arguments: str, check: int | None = 0) -> Done:
