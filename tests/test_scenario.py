@@ -2,8 +2,6 @@
 
 import math
 import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import pytest
 import typer
 from helpers.commands import imutui_json
 from helpers.documents import dwell, profile_toml, rate, toml
-from helpers.processes import command_line, started
+from helpers.processes import virtual_process
 
 from filters.imu import IMU400CD_200
 from filters.motion.profile import Profile
@@ -264,14 +262,6 @@ def test_a_wrong_profile_is_refused_by_file_and_place(tmp_path: Path, name: str,
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
-@contextmanager
-def virtual(*arguments: str) -> Iterator[str]:
-    """A virtual instrument; its port."""
-    with started(command_line("virtual", *arguments)) as process:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-
-
 WIRE = toml(
     seed=3,
     biases={"accel_mg": [40.0, -30.0, 20.0], "gyro_dps": [9.0, -2.0, 1.0]},
@@ -286,7 +276,7 @@ WIRE = toml(
 def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
     written(home, WIRE, "s.toml")
     wish = ("--duration", "4", "--rate", "133", "--filter", "none", "-o", "a.mcap")
-    with virtual("--scenario", "s.toml", "--power-on", "1", "--sent", "sent.csv") as port:
+    with virtual_process("--scenario", "s.toml", "--power-on", "1", "--sent", "sent.csv") as (port, _):
         assert imutui_json("record", "--port", port, *wish)
     log = reader.read(home / "a.mcap", raw=True)
     axes = log.info.axes()

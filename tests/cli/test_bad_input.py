@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.commands import Done, imutui, imutui_json
+from helpers.logs import foreign
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import Writer
 
-from imutui.logbook import SessionInfo, schemas
+from imutui.logbook import SessionInfo
 from imutui.logbook.writer import LogWriter
 
 START_NS = 1_700_000_000_000_000_000
@@ -284,30 +284,6 @@ def test_a_file_that_is_no_log_is_called_so(home: Path, name: str) -> None:
     assert name in said
     assert "not an MCAP log: its first bytes are not an MCAP file's" in said
     assert "imutui import" in said
-
-
-def foreign(
-    path: Path,
-    topic: str = "/sensor/imu",
-    typename: str = "sensor_msgs/msg/Imu",
-    *,
-    encoding: str = "cdr",
-    cut: int = 0,
-    spoil: float = 0.0,
-    step_ns: int = 50_000_000,
-) -> None:
-    """Another program's MCAP: sixty Imu messages, the thirtieth spoilt or cut as asked."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2", library="another program")
-        schema = writer.register_schema(typename, "ros2msg", schemas.definition("sensor_msgs/msg/Imu").encode())
-        channel = writer.register_channel(topic, encoding, schema)
-        for k in range(60):
-            stamp = START_NS + k * step_ns
-            gyro = np.full(3, spoil if k == 30 else 0.0)
-            data = schemas.encode_imu(stamp, gyro, np.array([0.0, 0.0, -9.78]))
-            writer.add_message(channel, stamp, data[: len(data) - cut] if k == 30 else data, stamp)
-        writer.finish()
 
 
 def test_an_imu_channel_of_any_topic_is_replayed(home: Path) -> None:

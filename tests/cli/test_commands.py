@@ -2,10 +2,8 @@
 
 import json
 import os
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
@@ -15,7 +13,7 @@ import serial
 from helpers.commands import imutui, imutui_json, imutui_process
 from helpers.fake_client import FakeClient
 from helpers.paths import SAMPLE
-from helpers.processes import LIMIT_S, command_line, started
+from helpers.processes import LIMIT_S, virtual_process
 from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS, each_log, exit_codes, status
@@ -158,16 +156,8 @@ def test_configuration_says_where_each_value_comes_from(home: Path, monkeypatch:
     assert "nonsense" in done.stderr
 
 
-@contextmanager
-def virtual(*arguments: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """A virtual instrument in a process of its own: its port, and the process, which is ended at the end."""
-    with started(command_line("virtual", *arguments)) as unit:
-        assert unit.stdout is not None
-        yield unit.stdout.readline().strip(), unit
-
-
 def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home: Path) -> None:
-    with virtual("--link", "imu", "--serial-number", "42") as (port, unit):
+    with virtual_process("--link", "imu", "--serial-number", "42") as (port, unit):
         assert os.path.realpath(home / "imu") == port
         with serial.Serial(str(home / "imu"), 38400, timeout=5.0) as line:
             line.write(b"R")
@@ -190,7 +180,7 @@ def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
     packets = [PacketS1((k, 0, 0), (0, 0, 0), (0, 0, 0), 0, k * 655 % 65536, 2) for k in range(20)]
     stream = b"".join(map(encode, packets))
     (home / "a.raw").write_bytes(stream)
-    with virtual("--from", "a.raw") as (port, _), serial.Serial(port, 115200, timeout=LIMIT_S) as line:
+    with virtual_process("--from", "a.raw") as (port, _), serial.Serial(port, 115200, timeout=LIMIT_S) as line:
         identity = (2008705635).to_bytes(4, "big") + b"IMU381ZA-400 5020-1383-01 10.00.01"
         line.write(encode(GetPacket(b"ID")))
         assert line.read(7 + len(identity)) == framed(Frame(b"ID", identity))
@@ -200,7 +190,7 @@ def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
 
 def test_a_played_recording_is_silent_after_its_end(home: Path) -> None:
     still(home / "a.npz", 1.0)
-    with virtual("--from", "a.npz") as (port, _), serial.Serial(port, 38400, timeout=3.0) as line:
+    with virtual_process("--from", "a.npz") as (port, _), serial.Serial(port, 38400, timeout=3.0) as line:
         line.write(b"c")
         assert line.read(1) == b"C"
         line.write(b"C")

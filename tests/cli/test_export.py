@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from helpers.commands import imutui, imutui_json
+from helpers.logs import foreign
 from helpers.paths import SAMPLE
-from mcap.writer import Writer
 
 from filters.motion.reference import Trajectory
 from imutui.jobs.export import Export, export
-from imutui.logbook import pieces, reader, reference_file, schemas
+from imutui.logbook import pieces, reader, reference_file
 from imutui.logbook.export import samples
 from imutui.logbook.reader import Log
 
@@ -204,30 +204,12 @@ def motion_of(log: Path) -> Trajectory:
 
 def test_another_program_s_log_comes_back_as_a_replay_takes_it(tmp_path: Path) -> None:
     """Its samples are specific force as they stand, so the sign that is told is +1."""
-    told = imutui("export", str(foreign(tmp_path / "foreign.mcap")), "-o", str(tmp_path / "a.csv"), "--json").stdout
-    document = json.loads(told)
+    document = imutui_json("export", foreign(tmp_path / "foreign.mcap"), "-o", tmp_path / "a.csv")
     assert "--accel-sign +1" in document["about"]["import"]
     assert document["about"]["log_sha256"] == reader.sha256(tmp_path / "foreign.mcap")
     accel = np.genfromtxt(tmp_path / "a.csv", delimiter=",", skip_header=csv_head(tmp_path / "a.csv"))[:, 4:7]
     log = samples_of(tmp_path / "foreign.mcap")
     assert accel == pytest.approx(log.accel / log.info.g_unit, rel=1e-15)
-
-
-def foreign(path: Path) -> Path:
-    """Another program's MCAP: sixty Imu messages of a level unit."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2", library="another program")
-        schema = writer.register_schema(
-            "sensor_msgs/msg/Imu", "ros2msg", schemas.definition("sensor_msgs/msg/Imu").encode()
-        )
-        channel = writer.register_channel("/sensor/imu", "cdr", schema)
-        for k in range(60):
-            stamp = 1_700_000_000_000_000_000 + k * 50_000_000
-            data = schemas.encode_imu(stamp, np.full(3, 0.01 * k), np.array([0.0, 0.1, -9.78]))
-            writer.add_message(channel, stamp, data, stamp)
-        writer.finish()
-    return path
 
 
 def csv_head(path: Path) -> int:

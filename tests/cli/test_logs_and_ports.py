@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.commands import imutui, imutui_json
 from helpers.paths import SAMPLE
-from helpers.processes import command_line, started
+from helpers.processes import virtual_process
 from rosbags.highlevel import AnyReader
 
 from filters.errors import InputError
@@ -84,9 +84,7 @@ def test_a_mistyped_option_is_no_recovery(home: Path) -> None:
 
 
 def test_devices_asks_who_is_there_on_request(home: Path) -> None:
-    with started(command_line("virtual", "--serial-number", "4711")) as unit:
-        assert unit.stdout is not None
-        port = unit.stdout.readline().strip()
+    with virtual_process("--serial-number", "4711") as (port, _):
         told = imutui_json("devices", port)
         text = imutui("devices", "--probe", port).stdout
     (found,) = told["ports"]

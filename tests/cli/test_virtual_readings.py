@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from helpers import logs
 from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.paths import SAMPLE
-from helpers.processes import command_line, started
+from helpers.processes import virtual_process
 from unit_time import record, virtual, virtual_in_real_time
 
 from filters import attitude
-from filters.imu import STANDARD_GRAVITY, AxisMap
+from filters.imu import STANDARD_GRAVITY, AxisMap, Samples
 from filters.simulation import LOOP_HZ
 from filters.state import PAPER_SITE
 from imutui.cli.played_recording import load
@@ -26,7 +27,6 @@ from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, M
 from imutui.instrument.virtual_instrument import Reading
 from imutui.instrument.wire import Wire
 from imutui.logbook import reader
-from imutui.logbook.writer import LogWriter
 
 GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
 
@@ -107,11 +107,9 @@ def test_seeds_differ_from_power_on_to_power_on() -> None:
 def test_an_error_that_fails_later_ends_the_unit_in_words(home: Path) -> None:
     plain, with_error = spoiled(home, "late_failure")
     assert with_error.reading(100) == plain.reading(100)
-    with started(command_line("virtual", "--spoil", "errors.py:late_failure")) as unit:
-        assert unit.stdout is not None
-        with serial.Serial(unit.stdout.readline().strip(), 38400, timeout=5.0) as line:
-            line.write(b"C")
-            _, said = unit.communicate(timeout=20.0)
+    with virtual_process("--spoil", "errors.py:late_failure") as (port, unit), serial.Serial(port, 38400) as line:
+        line.write(b"C")
+        _, said = unit.communicate(timeout=20.0)
     assert unit.returncode == 3
     assert "errors.py:late_failure returns None at sample 134 (t = 1.005 s)" in said
     assert "Traceback" not in said
@@ -250,11 +248,7 @@ def recorded_by(model: str, path: Path) -> Path:
     """The sample's readings as another unit, which reads specific force, would have recorded them."""
     log = reader.read(SAMPLE)
     info = replace(log.info, instrument=model, accel_sign=1)
-    writer = LogWriter(path, info, "", int(log.stamp_ns[0]))
-    for ns, gyro, accel in zip(log.stamp_ns.tolist(), log.gyro, log.accel, strict=True):
-        writer.imu(ns, ns, gyro, accel)
-    writer.finish({}, int(log.stamp_ns[-1]))
-    return path
+    return logs.of_samples(path, Samples(log.seconds(), log.gyro, log.accel), info)
 
 
 def probed(arguments: list[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import logs
+from helpers.acquisitions import untimed
 from helpers.documents import dwell, profile_file, rate
 from mcap.reader import make_reader
 
@@ -22,7 +23,7 @@ from filters.state import PAPER_SITE
 from imutui.jobs import replay as job
 from imutui.jobs import replay_input
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import SessionInfo, reader, results, schemas, trajectory_file
+from imutui.logbook import SessionInfo, reader, schemas, trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.trajectory_file import Trajectory
 
@@ -72,10 +73,6 @@ def shift(result: dict[str, Any]) -> np.ndarray:
     )
     final = np.array(result["final"]["accel_bias_mg"] + result["final"]["gyro_bias_dps"], float)
     return (final - truth) / np.array(result["sd"]["accel_bias_mg"] + result["sd"]["gyro_bias_dps"], float)
-
-
-def untimed(result: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in result.items() if key not in results.TIMINGS}
 
 
 # ---------------------------------------------------------------------------------------------------------- references

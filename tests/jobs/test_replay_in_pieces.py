@@ -13,9 +13,8 @@ from filters import simulation
 from imutui.jobs import replay_input
 from imutui.jobs.replay import ReplayOptions, replayed
 from imutui.logbook import SessionInfo, mcap_stream, pieces, reader, schemas
+from imutui.logbook.results import TIMINGS
 from imutui.logbook.writer import LogWriter
-
-TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 
 
 def still(path: Path, seconds: float = 60.0, reference: str = "level", *, bursts: bool = False) -> Path:

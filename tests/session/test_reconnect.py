@@ -5,8 +5,8 @@ Real pseudo-terminals and TCP connections; the unit, and what leads to it, are s
 
 import os
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -47,17 +47,6 @@ UNITS: dict[str, Callable[..., Any]] = {"imu400cd": unit, "imu381": imu381}
 of_both = pytest.mark.parametrize("name", list(UNITS))
 
 
-@contextmanager
-def plugged_in(link: Path, made: Callable[..., Any] = unit, **options: Any) -> Iterator[None]:
-    """A unit on a pseudo-terminal that the link leads to; unplugged at the end."""
-    with served(made(**options)) as device:
-        link.symlink_to(device)
-        try:
-            yield
-        finally:
-            link.unlink()
-
-
 def only(texts: list[str], piece: str) -> str:
     (one,) = [text for text in texts if piece in text]
     return one
@@ -74,7 +63,7 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     link = home / "imu"
     with ExitStack() as stack:
         other = stack.enter_context(served(UNITS[name]()))  # there already, so that it has a name of its own
-        with plugged_in(link, UNITS[name]):
+        with served(UNITS[name](), link=link):
             run = stack.enter_context(acquiring(home, str(link), filter="spkf", **asked_of(name)))
             run.more_packets(100)
         run.wait_until_lost()
@@ -101,7 +90,7 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
 def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(home: Path, name: str) -> None:
     link = home / "imu"
     with ExitStack() as stack:
-        with plugged_in(link, UNITS[name]):
+        with served(UNITS[name](), link=link):
             run = stack.enter_context(acquiring(home, str(link), **asked_of(name)))
             run.more_packets()
             wait_until(lambda: run.seen()["measured_hz"] is not None)
@@ -109,10 +98,10 @@ def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(ho
         # nothing comes, so that there is no rate
         assert (run.seen()["measured_hz"], run.seen()["packet_hz"]) == (None, None)
         count = run.seen()["packets"]
-        with plugged_in(link, UNITS[name], serial_number=17):
+        with served(UNITS[name](serial_number=17), link=link):
             wait_until(lambda: "serial number 17" in run.seen()["reconnecting"]["waits_for"])
         assert run.seen()["packets"] == count
-        with plugged_in(link, UNITS[name]):
+        with served(UNITS[name](), link=link):
             run.more_packets()
             wait_until(lambda: run.seen()["measured_hz"] is not None)
             texts, _ = run.content()
@@ -123,7 +112,7 @@ def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(ho
 
 def test_terminated_without_the_unit_it_finishes_the_file_at_once_and_says_so(home: Path) -> None:
     link = home / "imu"
-    with plugged_in(link):
+    with served(unit(), link=link):
         connection = client.start(Plan(str(link), logs=str(home / "logs"), record=True, filter="none"))
         wait_until(lambda: connection.snapshot(2**62)["packets"] > 20)
     wait_until(lambda: connection.snapshot(2**62)["reconnecting"] is not None)

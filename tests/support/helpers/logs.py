@@ -116,6 +116,30 @@ def rewritten(source: Path, path: Path, frame: str | None = None, **options: Any
     return path
 
 
+def foreign(
+    path: Path,
+    typename: str = "sensor_msgs/msg/Imu",
+    *,
+    encoding: str = "cdr",
+    cut: int = 0,
+    spoil: float = 0.3,
+    step_ns: int = 50_000_000,
+) -> Path:
+    """Another program's MCAP: sixty Imu messages of a level unit, the thirtieth spoilt or cut as asked."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="another program")
+        schema = writer.register_schema(typename, "ros2msg", schemas.definition("sensor_msgs/msg/Imu").encode())
+        channel = writer.register_channel("/sensor/imu", encoding, schema)
+        for k in range(60):
+            stamp = START + k * step_ns
+            gyro = np.full(3, spoil if k == 30 else 0.01 * k)
+            data = schemas.encode_imu(stamp, gyro, np.array([0.0, 0.1, -9.78]))
+            writer.add_message(channel, stamp, data[: len(data) - cut] if k == 30 else data, stamp)
+        writer.finish()
+    return path
+
+
 def chunks(content: bytes) -> list[tuple[int, int]]:
     """Where the chunk records of a whole file lie: offset, and length with the record's head."""
     found = records(content[len(MAGIC) :])

@@ -51,6 +51,14 @@ def started(line: list[str], **options: Any) -> Iterator["subprocess.Popen[str]"
                 stream.close()
 
 
+@contextmanager
+def virtual_process(*arguments: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """A virtual instrument in a process of its own: its port, and the process."""
+    with started(command_line("virtual", *arguments)) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip(), process
+
+
 def end_owner(lock: Path) -> None:
     """Kill the process that holds a lock file, if one does, and wait until it is gone."""
     for process in Path("/proc").glob("[0-9]*"):
