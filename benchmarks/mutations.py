@@ -51,7 +51,7 @@ Change = tuple[str, ast.expr | ast.stmt, str]  # kind, what is changed, text ins
 SWITCH = "__import__('mutation_probe').on({})"
 PROBE = """
 import os
-ON, LOG, SEEN = int(os.environ.get("MUTATION_ON", "-1")), os.environ.get("MUTATION_LOG"), set()
+ON, LOG, SEEN = int(os.environ.get("PYTEST_MUTATION_ON", "-1")), os.environ.get("PYTEST_MUTATION_LOG"), set()
 
 def on(number):
     test = os.environ.get("PYTEST_CURRENT_TEST")
@@ -73,7 +73,7 @@ def pytest_runtest_logreport(report):
 
 def pytest_configure(config):
     for plugin in config.pluginmanager.get_plugins():  # the suite's has everything compiled; it is
-        if "MUTATION_WARM" in os.environ and getattr(plugin, "__file__", "").endswith("tests/conftest.py"):
+        if "PYTEST_MUTATION_WARM" in os.environ and getattr(plugin, "__file__", "").endswith("tests/conftest.py"):
             config.hook.pytest_sessionstart._remove_plugin(plugin)
 """
 
@@ -305,12 +305,16 @@ class Trees:
 
     def _pytest(self, tree: Path, name: str, arguments: list[str], limit_s: float, **switches: object) -> int | None:
         """Exit code; none when it took too long. Its output and log are files; whatever it left running is ended."""
-        mark, log = f"MUTATION_RUN={os.getpid()}-{name}-{random.random()}", self.work / f"{name}.log"
+        mark, log = f"PYTEST_MUTATION_RUN={os.getpid()}-{name}-{random.random()}", self.work / f"{name}.log"
         log.unlink(missing_ok=True)
         cache = self.work / ("numba" if tree == self.tree else f"{tree.name}-numba")
-        own = {"MUTATION_RUN": mark.partition("=")[2], "MUTATION_LOG": str(log), "NUMBA_CACHE_DIR": str(cache)}
+        own = {
+            "PYTEST_MUTATION_RUN": mark.partition("=")[2],
+            "PYTEST_MUTATION_LOG": str(log),
+            "NUMBA_CACHE_DIR": str(cache),
+        }
         own["PYTHONPATH"] = os.pathsep.join((str(tree), str(self.work / "probe")))
-        own |= {f"MUTATION_{switch.upper()}": str(value) for switch, value in switches.items()}
+        own |= {f"PYTEST_MUTATION_{switch.upper()}": str(value) for switch, value in switches.items()}
         command = [sys.executable, "-m", "pytest", "-p", "mutation_probe", "-q", "--hypothesis-seed=0", *arguments]
         with (self.work / f"{name}.out").open("w") as out:
             environment = os.environ | own
