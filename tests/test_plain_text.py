@@ -117,28 +117,28 @@ def test_the_configuration_in_a_log_is_toml_whatever_was_typed() -> None:
 @pytest.mark.parametrize("command", ["info", "check", "recover", "replay"])
 def test_commands_over_a_hostile_log_print_nothing_that_acts(command: str, log: Path, tmp_path: Path) -> None:
     more = ("-o", str(tmp_path / f"out{NAME}")) if command == "recover" else ()
-    done = imutui(command, str(log), *more, check=None)
+    done = imutui(command, log, *more, check=None)
     assert done.returncode in (0, 1)
     assert not ACTING.search(done.stdout + done.stderr)
     assert NAME.replace("\x1b", r"\x1b").replace("\u202e", r"\u202e") in "".join(done.stdout.split("\n"))
 
 
 def test_json_holds_the_data_itself(log: Path) -> None:
-    told = imutui("info", "--json", str(log)).stdout
+    told = imutui("info", "--json", log).stdout
     assert not ACTING.search(told)
     assert json.loads(told)["note"] == NASTY
 
 
 def test_a_refusal_that_quotes_a_name_prints_nothing_that_acts(tmp_path: Path) -> None:
     name = os.fsdecode(b"\xff\x9b2J\x1b[31m.mcap")
-    assert r"\xff\x9b2J\x1b[31m.mcap" in imutui("info", str(tmp_path / name), check=3).stderr
-    assert len(imutui("replay", "--set", f"filter.{'x' * 10**6}=1", str(tmp_path / "a"), check=2).stderr) < 5000
+    assert r"\xff\x9b2J\x1b[31m.mcap" in imutui("info", tmp_path / name, check=3).stderr
+    assert len(imutui("replay", "--set", f"filter.{'x' * 10**6}=1", tmp_path / "a", check=2).stderr) < 5000
 
 
 def test_a_name_of_several_lines_says_none_of_its_own(log: Path, tmp_path: Path) -> None:
     """What `check` finds of it would stand beside a line that the name made up."""
     bad = log.rename(tmp_path / "bad\nfine: safe.mcap")
-    said = imutui("check", str(bad), check=2)
+    said = imutui("check", bad, check=2)
     assert "fine" not in said.stdout
     assert "has a line break in it. Rename it" in said.stderr
     assert len(said.stderr.splitlines()) == 1

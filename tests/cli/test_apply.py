@@ -40,7 +40,7 @@ def mounted(tmp_path: Path) -> Path:
     gyro, accel = rng.standard_normal((n, 3)) * 0.1, rng.standard_normal((n, 3)) * 0.002 + [0.0, 0.998, 0.0]
     np.savez(tmp_path / "in.npz", t=t, gyro=gyro, accel=accel, temp=20.0 + t / 4.0)
     flags = ("--accel-sign", "+1", "--mount", "x,z,-y", "--reference", "gravity", "--kind", "measured")
-    imutui("import", str(tmp_path / "in.npz"), "-o", str(tmp_path / "mounted.mcap"), *flags)
+    imutui("import", tmp_path / "in.npz", "-o", tmp_path / "mounted.mcap", *flags)
     return tmp_path / "mounted.mcap"
 
 
@@ -49,7 +49,7 @@ def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Pa
     log = SAMPLE if source == "sample" else mounted(tmp_path)
     effects = written(tmp_path, SCALE, THERMAL, RAMP)
     corrected = tmp_path / "corrected.mcap"
-    imutui("apply", str(log), "--effects", str(effects), "-o", str(corrected))
+    imutui("apply", log, "--effects", effects, "-o", corrected)
     with_effects, after, before = (
         imutui_json("replay", *each, check=None)
         for each in ((log, "--effects", effects), (corrected,), (log, "--effects", "none"))
@@ -84,9 +84,9 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
     true[200:, :3] += [5.0, 0.0, 20.0]  # a rest, and a turn that no reference tells
     read = true + bias + true @ A.T
     np.savez(tmp_path / "in.npz", t=np.arange(n) / 20.0, gyro=read[:, :3], accel=read[:, 3:])
-    imutui("import", str(tmp_path / "in.npz"), "-o", str(tmp_path / "in.mcap"), "--accel-sign", "-1", "--reference",
-           "turned", "--kind", "measured")  # fmt: skip
-    imutui("apply", str(tmp_path / "in.mcap"), "--effects", str(effects), "-o", str(tmp_path / "out.mcap"))
+    flags = ("--accel-sign", "-1", "--reference", "turned", "--kind", "measured")
+    imutui("import", tmp_path / "in.npz", "-o", tmp_path / "in.mcap", *flags)
+    imutui("apply", tmp_path / "in.mcap", "--effects", effects, "-o", tmp_path / "out.mcap")
     made = reader.read(tmp_path / "out.mcap")
     axes = made.info.axes()
     found = np.hstack([axes.gyro_to_instrument(made.gyro) / DPS, axes.accel_to_instrument(made.accel) / G])
@@ -112,7 +112,7 @@ def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
 def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     effects, corrected = written(tmp_path, THERMAL), tmp_path / "c.mcap"
     source_hash = reader.sha256(SAMPLE)
-    told = imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected)).stdout
+    told = imutui("apply", SAMPLE, "--effects", effects, "-o", corrected).stdout
     assert "taken out: gy: bias follows temperature" in " ".join(told.split())
     log, first = reader.read(corrected), reader.read(SAMPLE)
     assert log.info.source == "sample.mcap corrected by effects of by hand"
@@ -120,10 +120,10 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     assert log.info.applied_effects_sha256 == reader.sha256(effects)
     # what is out already is not taken out once more
     for command in (("apply", "-o", str(tmp_path / "twice.mcap")), ("replay",)):
-        refused = imutui(command[0], str(corrected), "--effects", str(effects), *command[1:], check=2).stderr
+        refused = imutui(command[0], corrected, "--effects", effects, *command[1:], check=2).stderr
         assert "taken out of it already" in " ".join(refused.split())
     # the same again over it: the sum beside it is the new file's
-    imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected), "--force")
+    imutui("apply", SAMPLE, "--effects", effects, "-o", corrected, "--force")
     assert checksum_file.read(corrected) == reader.sha256(corrected)
     assert log.attachments[job.APPLIED] == effects.read_bytes()
     assert effects_file.ATTACHMENT not in log.attachments
@@ -132,7 +132,7 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     assert np.array_equal(log.temperature(), first.temperature())
     assert [event.text for event in log.events] == [event.text for event in first.events]
     assert reader.sha256(SAMPLE) == source_hash
-    imutui("check", str(corrected))
+    imutui("check", corrected)
     with AnyReader([corrected]) as bag:
         (connection,) = [c for c in bag.connections if c.topic == "/imu/data_raw"]
         _, _, raw = next(bag.messages([connection]))
@@ -147,7 +147,7 @@ def test_effects_of_another_unit_are_applied_with_a_warning(tmp_path: Path) -> N
     for units, told in (('["IMU400CD-200 1"]', True), (f'["IMU400CD-200 1", "{unit}"]', False), ("[]", False)):
         effects.write_text(text.replace("version = 1\n", f"version = 1\nunits = {units}\n"))
         for command in (("apply", "-o", str(tmp_path / "c.mcap"), "--force"), ("replay",)):
-            done = imutui(command[0], str(SAMPLE), "--effects", str(effects), *command[1:], check=None)
+            done = imutui(command[0], SAMPLE, "--effects", effects, *command[1:], check=None)
             assert (f"another unit (IMU400CD-200 1) than the log ({unit})" in " ".join(done.stderr.split())) is told
 
 
@@ -158,7 +158,7 @@ def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
     unknown.write_text(effects_toml(known("gremlins", "gx", "1", 1.0)))
     (tmp_path / "there.mcap").write_text("mine")
     np.savez(tmp_path / "cold.npz", t=np.arange(50) / 20.0, gyro=np.zeros((50, 3)), accel=np.ones((50, 3)) * [0, 0, 1])
-    imutui("import", str(tmp_path / "cold.npz"), "-o", str(tmp_path / "cold.mcap"))
+    imutui("import", tmp_path / "cold.npz", "-o", tmp_path / "cold.mcap")
     (tmp_path / "thermal").mkdir()
     thermal = written(tmp_path / "thermal", THERMAL)
     for log, effects, output, code, words in (
@@ -171,7 +171,7 @@ def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
         (tmp_path / "no.mcap", good, "c.mcap", 3, "no such file"),
         (good, good, "c.mcap", 3, "not an MCAP"),
     ):
-        done = imutui("apply", str(log), "--effects", str(effects), "-o", str(tmp_path / output), check=code)
+        done = imutui("apply", log, "--effects", effects, "-o", tmp_path / output, check=code)
         assert words in " ".join(done.stderr.split())
     assert (tmp_path / "there.mcap").read_text() == "mine"
     assert not (tmp_path / "c.mcap").exists()

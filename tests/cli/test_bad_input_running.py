@@ -131,12 +131,12 @@ def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) 
     rows = "".join(f"{i / 100},{i % 97 / 7},{i % 89 / 7},{i % 83 / 7},0,0,0.998\n" for i in range(4000))
     (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + rows)
     path = small_disk / "out.mcap"
-    error = imutui("import", "a.csv", "-o", str(path), check=5).stderr.splitlines()[-1]
+    error = imutui("import", "a.csv", "-o", path, check=5).stderr.splitlines()[-1]
     assert str(path) in error
     assert "No space left" in error
     imutui("import", "a.csv", "-o", "a.mcap", "--end", "2")
     (small_disk / "filler").write_bytes(bytes(200 * 1024 - 4096))
-    done = imutui("replay", "a.mcap", "--json", "-o", str(small_disk / "estimates.mcap"), check=5)
+    done = imutui("replay", "a.mcap", "--json", "-o", small_disk / "estimates.mcap", check=5)
     assert done.stdout == ""
     assert "estimates.mcap" in done.stderr
 

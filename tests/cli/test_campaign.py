@@ -132,7 +132,7 @@ def test_an_interrupted_campaign_goes_on_where_it_was(
         wait_until(lambda: lines(results) >= 20, LIMIT_S)
         # held, or it could be done before another one has begun
         os.killpg(run.pid, signal.SIGSTOP)
-        refused = imutui("campaign", str(logs), "-o", "results", check=2)
+        refused = imutui("campaign", logs, "-o", "results", check=2)
         os.killpg(run.pid, signal.SIGINT)
         os.killpg(run.pid, signal.SIGCONT)
         _, err = run.communicate(timeout=LIMIT_S)
@@ -215,7 +215,7 @@ def test_a_scheduler_that_does_not_answer_is_told_with_what_to_do(
     from imutui.jobs.campaign import cluster
 
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
-    done = imutui("campaign", str(logs), "-o", str(tmp_path / "r"), "--cluster", "tcp://127.0.0.1:9", check=4)
+    done = imutui("campaign", logs, "-o", tmp_path / "r", "--cluster", "tcp://127.0.0.1:9", check=4)
     assert "dask scheduler" in done.stderr
-    wrong = imutui("campaign", str(logs), "-o", str(tmp_path / "r"), "--cluster", "here", check=2)
+    wrong = imutui("campaign", logs, "-o", tmp_path / "r", "--cluster", "here", check=2)
     assert "tcp://host:8786" in wrong.stderr

@@ -76,7 +76,7 @@ def test_progress_is_shown_on_a_terminal_until_the_next_word(
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
     source = recording("aceinna_imu381_s1_static.npz")
-    done = imutui("import", str(source), "-o", "a.mcap", *ACEINNA, "--kind", "measured")
+    done = imutui("import", source, "-o", "a.mcap", *ACEINNA, "--kind", "measured")
     assert "temps" in done.stderr, "an array that was not imported is named"
     result = imutui_json("replay", "a.mcap")
     with np.load(source) as measured:
@@ -95,7 +95,7 @@ def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Calla
 
 def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
     source = recording("adis16405_static_a.npz")
-    imutui("import", str(source), "-o", "a.mcap", "--end", "600", *ADIS)
+    imutui("import", source, "-o", "a.mcap", "--end", "600", *ADIS)
     result = imutui_json("replay", "a.mcap", "--end", "60")
     with np.load(source) as measured:
         gyro = measured["gyro"][:6001].mean(axis=0)
@@ -107,7 +107,7 @@ def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable
 
 
 def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
-    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
+    imutui("import", still(home / "a.npz"), "-o", "a.mcap")
     result = imutui_json("replay", "a.mcap", "-o", "est.mcap", "--estimates", "10")
     with AnyReader([home / "est.mcap"]) as bag:
         estimates = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.ESTIMATE]
@@ -117,7 +117,7 @@ def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> Non
 
 
 def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None:
-    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
+    imutui("import", still(home / "a.npz"), "-o", "a.mcap")
     plain = imutui_json("replay", "a.mcap")
     paper = imutui_json("replay", "a.mcap", "--set", "filter.kappa=-12")
     drawn = imutui_json("replay", "a.mcap", "--set", "filter.measurements=drawn", "--set", "filter.seed=3", check=None)
@@ -132,13 +132,13 @@ def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None
 
 def test_several_logs_give_a_list(home: Path) -> None:
     for name in ("a", "b"):
-        imutui("import", str(still(home / f"{name}.npz", 3.0)), "-o", f"{name}.mcap")
+        imutui("import", still(home / f"{name}.npz", 3.0), "-o", f"{name}.mcap")
     results = imutui_json("replay", "a.mcap", "b.mcap", check=1)
     assert [Path(r["log"]).name for r in results] == ["a.mcap", "b.mcap"]
 
 
 def test_a_table_for_people_says_the_verdict_first(home: Path) -> None:
-    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap", "--kind", "simulated")
+    imutui("import", still(home / "a.npz"), "-o", "a.mcap", "--kind", "simulated")
     text = imutui("replay", "a.mcap").stdout
     assert text.startswith(("GREEN, converged: ", "AMBER, converged: "))
     assert "SIMULATED" in text

@@ -73,12 +73,12 @@ def test_the_same_said_of_the_input_is_wrong_usage(monkeypatch: pytest.MonkeyPat
         raise InputError(f"{SAMPLE}: {NUMPY}")
 
     monkeypatch.setattr("imutui.jobs.replay.motion_of", refuse)
-    assert imutui("replay", str(SAMPLE), check=2).stderr == f"imutui: {SAMPLE}: {NUMPY}\n"
+    assert imutui("replay", SAMPLE, check=2).stderr == f"imutui: {SAMPLE}: {NUMPY}\n"
 
 
 def test_a_report_has_what_is_needed_and_is_its_users_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imutui.jobs.replay.motion_of", broken)
-    report = report_of(imutui("replay", str(SAMPLE), "--json", check=None).stderr)
+    report = report_of(imutui("replay", SAMPLE, "--json", check=None).stderr)
     assert stat.S_IMODE(report.stat().st_mode) == 0o600
     text = report.read_text()
     assert f"imutui replay {SAMPLE} --json" in text
@@ -86,14 +86,14 @@ def test_a_report_has_what_is_needed_and_is_its_users_own(monkeypatch: pytest.Mo
     for name in ("time", "imutui", "numba", "python", "platform"):
         assert f"\n{name}" in f"\n{text}"
     assert "in broken" in text.split("Traceback")[1]
-    again = imutui("replay", str(SAMPLE), check=None).stderr
+    again = imutui("replay", SAMPLE, check=None).stderr
     assert report_of(again) == report, "the same defect is reported once"
 
 
 def test_a_defect_that_cannot_be_written_down_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", "/nowhere")
     monkeypatch.setattr("imutui.jobs.replay.motion_of", broken)
-    said = imutui("replay", str(SAMPLE), check=None).stderr
+    said = imutui("replay", SAMPLE, check=None).stderr
     assert said.startswith(f"imutui: {TOLD}ValueError: {NUMPY}. Its details could not be written (No such file or")
 
 

@@ -26,7 +26,7 @@ VECTORS = ("gyro", "accel", "ang", "rate")
 def made(tmp_path: Path, *options: str, log: Path = SAMPLE) -> dict[str, dict[str, Any]]:
     """A log in each format, as csv, numpy and pyarrow read it, a column a component."""
     for kind in FORMATS:
-        imutui("export", str(log), "-o", str(tmp_path / f"a.{kind}"), *options)
+        imutui("export", log, "-o", tmp_path / f"a.{kind}", *options)
     with (tmp_path / "a.csv").open(newline="") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     archive = np.load(tmp_path / "a.npz")
@@ -92,10 +92,10 @@ def test_every_format_says_the_units(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_import_reads_back_what_was_exported(tmp_path: Path, kind: str) -> None:
-    told = imutui("export", str(SAMPLE), "-o", str(tmp_path / f"a.{kind}")).stdout
+    told = imutui("export", SAMPLE, "-o", tmp_path / f"a.{kind}").stdout
     line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
     back = tmp_path / "back.mcap"
-    imutui(*(str(back) if part == "LOG.mcap" else part for part in line))
+    imutui(*(back if part == "LOG.mcap" else part for part in line))
     first, again = samples_of(SAMPLE), samples_of(back)
     assert np.array_equal(first.stamp_ns - first.stamp_ns[0], again.stamp_ns - again.stamp_ns[0])
     assert np.array_equal(first.temperature(), again.temperature())
@@ -104,9 +104,9 @@ def test_import_reads_back_what_was_exported(tmp_path: Path, kind: str) -> None:
     assert (again.info.reference, again.info.kind, again.info.accel_sign) == ("level", "simulated", -1)
     # an imported log comes back with the same bits, and a second time with the same file
     twice = tmp_path / f"b.{kind}"
-    imutui("export", str(back), "-o", str(twice))
+    imutui("export", back, "-o", twice)
     line = ["import", str(twice), *line[2:]]
-    imutui(*(str(tmp_path / "third.mcap") if part == "LOG.mcap" else part for part in line))
+    imutui(*(tmp_path / "third.mcap" if part == "LOG.mcap" else part for part in line))
     third = samples_of(tmp_path / "third.mcap")
     assert np.array_equal(again.gyro, third.gyro)
     assert np.array_equal(again.accel, third.accel)
@@ -123,14 +123,14 @@ def turned_recording(tmp_path: Path, n: int = 400) -> Path:
     np.savez(tmp_path / "in.npz", t=t, gyro=gyro, accel=accel, temp=25.0 + t / 10.0, ang=ang)
     log = tmp_path / "turned.mcap"
     flags = ("--accel-sign", "+1", "--mount", "x,-z,y", "--gyro-sign", "1,-1,1", "--kind", "measured")
-    imutui("import", str(tmp_path / "in.npz"), "-o", str(log), *flags)
+    imutui("import", tmp_path / "in.npz", "-o", log, *flags)
     return log
 
 
 def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
     log = turned_recording(tmp_path)
     source = np.load(tmp_path / "in.npz")
-    told = imutui("export", str(log), "-o", str(tmp_path / "a.npz")).stdout
+    told = imutui("export", log, "-o", tmp_path / "a.npz").stdout
     archive = np.load(tmp_path / "a.npz")
     for name in ("t", "temp", "ang"):
         assert np.array_equal(archive[name], source[name]), name
@@ -138,7 +138,7 @@ def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
         assert np.all(np.abs(archive[name] - source[name]) <= np.spacing(np.abs(source[name]))), name
     line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
     assert Path(line[line.index("--reference") + 1]) == tmp_path / "a.npz.reference.csv"
-    imutui(*(str(tmp_path / "back.mcap") if part == "LOG.mcap" else part for part in line))
+    imutui(*(tmp_path / "back.mcap" if part == "LOG.mcap" else part for part in line))
     first, again = samples_of(log), samples_of(tmp_path / "back.mcap")
     assert np.array_equal(first.gyro, again.gyro)
     assert np.array_equal(first.accel, again.accel)
@@ -146,10 +146,10 @@ def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
     assert (again.info.mount, again.info.gyro_sign, again.info.clock_s) == ("x,-z,y", "1,-1,1", 5.0)
     # what is beside is not replaced either
     (tmp_path / "a.npz").unlink()
-    done = imutui("export", str(log), "-o", str(tmp_path / "a.npz"), check=2)
+    done = imutui("export", log, "-o", tmp_path / "a.npz", check=2)
     assert "a.npz.reference.csv exists and is left as it is. --force" in done.stderr
     # of a part the trajectory's own time would be another
-    imutui("export", str(log), "-o", str(tmp_path / "part.csv"), "--start", "2", "--end", "3")
+    imutui("export", log, "-o", tmp_path / "part.csv", "--start", "2", "--end", "3")
     assert not (tmp_path / "part.csv.reference.csv").exists()
     assert (tmp_path / "part.csv").read_text().splitlines()[-1].startswith("8.0,")
 
@@ -160,7 +160,7 @@ def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
     t = samples_of(SAMPLE).seconds()
     assert found["npz"]["t"] == t[(t >= 2.0) & (t <= 3.0)].tolist()
     for cut in (("--start", "1e6"), ("--start", "3", "--end", "2"), ("--start", "2.00001", "--end", "2.00002")):
-        done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "none.csv"), *cut, check=2)
+        done = imutui("export", SAMPLE, "-o", tmp_path / "none.csv", *cut, check=2)
         assert "--start and --end leave" in done.stderr
     assert not list(tmp_path.glob("none*"))
 
@@ -177,8 +177,8 @@ def test_what_a_receiver_and_a_reference_knew_is_exported(tmp_path: Path) -> Non
     known = {"ref_quat": quat, "gps_pos": place, "gps_vel_ned": speed}
     np.savez(tmp_path / "in.npz", t=t, gyro=rng.standard_normal((n, 3)), accel=rng.standard_normal((n, 3)), **known)
     flags = ("--mount", "x,-y,-z", "--accel-sign", "-1", "--kind", "measured")
-    imutui("import", str(tmp_path / "in.npz"), "-o", str(tmp_path / "in.mcap"), *flags)
-    imutui("export", str(tmp_path / "in.mcap"), "-o", str(tmp_path / "a.npz"))
+    imutui("import", tmp_path / "in.npz", "-o", tmp_path / "in.mcap", *flags)
+    imutui("export", tmp_path / "in.mcap", "-o", tmp_path / "a.npz")
     archive = np.load(tmp_path / "a.npz")
     for name, wanted in known.items():  # the trajectory in the log has eight to ten digits
         found = archive[name]
@@ -187,12 +187,12 @@ def test_what_a_receiver_and_a_reference_knew_is_exported(tmp_path: Path) -> Non
         assert found == pytest.approx(wanted, abs=1e-5, nan_ok=True), name
     units = json.loads(str(archive["units"]))
     assert (units["gps_pos"], units["gps_vel_ned"]) == ("deg, deg, m", "m/s")
-    imutui("import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "b.mcap"), *flags)
+    imutui("import", tmp_path / "a.npz", "-o", tmp_path / "b.mcap", *flags)
     first, again = (motion_of(tmp_path / name) for name in ("in.mcap", "b.mcap"))
     assert np.array_equal(first.t, again.t)
     assert again.values == pytest.approx(first.values, abs=1e-8, nan_ok=True)
     # a part begins with what was known then
-    imutui("export", str(tmp_path / "in.mcap"), "-o", str(tmp_path / "p.npz"), "--start", "1.3")
+    imutui("export", tmp_path / "in.mcap", "-o", tmp_path / "p.npz", "--start", "1.3")
     assert np.isfinite(np.load(tmp_path / "p.npz")["ref_quat"][:, 0]).nonzero()[0][0] == 4
 
 
@@ -270,7 +270,7 @@ def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
         (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv")), 3, "not an MCAP"),
         (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv"), "--topic", "/imu/raw"), 3, "not an MCAP"),
     ):
-        assert words in " ".join(imutui("export", str(log), *options, check=code).stderr.split())
+        assert words in " ".join(imutui("export", log, *options, check=code).stderr.split())
     assert there.read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.mcap", "text.mcap", "there.csv"]
 
@@ -279,7 +279,7 @@ def test_parquet_without_pyarrow_says_what_to_type(tmp_path: Path, monkeypatch: 
     from imutui.logbook import parquet
 
     monkeypatch.setattr(parquet, "available", lambda: False)
-    done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "a.parquet"), check=2)
+    done = imutui("export", SAMPLE, "-o", tmp_path / "a.parquet", check=2)
     assert "pip install" in done.stderr
     assert "parquet" in done.stderr
 
@@ -287,10 +287,10 @@ def test_parquet_without_pyarrow_says_what_to_type(tmp_path: Path, monkeypatch: 
 def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(SAMPLE.read_bytes()[:60_000])
-    done = imutui("export", str(cut), "-o", str(tmp_path / "a.npz"), check=1)
+    done = imutui("export", cut, "-o", tmp_path / "a.npz", check=1)
     assert "All before that is exported" in done.stderr
     assert np.load(tmp_path / "a.npz")["t"].size == samples_of(cut).stamp_ns.size
-    done = imutui("export", str(cut), "-o", str(tmp_path / "b.npz"), "--topic", "/imu/data_raw", check=1)
+    done = imutui("export", cut, "-o", tmp_path / "b.npz", "--topic", "/imu/data_raw", check=1)
     assert "All before that is exported" in done.stderr
     assert np.load(tmp_path / "b.npz")["stamp_ns"].tolist() == samples_of(cut).stamp_ns.tolist()
 

@@ -26,7 +26,7 @@ def damaged(home: Path) -> Path:
 
 
 def test_info_says_what_is_in_a_log(home: Path) -> None:
-    text = imutui("info", str(SAMPLE)).stdout
+    text = imutui("info", SAMPLE).stdout
     assert "SIMULATED" in text
     assert "520 samples of 3,469 packets" in text
     assert "19.997 Hz measured, 20 Hz asked for, stream" in text
@@ -36,34 +36,34 @@ def test_info_says_what_is_in_a_log(home: Path) -> None:
     assert max(map(len, text.splitlines())) <= 80
     document = imutui_json("info", SAMPLE)
     assert (document["kind"], document["samples"]) == ("simulated", 520)
-    several = imutui("info", str(SAMPLE), "none.mcap", "--json", check=3)
+    several = imutui("info", SAMPLE, "none.mcap", "--json", check=3)
     assert len(json.loads(several.stdout)) == 1
     assert "none.mcap: no such file" in several.stderr
 
 
 def test_check_ends_with_what_it_found(damaged: Path) -> None:
-    assert imutui("check", str(SAMPLE)).stdout.startswith("fine: ")
-    found = imutui("check", str(damaged), check=1).stdout
+    assert imutui("check", SAMPLE).stdout.startswith("fine: ")
+    found = imutui("check", damaged, check=1).stdout
     assert found.startswith("4 findings: ")
     assert "where: 8,737 bytes at byte 144,676, between 12.0 and 13.0 s of the log" in " ".join(found.split())
     assert found.count("next: ") == 4
     document = imutui_json("check", damaged, check=1)
     assert [finding["code"] for finding in document["findings"]] == ["damage", "unfinished", "sequence", "gaps"]
-    assert "is a folder" in imutui("check", str(damaged.parent), check=3).stderr
+    assert "is a folder" in imutui("check", damaged.parent, check=3).stderr
 
 
 def test_recover_makes_a_file_that_others_open(damaged: Path) -> None:
-    done = imutui("recover", str(damaged), "-o", "fixed.mcap", check=1)
+    done = imutui("recover", damaged, "-o", "fixed.mcap", check=1)
     assert done.stdout.startswith("recovered in part: ")
     assert "between 12.0 and 13.0 s" in " ".join(done.stdout.split())
     with AnyReader([damaged.parent / "fixed.mcap"]) as bag:
         topics = [c.topic for c, _, data in bag.messages() if bag.deserialize(data, c.msgtype) is not None]
     assert topics.count(schemas.IMU) == 500
-    again = imutui("recover", str(damaged), "-o", "fixed.mcap", check=2)
+    again = imutui("recover", damaged, "-o", "fixed.mcap", check=2)
     assert "--force" in again.stderr
     document = imutui_json("recover", damaged, "-o", "fixed.mcap", "--force", check=1)
     assert document["samples"] == 500
-    assert "itself" in imutui("recover", str(damaged), "-o", str(damaged), "--force", check=2).stderr
+    assert "itself" in imutui("recover", damaged, "-o", damaged, "--force", check=2).stderr
     assert [path.name for path in sorted(damaged.parent.glob("*.*"))] == [
         "damaged.mcap",
         "fixed.mcap",

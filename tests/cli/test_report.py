@@ -21,7 +21,7 @@ from imutui.report.html import STYLE
 
 
 def report(*arguments: str | Path, check: int = 0) -> Done:
-    return imutui("report", *map(str, arguments), check=check)
+    return imutui("report", *arguments, check=check)
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def run(*arguments: str | Path, check: int = 0) -> Done:
-    return imutui("trace", *map(str, arguments), check=check)
+    return imutui("trace", *arguments, check=check)
 
 
 def test_the_last_of_several_logs_is_held_out(tracer: Tracer, logs: dict[str, Path]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.logs import LAYOUTS, recorded, rewritten
+from helpers.logs import LAYOUTS, START, recorded, rewritten
 from helpers.paths import SAMPLE
 from mcap.writer import IndexType
 
@@ -20,8 +20,6 @@ from imutui.logbook.audit import HeadRun, joined_runs, run_of
 from imutui.logbook.mcap_stream import MESSAGE_HEAD
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.writer import LogWriter
-
-START = 1_795_257_000_000_000_000
 
 
 def said(path: Path) -> str:

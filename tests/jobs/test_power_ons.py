@@ -24,7 +24,7 @@ def part(folder: Path, name: str, begins: float, *flags: str, tilt: float = 0.0)
     given["accel"] = given["accel"] @ turn.T
     np.savez(folder / f"{name}.npz", **{k: given[k] for k in ("t", "gyro", "accel", "temp")})
     output = folder / f"{name}.mcap"
-    imutui("import", str(folder / f"{name}.npz"), "-o", str(output), "--reference", "gravity", *flags)
+    imutui("import", folder / f"{name}.npz", "-o", output, "--reference", "gravity", *flags)
     return output
 
 
@@ -71,7 +71,7 @@ def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_fi
     b = part(tmp_path, "b", 100.0, "--continues", str(a))
     part(tmp_path, "a", 0.0, "--force")
     os.utime(tmp_path / "a.npz", (1.6e9, 1.6e9))
-    imutui("import", str(tmp_path / "a.npz"), "-o", str(a), "--reference", "gravity", "--force")
+    imutui("import", tmp_path / "a.npz", "-o", a, "--reference", "gravity", "--force")
     made = joined(a, b)
     assert by_name(made[0])["b"][1:] == (100.0, True)
     assert any("not the file that it was" in note for note in made[1])
@@ -104,8 +104,8 @@ def test_a_measured_power_on_in_two_parts_traces_as_one(tmp_path: Path) -> None:
         pytest.skip(f"{source} is not there")
     flags = ("--accel-sign", "+1", "--reference", "gravity", "--gravity", "9.806")
     cooling, heating = tmp_path / "cooling.mcap", tmp_path / "heating.mcap"
-    imutui("import", str(source), "-o", str(cooling), "--end", "1360", *flags)
-    imutui("import", str(source), "-o", str(heating), "--start", "1360", "--continues", str(cooling), *flags)
+    imutui("import", source, "-o", cooling, "--end", "1360", *flags)
+    imutui("import", source, "-o", heating, "--start", "1360", "--continues", cooling, *flags)
     told = imutui_json("trace", cooling, heating)
     one, two = told["runs"]
     assert one["power_on"] == two["power_on"]

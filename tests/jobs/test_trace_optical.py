@@ -14,7 +14,7 @@ needed = pytest.mark.skipif(not (FAST.exists() and SLOW.exists()), reason=f"{FAS
 
 def taken(source: Path, folder: Path) -> str:
     log = folder / f"{source.stem}.mcap"
-    imutui("import", str(source), "-o", str(log), *FLAGS)
+    imutui("import", source, "-o", log, *FLAGS)
     return str(log)
 
 

@@ -71,7 +71,7 @@ def test_a_replay_runs_on_the_first_rest(tmp_path: Path) -> None:
     reading = run.reading.copy()
     reading[:, :3] += 0.5 * np.sin(3.0 * run.t)[:, None]
     restless = log(tmp_path / "restless.mcap", Run(**{**vars(run), "reading": reading}))
-    done = imutui("replay", str(restless), check=2)
+    done = imutui("replay", restless, check=2)
     assert "no rest was found" in done.stderr
 
 
@@ -79,24 +79,23 @@ def test_turned_logs_are_not_traced_beside_others(tmp_path: Path) -> None:
     run = turned_run(seed=64, rests=12)
     turned = log(tmp_path / "turned.mcap", run)
     level = log(tmp_path / "level.mcap", level_run(seed=65), "level")
-    done = imutui("trace", str(turned), str(level), check=2)
+    done = imutui("trace", turned, level, check=2)
     assert "Trace them apart" in done.stderr
     other = log(tmp_path / "other.mcap", turned_run(seed=66, rests=12), serial_number="2")
     turned = log(tmp_path / "turned.mcap", run, serial_number="1")
-    assert "different units" in imutui("trace", str(turned), str(other), check=2).stderr
+    assert "different units" in imutui("trace", turned, other, check=2).stderr
 
 
 def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
     run = turned_run(seed=67, rests=12)
     np.savez(tmp_path / "a.npz", t=run.t, gyro=np.rad2deg(run.reading[:, :3]), accel=run.reading[:, 3:] / 9.80665)
-    done = imutui(
-        "import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.mcap"), "--accel-sign", "+1", "--reference", "turned"
-    )
+    flags = ("--accel-sign", "+1", "--reference", "turned")
+    done = imutui("import", tmp_path / "a.npz", "-o", tmp_path / "a.mcap", *flags)
     assert "moves" not in done.stderr
     assert "turned" in done.stdout + done.stderr
     assert imutui_json("info", tmp_path / "a.mcap")["reference"] == "turned"
     # nobody knows when a recording was made whose stamps begin at its import
-    assert "start         not stated" in imutui("info", str(tmp_path / "a.mcap")).stdout
+    assert "start         not stated" in imutui("info", tmp_path / "a.mcap").stdout
 
 
 def test_a_recording_of_accelerometers_alone_is_calibrated(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def without(path: Path, *channels: str, moving: bool = False, seconds: float = 1
 
 def log_of(path: Path, *channels: str, flags: tuple[str, ...] = (), **how: Any) -> tuple[Path, str]:
     source = without(path, *channels, **how)
-    done = imutui("import", str(source), "-o", str(path), *flags)
+    done = imutui("import", source, "-o", path, *flags)
     return path, done.stderr
 
 
@@ -48,7 +48,7 @@ def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_pa
 def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
     log, _ = log_of(tmp_path / "a.mcap", "gx", "az")
     assert imutui_json("info", log)["unread_channels"] == ["gx", "az"]
-    assert "gx, az" in imutui("info", str(log)).stdout
+    assert "gx, az" in imutui("info", log).stdout
     told = imutui_json("check", log)
     assert told["fine"]
     assert any("gx, az" in note for note in told["notes"])
@@ -85,13 +85,13 @@ def test_noise_measured_on_the_log_is_that_of_the_channels_there(tmp_path: Path)
 
 def test_what_cannot_be_filled_is_refused_with_the_way_out(tmp_path: Path) -> None:
     moving, _ = log_of(tmp_path / "m.mcap", "gx", moving=True)
-    said = imutui("replay", str(moving), check=2).stderr
+    said = imutui("replay", moving, check=2).stderr
     assert "gx" in said
     assert "imutui trace" in said
     two, _ = log_of(tmp_path / "t.mcap", "ax", "az", flags=("--reference", "gravity"))
-    assert "--reference level" in imutui("replay", str(two), check=2).stderr
+    assert "--reference level" in imutui("replay", two, check=2).stderr
     source = without(tmp_path / "n.mcap", *CHANNELS)
-    assert "any channel" in imutui("import", str(source), "-o", str(tmp_path / "n.mcap"), check=3).stderr
+    assert "any channel" in imutui("import", source, "-o", tmp_path / "n.mcap", check=3).stderr
 
 
 def test_an_accelerometer_is_made_up_to_gravity_only_where_that_is_one_way() -> None:
@@ -108,12 +108,12 @@ def test_a_channel_that_is_missing_here_and_there_is_an_error_that_names_the_row
     given["accel"][:, 0] = np.nan
     given["gyro"][row, 2] = np.nan
     np.savez(tmp_path / "a.npz", **given)
-    said = imutui("import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.mcap"), check=3).stderr
+    said = imutui("import", tmp_path / "a.npz", "-o", tmp_path / "a.mcap", check=3).stderr
     assert f"`gyro` is not a number in row {row}" in said
     given["gyro"][row, 2] = 0.0
     given["accel"][7, 0] = 0.0
     np.savez(tmp_path / "b.npz", **given)
-    said = imutui("import", str(tmp_path / "b.npz"), "-o", str(tmp_path / "b.mcap"), check=3).stderr
+    said = imutui("import", tmp_path / "b.npz", "-o", tmp_path / "b.mcap", check=3).stderr
     assert "`accel` is not a number in row 0" in said
 
 
@@ -124,7 +124,7 @@ def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
         g, a = given["gyro"][k], given["accel"][k]
         rows.append(f"{given['t'][k]},{g[0]},,{g[2]},{a[0]},{a[1]},{a[2]},")
     (tmp_path / "a.csv").write_text("\n".join(rows))
-    done = imutui("import", str(tmp_path / "a.csv"), "-o", str(tmp_path / "a.mcap"))
+    done = imutui("import", tmp_path / "a.csv", "-o", tmp_path / "a.mcap")
     assert "gy (NaN throughout)" in done.stderr
     assert not reader.read(tmp_path / "a.mcap").temperature_stamp_ns.size
 
@@ -144,7 +144,7 @@ def test_trace_leaves_out_what_is_missing_and_finds_what_is_there(tmp_path: Path
 
 def test_the_virtual_instrument_says_that_it_needs_six_channels(tmp_path: Path) -> None:
     log, _ = log_of(tmp_path / "a.mcap", "gx")
-    assert "sends six" in imutui("virtual", "--from", str(log), check=2).stderr
+    assert "sends six" in imutui("virtual", "--from", log, check=2).stderr
 
 
 @pytest.mark.parametrize(("array", "axis", "code"), [("gyro", 2, 0), ("accel", 0, 2)])
@@ -156,8 +156,8 @@ def test_a_unit_turned_by_hand_needs_its_accelerometers_only(tmp_path: Path, arr
     given[array][:, axis] = np.nan
     np.savez(tmp_path / "a.npz", **{k: given[k] for k in ("t", "gyro", "accel")})
     flags = ("--accel-sign", "+1", "--gravity", "9.81744", "--reference", "turned")
-    imutui("import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.mcap"), *flags)
-    done = imutui("trace", str(tmp_path / "a.mcap"), "--json", check=code)
+    imutui("import", tmp_path / "a.npz", "-o", tmp_path / "a.mcap", *flags)
+    done = imutui("trace", tmp_path / "a.mcap", "--json", check=code)
     if code:
         assert "accelerometer x was not recorded" in done.stderr
         return

@@ -90,10 +90,10 @@ def test_a_stamp_that_is_no_time_is_told(stamp: int, tmp_path: Path) -> None:
         log.encoded(schemas.IMU, data, ns, ns)
     log.finish({}, START)
     assert brief(path).state == "finished"
-    imutui("info", str(path))
-    imutui("check", str(path), check=1)
-    assert "no times" in imutui("replay", str(path), check=3).stderr
-    imutui("recover", str(path), "-o", str(tmp_path / "b.mcap"), check=1)
+    imutui("info", path)
+    imutui("check", path, check=1)
+    assert "no times" in imutui("replay", path, check=3).stderr
+    imutui("recover", path, "-o", tmp_path / "b.mcap", check=1)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_info_prints_json_whatever_the_metadata_hold(tmp_path: Path) -> None:
     log.imu(START, START, np.zeros(3), np.ones(3))
     log.finish({}, START)
     assert imutui_json("info", path)["latitude_deg"] is None
-    assert "site" not in imutui("info", str(path)).stdout
+    assert "site" not in imutui("info", path).stdout
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ T, THREE = saved(np.arange(9.0)), saved(np.zeros((9, 3)))
 def test_an_npz_made_to_harm_is_refused_with_exit_code_3(data: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     path.write_bytes(data)
-    done = imutui("import", str(path), "-o", str(tmp_path / "b.mcap"), check=3)
+    done = imutui("import", path, "-o", tmp_path / "b.mcap", check=3)
     assert words in done.stderr
     assert len(done.stderr) < 2000
 

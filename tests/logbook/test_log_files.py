@@ -120,12 +120,12 @@ def test_commands_make_logs_with_the_configured_permissions(home: Path, monkeypa
     rows = "".join(f"{i / 20},0.1,0.2,0.3,0,0,0.998\n" for i in range(60))
     (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + rows)
     imutui("import", "a.csv", "-o", "a.mcap")
-    imutui("recover", str(SAMPLE), "-o", "b.mcap")
+    imutui("recover", SAMPLE, "-o", "b.mcap")
     assert [permissions(home / name) for name in ("a.mcap", "a.mcap.sha256", "b.mcap", "b.mcap.sha256")] == [0o640] * 4
     assert checksum_file.read(home / "b.mcap") == hashlib.sha256((home / "b.mcap").read_bytes()).hexdigest()
     monkeypatch.setenv("IMUTUI_PATHS_FILE_MODE", "0664")
     imutui("import", "a.csv", "-o", "c.mcap")
-    imutui("recover", str(SAMPLE), "-o", "d.mcap")
+    imutui("recover", SAMPLE, "-o", "d.mcap")
     imutui("replay", "a.mcap", "-o", "b.mcap", "--force", "--filter", "spkf-paper", check=None)
     assert [permissions(home / name) for name in ("c.mcap", "d.mcap", "b.mcap")] == [0o664] * 3
     assert not (home / "b.mcap.sha256").exists()

@@ -27,14 +27,14 @@ def recording(path: Path, begins: float, seed: int = 1) -> Path:
 
 @pytest.fixture
 def first(tmp_path: Path) -> Path:
-    imutui("import", str(recording(tmp_path / "a.npz", 100.0)), "-o", str(tmp_path / "a.mcap"))
+    imutui("import", recording(tmp_path / "a.npz", 100.0), "-o", tmp_path / "a.mcap")
     return tmp_path / "a.mcap"
 
 
 def continued(first: Path, begins: float, *more: str, check: int = 0) -> tuple[Path, str]:
     output = first.with_name("b.mcap")
     source = recording(first.with_name("b.npz"), begins, seed=2)
-    done = imutui("import", str(source), "-o", str(output), "--continues", str(first), *more, check=check)
+    done = imutui("import", source, "-o", output, "--continues", first, *more, check=check)
     return output, done.stderr
 
 
@@ -63,7 +63,7 @@ def test_the_metadata_name_the_log_and_the_power_on(first: Path) -> None:
     assert b.log_id not in ("", a.log_id)
     third = first.with_name("c.mcap")
     source = recording(first.with_name("c.npz"), 170.0, seed=3)
-    imutui("import", str(source), "-o", str(third), "--continues", str(output))
+    imutui("import", source, "-o", third, "--continues", output)
     c = reader.read(third)
     assert (c.info.power_on, c.info.part, c.info.continues_id) == (a.power_on, 3, b.log_id)
     assert c.info.power_on_ns == reader.read(first).stamp_ns[0]
@@ -118,6 +118,6 @@ def test_a_log_that_cannot_be_read_is_exit_3(first: Path, tmp_path: Path) -> Non
 def test_a_log_cannot_continue_itself(first: Path) -> None:
     """-o and --continues with one name would destroy what is continued."""
     source = recording(first.with_name("b.npz"), 130.0)
-    done = imutui("import", str(source), "-o", str(first), "--continues", str(first), "--force", check=2)
+    done = imutui("import", source, "-o", first, "--continues", first, "--force", check=2)
     assert "itself" in done.stderr
     assert reader.read(first).finished

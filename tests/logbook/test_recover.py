@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.logs import chunks, recorded
+from helpers.logs import START, chunks, recorded
 from helpers.mutations import spoilt_log
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
@@ -26,9 +26,6 @@ from imutui.logbook.recover import NotAsWrittenError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED
 from imutui.logbook.writer import LogWriter
-
-START = 1_795_257_000_000_000_000
-
 
 DETAILS = ((-7, 8, 9), 10, 0x0002)
 

@@ -180,7 +180,7 @@ def test_a_stream_that_cannot_be_is_refused_before_the_unit_is_touched(
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        done = imutui("record", "--port", "/dev/none", "--foxglove", str(port), check=4)
+        done = imutui("record", "--port", "/dev/none", "--foxglove", port, check=4)
         assert f"port {port}" in done.stderr
         assert "in use" in done.stderr
     with pytest.raises(StreamError, match="no address of this computer"):

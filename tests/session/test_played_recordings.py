@@ -57,19 +57,19 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
         details = tuple(told.rate_temperatures), told.board_temperature, told.status
         assert packet.details == details == (event.rate_temperatures, event.board_temperature, event.bit)
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
-    said = " ".join(imutui("check", str(recorded)).stdout.split())
+    said = " ".join(imutui("check", recorded).stdout.split())
     assert f"(BIT) was 0x0002 (hardware error) in {PACKETS:,} of {PACKETS:,} packets" in said
-    info = imutui("info", str(recorded)).stdout
+    info = imutui("info", recorded).stdout
     assert "imutui_msgs/msg/S1Packet" in info
     assert f"status (BIT)  0x0002 (hardware error) in {PACKETS:,} of {PACKETS:,} packets" in info
-    imutui("export", str(recorded), "--topic", schemas.RAW, "-o", "raw.npz")
+    imutui("export", recorded, "--topic", schemas.RAW, "-o", "raw.npz")
     with np.load("raw.npz") as columns:
         assert columns["status"].tolist() == [2] * len(log.raw)
         assert columns["board_temperature"].tolist() == [p.details[1] for p in log.raw if p.details]
     # biases, noise and temperature are those of the stream that somebody else decoded
     source = recording("aceinna_imu381_s1_static.npz")
     flags = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
-    imutui("import", str(source), "-o", "decoded.mcap", *flags)
+    imutui("import", source, "-o", "decoded.mcap", *flags)
     of_stream, of_arrays = (imutui_json("replay", path) for path in (str(recorded), "decoded.mcap"))
     for kind in ("gyro_bias_dps", "accel_bias_mg"):
         for ours, theirs, sd in zip(

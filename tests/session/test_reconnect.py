@@ -82,7 +82,7 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     away = {"imu400cd": 0.5, "imu381": 0.25}[name]  # one that streams by itself is back sooner
     assert len([gap for gap in live["gaps"] if gap["seconds"] > away]) == 1
     assert untimed(live) == replayed(log, code=1)
-    assert "finished" in imutui("check", str(log), check=1).stdout
+    assert "finished" in imutui("check", log, check=1).stdout
     assert imutui_json("info", log)["finished"]
 
 

@@ -79,7 +79,7 @@ def test_an_acquisition_that_was_killed_goes_on_in_a_new_file_that_says_so(home:
     assert said[0].startswith(f"continues after a crash: {before.name} ended unfinished at 20")
     assert "Whether the unit kept its power is not known" in said[0]
     assert new.info.power_on == new.info.log_id  # nobody knows, so it is not claimed
-    assert f"after         {before.name}, unfinished, then a crash" in imutui("info", str(after)).stdout
+    assert f"after         {before.name}, unfinished, then a crash" in imutui("info", after).stdout
 
 
 def test_unattended_a_file_names_the_one_before_though_it_was_finished(home: Path) -> None:

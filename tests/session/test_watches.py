@@ -95,13 +95,13 @@ def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
     log = tmp_path / "over.mcap"
     with served(VirtualUnit(Still(), options)) as port:
         # the filter, which takes the mounting for what was said, finds the same
-        imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", str(log), check=1)
+        imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", log, check=1)
     told = imutui_json("info", log)
     assert told["own_mount"] == format_mount(np.diag([1.0, -1.0, -1.0])) == "x,-y,-z"
     assert told["configuration"] == (
         "rate divider 4 (25 Hz), 115200 baud, packets S1, field 5 2142, field 6 2142, orientation 0x0048 (+Ux -Uy -Uz)"
     )
-    assert re.search(r"found with +rate divider 4 \(25 Hz\), 115200 baud", imutui("info", str(log)).stdout)
+    assert re.search(r"found with +rate divider 4 \(25 Hz\), 115200 baud", imutui("info", log).stdout)
     texts = [event.text for event in reader.read(log).events]
     assert "the unit keeps its own speed, 115200 baud: 57600 baud is only where it was looked for" in texts
     (said,) = [text for text in texts if "the unit lies upside down" in text]

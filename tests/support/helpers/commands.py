@@ -17,7 +17,7 @@ from imutui import cli
 Done = subprocess.CompletedProcess[str]
 
 
-def imutui(*arguments: str, check: int | None = 0) -> Done:
+def imutui(*arguments: object, check: int | None = 0) -> Done:
     """Call a command here: arguments, streams and exit code are as of a process, which takes seconds to start.
 
     `*arguments`: as on the command line.
@@ -26,7 +26,7 @@ def imutui(*arguments: str, check: int | None = 0) -> Done:
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         open(os.devnull) as stdin,
-        patch.object(sys, "argv", ["imutui", *arguments]),
+        patch.object(sys, "argv", ["imutui", *map(str, arguments)]),
         patch.object(sys, "stdin", stdin),
         # else that of whoever runs the tests would be looked at, with `pytest -s`
         patch.dict(os.environ, {"COLUMNS": "80", "LINES": "25"}),
@@ -45,12 +45,12 @@ def imutui(*arguments: str, check: int | None = 0) -> Done:
 
 def imutui_json(*arguments: object, check: int | None = 0) -> Any:
     """What it prints with --json."""
-    return json.loads(imutui(*map(str, arguments), "--json", check=check).stdout)
+    return json.loads(imutui(*arguments, "--json", check=check).stdout)
 
 
-def imutui_process(*arguments: str, check: int | None = 0) -> Done:
+def imutui_process(*arguments: object, check: int | None = 0) -> Done:
     """The same in a process of its own, for what only a process can show."""
-    line = command_line(*arguments)
+    line = command_line(*map(str, arguments))
     done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, stdin=subprocess.DEVNULL, check=False)
     return _checked(done, check)
 

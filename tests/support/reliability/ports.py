@@ -63,7 +63,7 @@ def refusals(folder: Path) -> Refusals:
 
 
 def _record(port: Path) -> tuple[int, str]:
-    done = imutui("record", "--port", str(port), "--json", check=None)
+    done = imutui("record", "--port", port, "--json", check=None)
     assert done.stdout == ""
     return done.returncode, done.stderr
 
