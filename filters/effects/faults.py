@@ -211,6 +211,7 @@ def _of_stamps(t: Array, stamps: StampQuality) -> list[DataFault]:
 # Readings that piled up at the largest value that there is, or at the smallest.
 
 _LEAST_PILE = 5
+_PACE = 3  # readings before a limit that say how fast it was run into
 _PILE = 3.0  # times what a smooth distribution has
 
 
@@ -249,12 +250,13 @@ def _at_extreme(channel: ChannelReadings, side: float, spikes: Flags) -> Flags:
     if 2.0 * channel.lattice > noise:
         # a few values make up all the noise, and the last of them may hold much of it: only a known input tells
         least = 5.0 * noise + 3.0 * channel.lattice + 0.02 * abs(extreme)
-        at[at] = beyond > least
+        if not _broken_off(channel, side, extreme, at):
+            at[at] = beyond > least
         return at if np.sum(at) >= _LEAST_PILE else none
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
     if special.pdtrc(count - 1, expected) > FALSE / 1000.0:
         return none
-    if len(runs_of(at)) <= 2 and not np.median(beyond) > -noise:
+    if len(runs_of(at)) <= 2 and not (np.median(beyond) > -noise or _broken_off(channel, side, extreme, at)):
         return none  # held, and nothing says that there was more to show
     return at
 
@@ -280,6 +282,17 @@ def _beyond(channel: ChannelReadings, side: float, extreme: float, at: Flags) ->
     bias = float(np.median(channel.error if known.all() else channel.error[known]))
     expected = channel.perfect[at] if channel.perfect.size == at.size else np.broadcast_to(channel.perfect, (count,))
     return np.asarray(side * (expected + bias) - extreme)
+
+
+def _broken_off(channel: ChannelReadings, side: float, extreme: float, at: Flags) -> bool:
+    """Whether readings of an unknown input run into the limit at a pace that would have taken them beyond it."""
+    if not np.isnan(channel.perfect).all():
+        return False
+    first = np.array([a for a, end in runs_of(at).tolist() if a >= _PACE and end - a > 1], np.int64)
+    last = side * channel.reading[first - 1]
+    pace = (last - side * channel.reading[first - _PACE]) / (_PACE - 1)
+    noise = _FELT * float(np.median(channel.scales)) + 2.0 * channel.lattice
+    return bool((last + 2.0 * pace > extreme + noise).any())  # where the second reading at the limit was to be
 
 
 # ---------------------------------------------------------------------------------------------------------- spikes

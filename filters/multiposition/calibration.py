@@ -21,6 +21,7 @@ from filters.multiposition.rests import Rest
 from filters.multiposition.turns import Turns
 from filters.tracing.error_figure import DRAWS, ErrorFigure, chi2_quantiles, rms, rms_interval
 from filters.tracing.run import Run
+from filters.tracing.screening import FaultOfRun, without_faults
 from filters.tracing.trace_document import HeldOut
 from filters.types import Array
 
@@ -69,6 +70,7 @@ class Calibration:
     directions: int  # distinct ones, of all that were fitted to together
     accelerometers: Sensors
     gyros: Sensors | None  # None without them, or without a turn
+    faults: tuple[FaultOfRun, ...]  # of the data
 
     @property
     def sensors(self) -> tuple[Sensors, ...]:
@@ -91,6 +93,9 @@ def calibrate(
     Raises InputError if a log has no rests or lacks an accelerometer; the message names it.
     """
     progress(0.0, "looking for rests")
+    cleaned = [without_faults(run, by_hand=True) for run in (*runs, *([] if heldout is None else [heldout]))]
+    faults = tuple(fault for _, own in cleaned for fault in own)
+    runs, heldout = [run for run, _ in cleaned[: len(runs)]], None if heldout is None else cleaned[-1][0]
     found = [_rests_of(run) for run in runs]
     every = [rest for own in found for rest in own]
     observed, directions = Rests.of(every, runs[0].site.gravity), rests.distinct_directions(every)
@@ -116,7 +121,8 @@ def calibrate(
         angles = _directions_left_out(observed, chosen, turned, made) if heldout is None else None
         gyros = _judged(Sensors(made, turned, judge_turned, DIRECTION), angles, how, seed)
     progress(1.0, "done")
-    return Calibration((*zip(runs, found, strict=True), *apart), heldout is not None, directions, accelerometers, gyros)
+    logs = (*zip(runs, found, strict=True), *apart)
+    return Calibration(logs, heldout is not None, directions, accelerometers, gyros, faults)
 
 
 def _rests_of(run: Run) -> tuple[Rest, ...]:

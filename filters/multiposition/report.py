@@ -15,6 +15,7 @@ from filters.multiposition.rests import has, recorded
 from filters.multiposition.triad import Triad
 from filters.multiposition.turns import Turns
 from filters.tracing.error_figure import DRAWS, rms
+from filters.tracing.report import integrity
 from filters.tracing.result import Trace
 from filters.tracing.trace_document import (
     FindingEntry,
@@ -108,7 +109,7 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
     findings.sort(key=lambda f: -f["score"])
     document: TraceFindings = {
         "untestable": _untestable(found),
-        "integrity": [],
+        "integrity": integrity(found.faults),
         "lines": [],
         "noise_level": [],
         "findings": findings,
@@ -138,8 +139,10 @@ def notes(found: Calibration) -> list[str]:
             lack = ", ".join(CHANNELS[c] for c in GYROS if not recorded(run)[c])
             why = "not recorded, or dead: of the gyros nothing is said, only of the accelerometers"
             out.append(f"{run.name}: {lack} {why}")
-    if found.gyros is not None:
-        out.append(f"{found.gyros.observed.judged // 2} turns between rests were used")
+    if found.gyros is not None and isinstance(found.gyros.observed, Turns):
+        spoilt = found.gyros.observed.spoilt
+        left = f", {spoilt} left out: samples are missing in them, or stand at a limit" if spoilt else ""
+        out.append(f"{found.gyros.observed.judged // 2} turns between rests were used{left}")
     return out
 
 

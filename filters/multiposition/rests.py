@@ -19,9 +19,8 @@ _HOP_S = 0.1
 _WITHIN = 4.0  # standard deviation of a window at rest, in those of the quietest: a hand, a table that is walked past
 _QUIETEST = 0.05  # share of the windows that are surely at rest where a unit rests at all
 _BLOCK_S = 0.5
-_GAP_PERIODS = 2.5
+_GAP_PERIODS, _GAP_S = 2.5, 0.05
 _DISTINCT = np.deg2rad(10.0)
-_CLIPPED = 3  # samples in a row at a channel's extreme: a reading at its limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +45,17 @@ def recorded(run: Run) -> NDArray[np.bool_]:
 
 
 def unusable(run: Run) -> NDArray[np.bool_]:
-    """Samples of which some channel is flagged or at its limit, shape (N,)."""
-    bad = ~np.isfinite(run.reading[:, recorded(run)]).all(axis=1)
-    if run.flagged is not None:
-        bad |= run.flagged[:, recorded(run)].any(axis=1)
-    for c in np.flatnonzero(recorded(run)):
-        column = run.reading[:, c]
-        for extreme in (np.nanmin(column), np.nanmax(column)):
-            bad |= _in_a_row(column == extreme)
-    return np.asarray(bad)
+    """Samples of recorded channels that are no reading, or are flagged, such as at a limit, shape (N, 6)."""
+    bad: NDArray[np.bool_] = ~np.isfinite(run.reading)
+    return np.asarray((bad if run.flagged is None else bad | run.flagged) & recorded(run))
 
 
-def _in_a_row(at: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those of a mask that stand in rows of `_CLIPPED` or more."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-    out = np.zeros(at.size, bool)
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        out[first:last] = last - first >= _CLIPPED
-    return out
+def gaps(run: Run) -> NDArray[np.bool_]:
+    """Samples that come after a hole in time, shape (N,)."""
+    gap = np.diff(run.t, prepend=run.t[0]) > max(_GAP_PERIODS / run.rate_hz, _GAP_S)
+    if gap.mean() > 1e-3:  # a host's stamps come in bursts: those are no gaps in the samples
+        gap[:] = False
+    return np.asarray(gap)
 
 
 def find_rests(run: Run) -> tuple[Rest, ...]:
@@ -91,10 +83,7 @@ def find_rests(run: Run) -> tuple[Rest, ...]:
 
 def _broken(run: Run, starts: NDArray[np.int_], width: int) -> NDArray[np.bool_]:
     """Windows with a gap or a sample that is no reading."""
-    gap = np.diff(run.t, prepend=run.t[0]) > _GAP_PERIODS / run.rate_hz
-    if gap.mean() > 1e-3:  # a host's stamps come in bursts: those are no gaps in the samples
-        gap[:] = False
-    total = np.concatenate([[0], np.cumsum(gap | unusable(run))])
+    total = np.concatenate([[0], np.cumsum(gaps(run) | unusable(run).any(axis=1))])
     return np.asarray(total[starts + width] - total[starts] > 0)
 
 

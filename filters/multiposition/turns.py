@@ -18,7 +18,7 @@ from filters.effects import deterministic
 from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import least_squares
 from filters.multiposition.least_squares import Fit
-from filters.multiposition.rests import Rest, unusable
+from filters.multiposition.rests import Rest, gaps, unusable
 from filters.multiposition.triad import Triad, priors
 from filters.tracing.run import Run
 from filters.types import Array
@@ -30,7 +30,6 @@ G_SENSITIVITY: tuple[Hypothesis, ...] = tuple(deterministic.g_sensitivity(c) for
 GROUPS = (SCALE, MISALIGNMENT, G_SENSITIVITY)  # what is asked for beside the bias of each power-on
 LONGEST_S = 60.0  # a turn that takes longer says more of the drift of the bias than of the turn
 _STEP = 1e-4
-_GAP_PERIODS = 2.5
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Turns:
         self.runs, self._rests = runs, rests
         self.rests = [rest for own in rests for rest in own]
         self.log = np.repeat(np.arange(len(runs)), [len(own) for own in rests])
-        self.turns = _turns(runs, rests)
+        self.turns, self.spoilt = _turns(runs, rests)  # `spoilt`: how many were left out for readings that are none
         self.power_ons, self._power_on = _power_ons(runs)
         self._axes = runs[0].axes
         self._to_body = self._axes.mount * self._axes.gyro_sign
@@ -241,20 +240,26 @@ def triad_of(*groups: Sequence[Hypothesis]) -> Triad:
     return Triad(GYROS, (*BIAS, *(effect for group in groups for effect in group)))
 
 
-def _turns(runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> list[Turn]:
-    """Turns between rests that follow each other, without a sample in them that is no reading."""
+def _turns(runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> tuple[list[Turn], int]:
+    """Turns between rests that follow each other, and how many more have a hole in them, or samples that are none.
+
+    One reading of an accelerometer that is off is a knock, and matters to no turn.
+    """
     out: list[Turn] = []
-    number = 0
+    number = spoilt = 0
     for log, (run, own) in enumerate(zip(runs, rests, strict=True)):
-        bad = unusable(run)
-        bad[1:] |= np.diff(run.t) > max(_GAP_PERIODS / run.rate_hz, 0.05)
+        lost = unusable(run)
+        bad = gaps(run) | lost[:, list(GYROS)].any(axis=1)
+        bad[1:] |= (lost[1:, list(ACCELS)] & lost[:-1, list(ACCELS)]).any(axis=1)
         for k in range(len(own) - 1):
             part = slice(own[k].last - 1, own[k + 1].first + 1)
             seconds = float(run.t[part.stop - 1] - run.t[part.start])
-            if seconds <= LONGEST_S and not bad[part].any():
+            if bad[part].any():
+                spoilt += 1
+            elif seconds <= LONGEST_S:
                 out.append(Turn(log, number + k, number + k + 1, part, seconds))
         number += len(own)
-    return out
+    return out, spoilt
 
 
 def _power_ons(runs: Sequence[Run]) -> tuple[tuple[str, ...], list[int]]:

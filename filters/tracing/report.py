@@ -59,7 +59,7 @@ def _document(assessment: Assessment) -> TraceFindings:
     has_temperature = any(run.temperature is not None for run in logged)
     return {
         "untestable": list(screening.untestable),
-        "integrity": _integrity(screening.faults),
+        "integrity": integrity(screening.faults),
         "lines": [_line(line) for line in screening.lines],
         "noise_level": [
             {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in screening.noise_drivers
@@ -215,7 +215,7 @@ def _merge(tone: Tone, entry: FindingEntry, into: FindingEntry, frequencies: lis
 # ----------------------------------------------------------------------------------------------------- all the others
 
 
-def _integrity(faults: tuple[FaultOfRun, ...]) -> list[IntegrityEntry]:
+def integrity(faults: tuple[FaultOfRun, ...]) -> list[IntegrityEntry]:
     """Faults of one kind on the same channels are one entry over all runs."""
     merged: dict[tuple[str, tuple[str, ...]], IntegrityEntry] = {}
     for x in faults:

@@ -47,9 +47,14 @@ class Screening:
         )
 
 
-def without_faults(run: Run) -> tuple[Run, list[FaultOfRun]]:
-    """A run with its faults flagged, and what they are."""
-    flagged, found = faults.find(run.t, run.reading, perfect(run), run.lsb)
+def without_faults(run: Run, *, by_hand: bool = False) -> tuple[Run, list[FaultOfRun]]:
+    """A run with its faults flagged, and what they are.
+
+    `by_hand`: it was turned by hand, so that its motion is not known; one reading of an accelerometer is a knock.
+    """
+    known = np.full((1, len(CHANNELS)), np.nan) if by_hand else perfect(run)
+    flagged, found = faults.find(run.t, run.reading, known, run.lsb)
+    found = [f for f in found if not (by_hand and f.effect == "spikes" and f.channels[0].startswith("a"))]
     if run.flagged is not None:
         flagged |= run.flagged
     # the steps of averaged samples are uneven by design, and their stamps say so truly

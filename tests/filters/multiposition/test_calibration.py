@@ -238,3 +238,25 @@ def test_the_derivative_of_the_magnitude_is_that_of_the_model() -> None:
     for k, step in enumerate(1e-6 * np.eye(triad.size)):
         numeric = (rests.errors(triad, theta + step) - rests.errors(triad, theta - step)) / 2e-6
         np.testing.assert_allclose(slope[:, k], numeric, atol=1e-5 * (1.0 + np.abs(numeric).max()))
+
+
+def test_samples_at_the_converters_end_and_holes_are_told_and_their_turns_left_out() -> None:
+    """Gyros that clip in two turns, a hole in a third: told with channel and count; the scale factors stay true."""
+    run = turned_run(*ACCELEROMETERS, *GYROS, seed=12)
+    rests = find_rests(run)
+    limit = 0.8 * np.abs(run.reading[:, 2]).max()
+    reading = run.reading.copy()
+    reading[:, 2] = np.clip(reading[:, 2], -limit, limit)
+    at = np.flatnonzero(np.abs(reading[:, 2]) == limit)
+    hole = np.r_[: rests[4].last + 20, rests[4].last + 60 : run.t.size]
+    spoilt = replace(run, t=run.t[hole], reading=reading[hole], temperature=None)
+    found = calibrate([spoilt], None)
+    document = told(found)
+    told_of = {(e["effect"], tuple(e["channels"])): e for e in document["integrity"]}
+    counted = sum(e["count"] for e in document["integrity"] if e["effect"] == "saturation")
+    assert {effect for effect, _ in told_of} == {"saturation", "dropout"}
+    assert counted >= 0.9 * at.size > 10
+    assert any("left out: samples are missing" in note for note in notes(found))
+    value, sd = values(by_channel(document)["gz", "scale"]["params"])
+    assert abs(value[0] - 0.01) < 5.0 * sd[0]
+    assert not told(calibrate([run], None))["integrity"]
