@@ -1,18 +1,23 @@
-"""Curve in temperature, memory of it and drift of a channel, chosen jointly by exact likelihood and averaged.
+"""Curve in temperature, memory of it and drift of a channel: forms by exact likelihood, and what all say together.
 
 Forms: a curve of order 0 to 3, one lag or none, one bank of play operators or none, always with a random walk beside
 them. All are linear in the same columns, so that the whitening filter runs once for each level of the walk and every
 form is a small solve from one Gram matrix. A form's evidence is its -2 log likelihood and the price of its parameters
 and of its choice; prior standard deviations of three times the channel's spread keep what data hardly see in bounds.
+Forms name what was found, and say what else it may be.
 
-Forms that fit alike are averaged by their evidence. What is known is more than forms that are all a little wrong can
-tell: evidence counts a third (a temperature of 3), which made errors on a third leg as large as their standard
-deviations on simulated cycles.
+What is foretold takes all columns at once, factors of mean zero: those of lags and of plays have standard deviations of
+their own, in the catalogue's plausible hysteresis, and all of these that a grid has are averaged by their marginal
+likelihood, with the levels of the walk. Where data do not separate columns, as curve and play after one way only, the
+prior does, and the covariance says by how much they may differ elsewhere. Neither columns nor walk are quite right, so
+that evidence counts a third, in the fit and in the average: a power likelihood (Grünwald & van Ommen, Bayesian Analysis
+12, 2017). That made errors on a third leg of simulated cycles as large as their standard deviations.
 
-It leaves out: how much of an average is carried over to other runs, what becomes of the effects that were selected
-before (both `thermal_memory`).
+It leaves out: how much of it is carried over to other runs, what becomes of the effects that were selected before (both
+`thermal_memory`).
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.channels import error_unit
+from filters.effects.deterministic import hysteresis
 from filters.effects.inputs import BANKS, LAGS, REFERENCE_DEGC
 from filters.effects.thermal_average import ORDERS, columns
 from filters.tracing.beside_drift import by_seconds
@@ -30,7 +36,10 @@ from filters.tracing.whitening import LEVELS, Drift, profile, whiten
 from filters.types import Array
 
 _TEMPER = 3.0
-_PRIOR = 3.0  # of a column's factor, in standard deviations of the channel
+_PRIOR = 3.0  # of a curve's factor, and of all of a form, in standard deviations of the channel
+_MEMORIES = tuple(itertools.product((0.03, 0.1, 0.3, 1.0, 3.0), repeat=2))
+"""Prior standard deviations of the factors of lags and of plays, in the catalogue's plausible hysteresis."""
+_LIKELY, _DECADE = 0.3, 3.0  # which of these is the likeliest, and the factor from it that is one standard deviation
 _ROW_S = 2.0
 _ROWS = 4000
 _WALK_LEVELS = (*LEVELS, 10.0, 20.0)
@@ -79,11 +88,13 @@ class Form:
 
 @dataclass(frozen=True)
 class Average:
-    """What forms say together of a channel."""
+    """What forms and all columns together say of a channel."""
 
     forms: tuple[Form, ...]  # those that carry weight, the most first
-    weights: Array  # of the columns of `thermal_average.columns`, in the channel's unit of error, shape (K,)
-    covariance: Array  # within and between forms, shape (K, K)
+    # weights, covariance: factors of all of `thermal_average.columns` in the channel's unit of error, shape (K,), and
+    # their covariance, shape (K, K)
+    weights: Array
+    covariance: Array
     # score, none: of the best form, and of no form at all
     score: float
     none: float
@@ -175,6 +186,9 @@ def all_forms() -> list[Form]:
     return [Form(order, lag, bank) for order in range(ORDERS + 1) for lag in lags for bank in banks]
 
 
+_Gram = tuple[Array, Array, float]  # what `gram_of` returns
+
+
 @dataclass(frozen=True)
 class _Fitted:
     """All forms with one level of the walk: scores, shape (M,), factors (M, k) and their covariances (M, k, k)."""
@@ -191,11 +205,10 @@ def walks(rows: Rows) -> list[Drift]:
     return [Drift(np.inf, level * unit / float(np.sqrt(_WALK_S))) for level in _WALK_LEVELS]
 
 
-def _fit_all(rows: Rows, forms: Sequence[Form], places: NDArray[np.int_], walk: Drift, seconds: float) -> _Fitted:
+def _fit_all(gram: _Gram, forms: Sequence[Form], places: NDArray[np.int_], spread: float, seconds: float) -> _Fitted:
     """Fit all forms beside one walk."""
-    G, b, rest = _gram(rows, walk)
-    n = b.size
-    prior = np.append(np.full(n, _PRIOR * _spread(rows)), 1.0)
+    G, b, rest = gram
+    prior = np.append(np.full(b.size, _PRIOR * spread), 1.0)
     # one column more that is nothing, for forms with fewer columns than the widest
     G, b = np.pad(G, (0, 1)), np.append(b, 0.0)
     scale = prior[places]
@@ -213,7 +226,7 @@ def _spread(rows: Rows) -> float:
     return float(np.std(rows.y[used]))
 
 
-def _gram(rows: Rows, walk: Drift) -> tuple[Array, Array, float]:
+def gram_of(rows: Rows, walk: Drift) -> _Gram:
     """Gram matrix and right side of the forms' columns, what stands beside them fitted; -2 log likelihood without."""
     raw = np.column_stack([rows.y, rows.beside, rows.columns])
     W, log_det = whiten(raw, rows.t, rows.begins, rows.variance, walk)
@@ -227,20 +240,20 @@ def _gram(rows: Rows, walk: Drift) -> tuple[Array, Array, float]:
     return X.T @ X, X.T @ y, float(y @ y) + log_det
 
 
-def average(rows: Rows) -> Average:
-    """All forms, fitted and averaged."""
+def average(rows: Rows, channel: int) -> Average:
+    """All forms, fitted, and all columns together; `channel` says how large memory of temperature plausibly is."""
     forms = all_forms()
     widest = max(len(f.places) for f in forms)
     nothing = rows.columns.shape[1]
     places = np.array([f.places + [nothing] * (widest - len(f.places)) for f in forms])
     seconds = float(rows.t.size) * float(np.median(np.diff(rows.t)))
-    fitted = [_fit_all(rows, forms, places, walk, seconds) for walk in walks(rows)]
+    grams = [gram_of(rows, walk) for walk in walks(rows)]
+    spread = _spread(rows)
+    fitted = [_fit_all(gram, forms, places, spread, seconds) for gram in grams]
     scores = np.array([f.scores for f in fitted])
-    weights = np.exp(-0.5 * (scores - scores.min()) / _TEMPER)
-    weights /= weights.sum()
-    mean, covariance = _moments(fitted, forms, weights, nothing)
+    mean, covariance = together(grams, spread, hysteresis(channel).parameters[0].prior)
     return Average(
-        tuple(_weighed(fitted, forms, scores, weights)),
+        tuple(_weighed(fitted, forms, scores, _shares(scores))),
         mean,
         covariance,
         float(scores.min()),
@@ -250,15 +263,42 @@ def average(rows: Rows) -> Average:
     )
 
 
-def _moments(fitted: Sequence[_Fitted], forms: Sequence[Form], weights: Array, size: int) -> tuple[Array, Array]:
-    """Mean and covariance of the factors of all columns, within and between forms."""
+def _shares(scores: Array) -> Array:
+    """Shares of the evidence."""
+    weights = np.exp(-0.5 * (scores - scores.min()) / _TEMPER)
+    return np.asarray(weights / weights.sum())
+
+
+def together(grams: Sequence[_Gram], spread: float, plausible: float) -> tuple[Array, Array]:
+    """Mean and covariance of the factors of all columns, over levels of the walk and sizes of memory.
+
+    `spread`: standard deviation of the channel; `plausible`: size of its hysteresis; in its unit of error.
+    """
+    size = grams[0][1].size
+    of_memory = np.array(_MEMORIES)
+    priors = np.full((len(_MEMORIES), size), _PRIOR * max(spread, plausible))
+    priors[:, ORDERS : ORDERS + len(LAGS)] = plausible * of_memory[:, :1]
+    priors[:, ORDERS + len(LAGS) :] = plausible * of_memory[:, 1:]
+    unlikely = np.sum((np.log(of_memory / _LIKELY) / np.log(_DECADE)) ** 2, axis=1)
+    scores = np.array([_marginal(gram, priors) + unlikely for gram in grams])
+    weights = _shares(scores)
     mean, second = np.zeros(size), np.zeros((size, size))
     for d, m in np.argwhere(weights > _LEAST_WEIGHT * weights.max()).tolist():
-        at, k = forms[m].places, len(forms[m].places)
-        theta = fitted[d].theta[m, :k]
-        mean[at] += weights[d, m] * theta
-        second[np.ix_(at, at)] += weights[d, m] * (np.outer(theta, theta) + fitted[d].covariance[m, :k, :k])
+        (G, b, _), scale = grams[d], priors[m]
+        covariance = np.linalg.inv(scale[:, None] * G * scale / _TEMPER + np.eye(size)) * np.outer(scale, scale)
+        theta = covariance @ b / _TEMPER
+        mean += weights[d, m] * theta
+        second += weights[d, m] * (np.outer(theta, theta) + covariance)
     return mean, second - np.outer(mean, mean)
+
+
+def _marginal(gram: _Gram, priors: Array) -> Array:
+    """-2 log marginal likelihood under each of some priors' standard deviations, shape (m, K)."""
+    G, b, rest = gram
+    A = priors[:, :, None] * G * priors[:, None, :] + np.eye(b.size)
+    right = priors * b
+    taken = np.sum(right * np.linalg.solve(A, right[:, :, None])[:, :, 0], axis=1)
+    return np.asarray(rest - taken + np.linalg.slogdet(A).logabsdet)
 
 
 def _weighed(fitted: Sequence[_Fitted], forms: Sequence[Form], scores: Array, weights: Array) -> list[Form]:

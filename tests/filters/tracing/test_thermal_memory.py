@@ -19,7 +19,7 @@ from filters.tracing.blocks import average_all
 from filters.tracing.result import Trace
 from filters.tracing.run import Run
 from filters.tracing.thermal_forms import Average, Form, all_forms, average
-from filters.tracing.thermal_memory import both_ways, carried_over, spreads, way_back, went_one_way
+from filters.tracing.thermal_memory import carried_over, spreads, there_and_back
 from filters.tracing.trace import trace
 from imutui.logbook import effects_file
 
@@ -33,7 +33,7 @@ def third_leg(seed: int) -> tuple[Cycle, Average, float, float, float, float]:
     """A cycle fitted on two legs; errors of the third as it is, corrected, with a plain cubic; z of its end."""
     made = cycle(seed, KINDS[seed % 4])
     fitted, rest = slice(0, made.ends[1]), slice(made.ends[1], None)
-    found = average(made.rows(fitted))
+    found = average(made.rows(fitted), 0)
     X = made.columns(fitted)
     cubic = np.polyval(np.polyfit(made.T[fitted], made.y[fitted], 3), made.T)
     errors = [_after_hold((made.y - said)[rest]) for said in (0.0, X @ found.weights, cubic)]
@@ -69,7 +69,7 @@ def test_two_spreads_hold_most_of_what_forms_differ_in_on_the_way_back() -> None
         fitted = slice(0, made.ends[1])
         X = made.columns(fitted)[made.ends[1] :]
         X = X - X[:HOLD].mean(axis=0)
-        kept = sum(float(np.sum((X @ d) ** 2)) for d in spreads(way_back(made.rows(fitted)), found.covariance))
+        kept = sum(float(np.sum((X @ d) ** 2)) for d in spreads(there_and_back(made.rows(fitted))[1], found.covariance))
         shares.append(kept / float(np.einsum("ij,jk,ik->", X, found.covariance, X)))
     assert np.median(shares) > 0.6
     assert max(shares) < 1.0 + 1e-6
@@ -91,7 +91,7 @@ def test_a_lag_alone_is_found_as_one() -> None:
     made = cycle(5, "none", scale=0.0)
     k = LAGS.index(320.0)
     y = 0.5 * made.columns(slice(None))[:, ORDERS + k] + 0.003 * np.random.default_rng(1).standard_normal(made.t.size)
-    found = average(Cycle(made.t, made.T, y, 0.003, 1e-6, made.ends).rows(slice(0, made.ends[1])))
+    found = average(Cycle(made.t, made.T, y, 0.003, 1e-6, made.ends).rows(slice(0, made.ends[1])), 0)
     form, weight = found.families[0]
     assert form.effect == "thermal_lag"
     assert weight > 0.6
@@ -107,28 +107,36 @@ def test_forms_are_all_there_is_once() -> None:
     assert Form(3, 0, 0).places == [0, 1, 2, ORDERS, ORDERS + len(LAGS)]
 
 
+def share(made: Cycle, fitted: slice) -> float:
+    """What is carried over of what was fitted."""
+    rows = made.rows(fitted)
+    return carried_over(*there_and_back(rows), average(rows, 0))
+
+
 def test_after_one_way_only_what_hysteresis_may_be_is_not_carried_over() -> None:
+    """The catalogue's plausible hysteresis is 0.3 deg/s: of less nothing is known on the way back, of much more all."""
     for seed in (10, 14):
         made = cycle(seed, "none")
         one, two = slice(0, made.ends[0]), slice(0, made.ends[1])
-        assert went_one_way(made.rows(one))
-        assert not went_one_way(made.rows(two))
-        assert carried_over(made.rows(two), average(made.rows(two)), 0) == 1.0
         curve = 1.0 / np.ptp(made.T[one]) * (made.T - made.T[0])
-        for span, low, high in ((0.3, 0.0, 0.0), (1.0, 0.55, 0.75), (6.0, 0.98, 1.0)):
-            own = Cycle(made.t, made.T, span * curve, 0.01, 1e-6, made.ends)
-            assert low <= carried_over(own.rows(one), average(own.rows(one)), 0) <= high
+        of_span = [
+            Cycle(made.t, made.T, made.y * 0.0 + span * curve, 0.01, 1e-6, made.ends) for span in (0.1, 1.0, 10.0)
+        ]
+        once, both = ([share(own, legs) for own in of_span] for legs in (one, two))
+        assert once == sorted(once)
+        assert once[0] < 0.5
+        assert once[2] > 0.8
+        assert all(after_both > after_one for after_one, after_both in zip(once, both, strict=True))
+        assert both[2] > 0.99
 
 
-def test_both_ways_is_the_share_that_was_gone_through_twice() -> None:
-    down = np.linspace(60.0, 0.0, 600)
-    back = np.linspace(0.0, 20.0, 200)
-    noise = 0.3 * np.random.default_rng(0).standard_normal(800)
-    T = np.concatenate([down, back]) + noise
-    t = PERIOD * np.arange(T.size)
-    made = Cycle(t, T, 0.01 * T, 0.01, 1e-6, (600, 800, 800))
-    assert both_ways(made.rows(slice(0, 600))) == 0.0
-    assert both_ways(made.rows(slice(None))) == pytest.approx(1.0 / 3.0, abs=0.08)
+def test_the_way_that_temperature_went_is_known_better_than_the_way_back() -> None:
+    for seed in SEEDS:
+        made = cycle(seed, KINDS[seed % 4])
+        rows = made.rows(slice(0, made.ends[0]))
+        found = average(rows, 0)
+        there, back = (np.einsum("ij,jk,ik->i", x - x[0], found.covariance, x - x[0]) for x in there_and_back(rows))
+        assert np.mean(there) < 0.3 * np.mean(back)
 
 
 # ------------------------------------------------------------------------------------------------------- in a trace
@@ -159,13 +167,13 @@ def test_a_trace_joins_the_average_and_names_its_forms() -> None:
     assert finding["effect"] == "thermal_lag"
     assert finding["channels"] == ["gy"]
     by_name = {p["name"]: p["value"] for p in finding["params"]}
-    assert by_name["carried_over"] == 1.0
+    assert 0.9 < by_name["carried_over"] < 1.0
     assert by_name["k_lag"] == pytest.approx(0.03, rel=0.2)
     assert 180.0 <= by_name["tau"] <= 640.0
     weights = [rival["weight"] for rival in finding["rivals"]]
     assert 0.0 < by_name["weight"] + sum(weights) <= 1.0 + 1e-9
     assert finding["confirmed"] is True
-    assert _e10(made, "gy") < 0.15
+    assert _e10(made, "gy") < 0.33
 
 
 def test_the_filter_takes_the_average_that_was_judged() -> None:
