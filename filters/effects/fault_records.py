@@ -1,6 +1,8 @@
 """What the searches for faults of data share: the record of a fault, one channel's readings, stretches in words."""
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from filters.types import Array
 Flags = NDArray[np.bool_]
 
 FALSE = 1e-3  # false faults expected in a run
+DEAD = "dead: "  # how the words on a channel begin that never changes
 _SHOWN = 3
 
 
@@ -29,6 +32,37 @@ class DataFault:
     size: float | None = None
 
 
+def over_pieces(found: Sequence[Sequence[DataFault]]) -> list[DataFault]:
+    """Faults of a run that was looked at piece after piece.
+
+    Those of a channel and a kind are one; of limits, of one limit. Steps of readings and errors of stamps are those of
+    the run only if most pieces have them, as each piece by itself would say.
+    """
+    alike: dict[tuple[str, tuple[str, ...], float], list[DataFault]] = {}
+    for fault in itertools.chain(*found):
+        limit = fault.size or 0.0 if fault.effect == "saturation" else 0.0
+        alike.setdefault((fault.effect, fault.channels, limit), []).append(fault)
+    of_all = ("coarse", "jitter")
+    return [_one(same) for (kind, *_), same in alike.items() if kind not in of_all or 2 * len(same) > len(found)]
+
+
+def _one(same: Sequence[DataFault]) -> DataFault:
+    first, count = same[0], sum(fault.count for fault in same)
+    sizes = [fault.size for fault in same if fault.size is not None]
+    if first.effect in ("stuck", "dropout", "jitter"):
+        size = max(sizes, default=None)
+    else:
+        size = float(np.median(np.repeat(sizes, [fault.count for fault in same]))) if sizes else None
+    if len(same) == 1 or first.effect in ("coarse", "jitter"):
+        return replace(first, count=count, size=size)
+    if all(fault.where.startswith(DEAD) for fault in same):
+        # from the first piece's begin to the last one's end
+        where = first.where.rsplit(" to ", 1)[0] + " to " + same[-1].where.rsplit(" to ", 1)[1]
+        return replace(first, where=where, size=sum(sizes))
+    where, rest = "; ".join(fault.where for fault in same[:_SHOWN]), sum(fault.count for fault in same[_SHOWN:])
+    return replace(first, count=count, size=size, where=f"{where}; and {rest} more" if rest else where)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelReadings:
     """One channel of a run, and what its readings are like."""
@@ -43,6 +77,7 @@ class ChannelReadings:
     others: tuple[Array, Array]  # readings of the two channels beside it, (N,)
     width: int
     scales: Array  # noise of each window of `width`; of windows in which nothing changes, the median of the others
+    of: int  # readings of the whole run, of which these are all or a piece: chance has as many tries
 
 
 def noise_scales(error: Array, reading: Array, width: int, order: int = 1) -> Array:

@@ -16,6 +16,7 @@ from scipy import special
 from filters.channels import CHANNELS
 from filters.effects import quantisation, time_stamps
 from filters.effects.fault_records import (
+    DEAD,
     FALSE,
     ChannelReadings,
     DataFault,
@@ -42,7 +43,9 @@ _OVER_USUAL = 3.0  # times the length that all but one in a hundred repetitions 
 _LEAST_CHANGES = 10
 
 
-def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[Flags, list[DataFault]]:
+def find(
+    t: Array, reading: Array, perfect: Array, lsb: Array | None, of: int | None = None
+) -> tuple[Flags, list[DataFault]]:
     """Faults of one run, and the readings that must not be used.
 
     spikes      ∣e - median(e₋, e, e₊)∣ > 7 σ, and more than two and a half steps of the lattice, e = reading - perfect
@@ -56,6 +59,7 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[F
     `reading`: rates (rad/s) and accelerations (m/s²) as the instrument shows them, its axes and sign, shape (N, 6).
     `perfect`: what a unit without errors would show, shape (N, 6) or (1, 6); NaN where unknown.
     `lsb`: size of a count, rad/s and m/s², shape (6,).
+    `of`: readings of the whole run, if these are a piece of it: chance has had as many tries.
     Returns `flagged`, spikes, stuck and saturated readings, shape (N, 6).
     Raises ValueError if shapes do not fit together.
     """
@@ -67,14 +71,16 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[F
         return flagged, faults
     stamps = time_stamps.analyse(t)
     for c in range(len(CHANNELS)):
-        bad, own = _of_channel(_channel(c, t, reading, perfect, lsb, stamps.period))
+        bad, own = _of_channel(_channel(c, t, reading, perfect, lsb, stamps.period, of or t.size))
         if bad.any():
             flagged[:, c] = bad
         faults += own
     return flagged, faults + _of_stamps(t, stamps)
 
 
-def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None, period: float) -> ChannelReadings:
+def _channel(
+    c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None, period: float, of: int
+) -> ChannelReadings:
     x = np.ascontiguousarray(reading[:, c])
     known = np.ascontiguousarray(perfect[:, c])
     error = np.where(np.isnan(known), x, x - known)
@@ -93,6 +99,7 @@ def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None
         others=(first, second),
         width=width,
         scales=noise_scales(error, x, width),
+        of=of,
     )
 
 
@@ -100,7 +107,7 @@ def _of_channel(channel: ChannelReadings) -> tuple[Flags, list[DataFault]]:
     """Flags of a channel, shape (N,), and its faults."""
     if np.ptp(channel.reading) == 0.0:
         t = channel.t
-        where = f"dead: {channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
+        where = f"{DEAD}{channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
         return np.ones(t.size, np.bool_), [DataFault("stuck", (channel.name,), 1, where, float(t[-1] - t[0]))]
     rows, off, sd = _isolated(channel)
     isolated = np.zeros(channel.t.size, np.bool_)
@@ -130,7 +137,7 @@ def _stuck(channel: ChannelReadings, saturated: Flags) -> tuple[Flags, list[Data
     edges = edges_of_equal(channel.reading)
     length = np.subtract(edges[1:], edges[:-1], dtype=np.int32, casting="unsafe")
     usual = _usual_length(length)
-    chance = np.log(channel.t.size / FALSE) / -np.log(q)
+    chance = np.log(channel.of / FALSE) / -np.log(q)
     least = max(float(_LEAST_RUN), _RUN_MARGIN * chance, _OVER_USUAL * usual)
     long = np.flatnonzero(length > least)
     runs = np.stack([edges[long], edges[long + 1]], axis=1)
@@ -254,7 +261,7 @@ def _at_extreme(channel: ChannelReadings, side: float, spikes: Flags) -> Flags:
             at[at] = beyond > least
         return at if np.sum(at) >= _LEAST_PILE else none
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
-    if special.pdtrc(count - 1, expected) > FALSE / 1000.0:
+    if special.pdtrc(count - 1, expected) > FALSE / 1000.0 * channel.t.size / channel.of:
         return none
     if len(runs_of(at)) <= 2 and not (np.median(beyond) > -noise or _broken_off(channel, side, extreme, at)):
         return none  # held, and nothing says that there was more to show
@@ -312,7 +319,7 @@ def _isolated(channel: ChannelReadings) -> tuple[NDArray[np.intp], Array, Array]
     less of it.
     """
     count = channel.error.size
-    most = max(SPIKE, float(np.sqrt(3.0 * np.log(0.034 * 6.0 * count / FALSE))))
+    most = max(SPIKE, float(np.sqrt(3.0 * np.log(0.034 * 6.0 * channel.of / FALSE))))
     s = channel.scales
     around = np.maximum(s, np.maximum(np.append(s[1:], 0.0), np.append(0.0, s[:-1])))
     around = np.maximum(around, np.median(s))

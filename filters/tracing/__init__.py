@@ -9,7 +9,7 @@ all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.mot
  1 the data     `run` a power-on, or a part of one, with its reference · `residual` reading minus what a perfect unit
                 would read
  2 set aside    `screening` faults of the data, colour and correlation of noise · `line_search` lines, sought in what
-                effects leave and taken out
+                effects leave and taken out · `long_run` all of it, piece after piece, of a run too long to be held
  3 averaged     `blocks` means of a quarter of a second · `stack` all runs, cut into cells for folds
  4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
                 residual and regressors, likelihood of drift · `design_matrix` Gram matrices, gains, fits

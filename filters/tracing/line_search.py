@@ -39,6 +39,9 @@ def lines_of(runs: Sequence[Run], left: Sequence[Run]) -> list[SpectralLine]:
     `runs`: which say what the motion is.
     `left`: the same less what effects say of them, in which lines are sought; of runs at rest the same again.
     """
+    known = next((list(run.full_rate.lines) for run in runs if run.full_rate is not None), None)
+    if known is not None:
+        return known
     series = [(run.rate_hz, residual_of(run)) for run in left]
     if all(run.still for run in runs) or not spectra.usable(series):
         return lines.find(series)
@@ -55,7 +58,7 @@ def lines_of(runs: Sequence[Run], left: Sequence[Run]) -> list[SpectralLine]:
 
 def without_lines(run: Run, found: Sequence[SpectralLine], said: Array | None = None) -> Run:
     """A run less its lines, which are fitted to what is left of it without `said`, what effects say, shape (N, 6)."""
-    if not found:
+    if not found or run.full_rate is not None:
         return run
     r = residual(run if said is None else replace(run, reading=run.reading - said))
     less = lines.removed(found, run.rate_hz, r) - r
@@ -163,12 +166,24 @@ def rests_of(run: Run) -> list[Run]:
     """
     if run.attitude is None:
         return [run]
-    return [_part(run, a, b) for a, b in _quiet(run) if b - a >= _LEAST_S * run.rate_hz]
+    return [part_of(run, a, b) for a, b in _quiet(run) if b - a >= _LEAST_S * run.rate_hz]
 
 
-def _part(run: Run, first: int, last: int) -> Run:
+def at_full_rate(run: Run) -> list[Run]:
+    """What there is of a run to look at its noise: the run, or of one whose rows are means stretches at rest."""
+    if run.full_rate is None:
+        return [run]
+    return [
+        part if part.still else part_of(part, a, b)
+        for part in run.full_rate.stretches
+        for a, b in _quiet(part)
+        if b - a >= _LEAST_S * part.rate_hz
+    ]
+
+
+def part_of(run: Run, first: int, last: int) -> Run:
     """Some samples of a run, with what it has for each of them."""
-    own = ("t", "reading", "temperature", "angles", "rates", "flagged", "attitude")
+    own = ("t", "reading", "temperature", "flagged", "attitude", *(() if run.still else ("angles", "rates")))
     parts: dict[str, Any] = {name: None if (x := getattr(run, name)) is None else x[first:last] for name in own}
     return replace(run, **parts)
 

@@ -125,7 +125,8 @@ def _channel(design: Design, windows: _Windows | None, terms: list[Term]) -> tup
 def _window_edges(design: Design) -> NDArray[np.int_]:
     """First block of each window of 2 s, shape (W,); the same on all channels."""
     stack = design.stack
-    per = max(1, round(WINDOW_S / stack.period))
+    # of two blocks at least, for the differences of one are too few
+    per = max(2, round(WINDOW_S / stack.period))
     label = stack.run * (1 << 40) + stack.part_t.astype(np.int64) // max(1, round(per * stack.period))
     return np.flatnonzero(np.diff(label, prepend=-1))
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.effects.fault_records import DataFault
+from filters.effects.lines import SpectralLine
 from filters.imu import AxisMap
 from filters.state import Site
 from filters.types import Array
@@ -41,6 +43,7 @@ class Run:
     # whether what came before it in its power-on is known: the part that it follows is among the runs
     history_known: bool = False
     attitude: Array | None = None  # quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4)
+    full_rate: "FullRate | None" = None  # of a run whose rows are means (`long_run`)
 
     @property
     def still(self) -> bool:
@@ -56,6 +59,17 @@ class Run:
     def rate_hz(self) -> float:
         """Samples a second, by count: the median of the steps is wrong for stamps that come in bursts."""
         return (self.t.size - 1) / self.seconds
+
+
+@dataclass(frozen=True, slots=True)
+class FullRate:
+    """What was seen at the full rate of a run that is too long to be held, and whose rows are means."""
+
+    samples: int
+    rate_hz: float  # of the samples
+    faults: tuple[DataFault, ...]  # whose readings are in no mean
+    lines: tuple[SpectralLine, ...]  # which are in no mean either
+    stretches: tuple[Run, ...]  # parts of it, evenly spread, without lines
 
 
 def in_order(runs: Iterable[Run]) -> list[Run]:

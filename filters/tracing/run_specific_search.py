@@ -102,6 +102,7 @@ def _gain(design: Design, effect: RunSpecific, own: Array) -> float:
 
 _WEAKER = (1.0, 0.5, 0.25, 0.1)  # of the drift as it is: a step that is taken for drift makes it stronger
 _TRIED = 300
+_AT_ONCE = 3_000_000  # numbers that are whitened together
 _LEAST_S = 4.0
 _END_S = 3.0  # nearer to an end of a power-on a step is no more than a few odd readings
 
@@ -125,12 +126,16 @@ def step_on_drift(design: Design, selection: Sequence[Term], channel: int) -> St
     near = near[(near > at - spacing) & _inside(rows, near, which)]
     if not near.size:
         return None
-    fine = np.stack([_of(stack.t, stack.power_on, x, which) for x in near.tolist()], axis=1)
-    own_columns = [design.columns[:, a.places[channel]] for a in selection if channel in a.places]
-    raw = np.column_stack([design.unexplained(selection, channel), *own_columns, fine])
-    W = design.white(raw, channel, drift)
-    best = int(np.argmax(alone(W, W.shape[1] - 1 - near.size, float(design.variance(channel).min()))[1]))
-    return Step.of(channel, float(near[best]), which, fine[:, best, None])
+    own = [design.columns[:, a.places[channel]] for a in selection if channel in a.places]
+    raw = np.column_stack([design.unexplained(selection, channel), *own])
+    gains, least = [], float(design.variance(channel).min())
+    # a day has a thousand places to try, and each is a column as long as the day
+    for part in np.array_split(near, -(-near.size * stack.t.size // _AT_ONCE)):
+        fine = [_of(stack.t, stack.power_on, x, which) for x in part.tolist()]
+        W = design.white(np.column_stack([raw, *fine]), channel, drift)
+        gains.append(alone(W, raw.shape[1] - 1, least)[1])
+    at = float(near[int(np.argmax(np.concatenate(gains)))])
+    return Step.of(channel, at, which, _of(stack.t, stack.power_on, at, which)[:, None])
 
 
 def _weaker(drift: Drift) -> list[Drift]:

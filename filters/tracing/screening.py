@@ -9,6 +9,7 @@ from filters.channels import CHANNELS
 from filters.effects import faults, noise
 from filters.effects.fault_records import DataFault
 from filters.effects.lines import SpectralLine
+from filters.tracing.line_search import at_full_rate
 from filters.tracing.noise_level import NoiseDriver
 from filters.tracing.residual import perfect, residual_of
 from filters.tracing.run import Run
@@ -52,17 +53,21 @@ def without_faults(run: Run, *, by_hand: bool = False) -> tuple[Run, list[FaultO
 
     `by_hand`: it was turned by hand, so that its motion is not known; one reading of an accelerometer is a knock.
     """
-    known = np.full((1, len(CHANNELS)), np.nan) if by_hand else perfect(run)
-    flagged, found = faults.find(run.t, run.reading, known, run.lsb)
-    found = [f for f in found if not (by_hand and f.effect == "spikes" and f.channels[0].startswith("a"))]
-    if run.flagged is not None:
-        flagged |= run.flagged
+    if run.full_rate is not None:  # they are in no mean
+        flagged, found = run.flagged, list(run.full_rate.faults)
+    else:
+        known = np.full((1, len(CHANNELS)), np.nan) if by_hand else perfect(run)
+        flagged, found = faults.find(run.t, run.reading, known, run.lsb)
+        found = [f for f in found if not (by_hand and f.effect == "spikes" and f.channels[0].startswith("a"))]
+        if run.flagged is not None:
+            flagged |= run.flagged
     # the steps of averaged samples are uneven by design, and their stamps say so truly
     kept = [f for f in found if not (run.averaged and f.effect == "jitter")]
     # a channel that the recording lacks has no fault
     lacking = {CHANNELS[c] for c in run.unread}
     kept = [f for f in kept if not f.channels or not set(f.channels) <= lacking]
-    return replace(run, flagged=flagged if flagged.any() else None), [FaultOfRun(run.name, f) for f in kept]
+    flags = flagged if flagged is not None and flagged.any() else None
+    return replace(run, flagged=flags), [FaultOfRun(run.name, f) for f in kept]
 
 
 # ---------------------------------------------------------------------------------------------------- noise structure
@@ -76,7 +81,7 @@ def noise_findings(runs: Sequence[Run]) -> list[FindingEntry]:
 
     `runs`: without faults and lines; the first one's band limits are what is expected.
     """
-    series = [(run.rate_hz, residual_of(run)) for run in runs]
+    series = [(part.rate_hz, residual_of(part)) for run in runs for part in at_full_rate(run)]
     found = []
     for b in noise.bandwidth(series, runs[0].bandwidth):
         expected = "white" if not np.isfinite(b.spec_hz) else f"a band limit of {b.spec_hz:.3g} Hz"

@@ -5,6 +5,8 @@ Each step is a module of its own; the package's docstring lists them in order. T
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from filters.errors import InputError
 from filters.tracing import validation
 from filters.tracing.assessment import assess
@@ -17,7 +19,9 @@ from filters.tracing.run import Run, in_order
 from filters.tracing.screening import Screening, noise_findings, without_faults
 
 LEAST_S = 60.0  # a run must be this long to be used at all
-_LONG_S = 4.0 * 3600.0
+# _LONG_S, _LONG_AT_REST_S: of motion and at rest, what blocks of the usual length are made of
+_LONG_S, _LONG_AT_REST_S = 4.0 * 3600.0, 16.0 * 3600.0
+_LONGEST_S = 10.0  # of a block: errors are told of means over 10 s
 
 Progress = Callable[[float, str], None]
 
@@ -46,7 +50,7 @@ def trace(
     compared = compare(
         [run for run, _ in cleaned[: len(runs)]],
         cleaned[-1][0] if heldout else None,
-        _block_s(runs),
+        block_s(sum(run.seconds for run in runs), still=all(run.still for run in runs)),
         LEAST_S,
         lambda share: progress(0.1 + 0.7 * share, "comparing effects"),
     )
@@ -64,11 +68,9 @@ def trace(
     return report(found)
 
 
-def _block_s(runs: Sequence[Run]) -> float:
-    """Length of a block, s: longer for many hours of motion, so that they fit in memory."""
-    total = sum(run.seconds for run in runs)
-    moving = any(not run.still for run in runs)
-    return BLOCK_S if total < _LONG_S or not moving else min(1.0, BLOCK_S * total / _LONG_S)
+def block_s(seconds: float, *, still: bool) -> float:
+    """Length of a block, s: longer for many hours, so that they fit in memory."""
+    return float(np.clip(BLOCK_S * seconds / (_LONG_AT_REST_S if still else _LONG_S), BLOCK_S, _LONGEST_S))
 
 
 def _check(runs: Sequence[Run], heldout: Run | None) -> None:

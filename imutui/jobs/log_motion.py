@@ -113,7 +113,7 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
     table = TableMotion(profile, settings.site, settings.spec, 1.0 / info.rate_hz, offset)
     for event in log.events:
         if event.name == "mark":
-            table.mark(float(reader.seconds_since(event.stamp_ns, int(log.stamp_ns[0]))), event.text)
+            table.mark(float(reader.seconds_since(event.stamp_ns, log.first_ns)), event.text)
     profile_t, rests, _ = table.joined(t)
     angles, rates = profile.angles(profile_t), profile.rates(profile_t)
     unknown = None
@@ -141,7 +141,7 @@ def _from_table(log: Log, info: SessionInfo) -> Motion:
         row = np.maximum(np.searchsorted(table.stamp_ns, log.stamp_ns, side="right") - 1, 0)
         angles, rates = np.deg2rad(table.angles_deg[row]), np.deg2rad(table.rates_dps[row])
     else:
-        at = reader.seconds_since(table.stamp_ns, int(log.stamp_ns[0]))
+        at = reader.seconds_since(table.stamp_ns, log.first_ns)
         angles = _lines(t, at, np.deg2rad(table.angles_deg), turns=True)
         rates = np.full_like(angles, np.nan)
     return _completed(log, t, angles, rates)

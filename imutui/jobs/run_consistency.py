@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, format_mount
 from filters.tracing.blocks import BLOCK_S, average
+from filters.tracing.long_run import ROWS_A_BLOCK
 from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 
@@ -143,7 +144,8 @@ def check_reference(read: LoggedRun) -> None:
 def _seen(read: LoggedRun) -> _GriddedRun:
     run = read.run
     # at rest nothing is faster than a block, and a day of samples is large
-    made = average(run, BLOCK_S if run.still else _STEP)
+    length = BLOCK_S if run.still else _STEP
+    made = average(run, length if run.full_rate is None else max(length, ROWS_A_BLOCK / run.rate_hz))
     # where only the attitude is known the accelerometers are used at rest, and the gyros say whether it fits
     used = made.weight > 0.0
     used[:, list(run.unread)] = True

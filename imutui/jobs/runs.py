@@ -3,23 +3,29 @@
 Samples that the log flags as no reading (a count at its limit) stay in and are flagged.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from filters import specification
+from filters.effects.lines import SpectralLine
 from filters.errors import InputError
 from filters.imu import AxisMap
+from filters.tracing import long_run
 from filters.tracing.run import Run
+from filters.tracing.trace import block_s
 from filters.types import Array
 from imutui.instrument import registry
-from imutui.jobs import replay
-from imutui.jobs.log_motion import motion_of
-from imutui.logbook import reader
+from imutui.jobs import replay, replay_input
+from imutui.jobs.log_motion import Motion, motion_of
+from imutui.logbook import pieces, reader
+from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
 
+Tell = Callable[[float, str], None]
 _SHORTEST_S = 60.0
 _AT_ONCE = 1 << 18
 
@@ -47,16 +53,35 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
     Raises InputError if it is too short, or its motion is not known.
     """
     log = reader.read(path)
-    t = log.seconds()
-    if t[-1] < shortest:
+    info = replay.session_of(log, options)
+    check_length(path, float(log.seconds()[-1]), shortest)
+    motion = motion_of(log, info, options, float((_figures(info) if log.own else _UNKNOWN)[2][:3].mean()))
+    first_ns = log.first_ns
+    return LoggedRun(
+        path,
+        info,
+        _run(name, log, info, motion),
+        log.finished,
+        log.damage,
+        motion.how,
+        first_ns,
+        reader.sha256(path),
+    )
+
+
+def check_length(path: Path, seconds: float, shortest: float) -> None:
+    """Raise InputError if a log is too short to be traced."""
+    if seconds < shortest:
         raise InputError(
-            f"{path} lasts {t[-1]:.1f} s; tracing needs at least {shortest:.0f} s, better half an hour a run with"
+            f"{path} lasts {seconds:.1f} s; tracing needs at least {shortest:.0f} s, better half an hour a run with"
             " the unit warming up. Record a longer one."
         )
-    info = replay.session_of(log, options)
-    axes = info.axes()
-    lsb, bandwidth, latency = _figures(info) if log.own else (None, None, np.zeros(6))
-    motion = motion_of(log, info, options, float(latency[:3].mean()))
+
+
+def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
+    """Samples of a log, or of a part of one, as a run; the log's own are given up."""
+    t, axes = log.seconds(), info.axes()
+    lsb, bandwidth, latency = _figures(info) if log.own else _UNKNOWN
     reading = _reading(log, axes)
     lacks = np.isnan(reading).all(axis=0)
     reading[:, lacks] = 0.0
@@ -67,7 +92,7 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
         if motion.carried is not None:
             flagged[:, 3:] |= motion.carried[:, None]
         flagged[:, lacks] = True
-    run = Run(
+    return Run(
         name,
         t,
         reading,
@@ -85,7 +110,115 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
         attitude=motion.attitude,
         unread=tuple(np.flatnonzero(lacks).tolist()),
     )
-    return LoggedRun(path, info, run, log.finished, log.damage, motion.how, int(log.stamp_ns[0]), reader.sha256(path))
+
+
+# ------------------------------------------------------------------------------------------------------- in pieces
+# Logs that are too long together to be held are read twice: to see what they are, and keep stretches in which lines are
+# sought; then to make means of them.
+
+_IN_PIECES = ("level", "gravity")  # references of which every piece of a log knows what the whole does
+_HELD = 1 << 22  # samples of all logs together that are held at their full rate, nine hours at 133 Hz
+_STRETCHES = 16  # of a quarter of an hour, of all logs together
+_OUTLINED = 0.4  # share of the time that the first reading takes
+
+
+def read_runs(
+    paths: Sequence[Path], names: Sequence[str], options: replay.ReplayOptions, fitted: int, tell: Tell
+) -> list[LoggedRun]:
+    """Read logs as runs; as means over rows, in pieces, if they are long.
+
+    `fitted`: how many of them, the first ones, are not held out.
+    `tell`: told the share done, 0 to 1, and what is being done.
+    Raises as `read_run`.
+    """
+    known = _outlines(paths, options, tell)
+    if not known:
+        made = []
+        for number, (path, name) in enumerate(zip(paths, names, strict=True)):
+            tell(number / len(paths), f"reading {path.name}")
+            made.append(read_run(path, name, options))
+        return made
+    logs = [_LongLog(name, outline, options) for name, outline in zip(names, known, strict=True)]
+    stretches = [[log.run(part) for part in log.known.kept] for log in logs]
+    still = all(part.still for own in stretches for part in own)
+    period = block_s(sum(log.known.seconds for log in logs[:fitted]), still=still)
+    lines = long_run.lines_in([part for own in stretches[:fitted] for part in own])
+    every = sum(log.known.samples for log in logs)
+    return [
+        log.read(own, lines, period, _after(tell, sum(other.known.samples for other in logs[:number]), every, log.name))
+        for number, (log, own) in enumerate(zip(logs, stretches, strict=True))
+    ]
+
+
+def _after(tell: Tell, before: int, every: int, name: str) -> Callable[[int], None]:
+    """Tells how far the second reading is, from how many samples of one log are done."""
+    return lambda done: tell(_OUTLINED + (1.0 - _OUTLINED) * (before + done) / every, f"means of {name}")
+
+
+def is_long(paths: Sequence[Path]) -> bool:
+    """Whether logs together are so large that they may have to be read in pieces."""
+    return sum(path.stat().st_size for path in paths if path.is_file()) > replay_input.WHOLE_BYTES
+
+
+def _outlines(paths: Sequence[Path], options: replay.ReplayOptions, tell: Tell) -> list[Outline]:
+    """What is known of logs that are to be read in pieces; empty if they are not."""
+    if not is_long(paths):
+        return []
+    keep, known = -(-_STRETCHES // len(paths)), list[Outline]()
+    for number, path in enumerate(paths):
+
+        def told(seconds: float, share: float = number / len(paths), name: str = path.name) -> None:
+            tell(_OUTLINED * share, f"reading {name}, {seconds / 3600.0:.0f} h")
+
+        known.append(pieces.outline(path, pieces.ROWS, keep, told))
+        if replay.session_of(known[-1].log, options).reference not in _IN_PIECES:
+            return []
+    return known if sum(outline.samples for outline in known) > _HELD else []
+
+
+class _LongLog:
+    """A log that is read in pieces.
+
+    `known`: of the log, with stretches of it.
+    `options`: reference and overrides of the session.
+    Raises InputError if it is too short, or its motion is not known.
+    """
+
+    def __init__(self, name: str, known: Outline, options: replay.ReplayOptions) -> None:
+        self.name, self.known, path = name, known, known.log.path
+        check_length(path, known.seconds, _SHORTEST_S)
+        self.info = replay.session_of(known.log, options)
+        if not known.log.own:
+            self.info = replace(self.info, rate_hz=(known.samples - 1) / known.seconds)
+        valid, accel = (np.concatenate([getattr(part, x) for part in known.kept]) for x in ("valid", "accel"))
+        self._motion = motion_of(Log(path, valid=valid, accel=accel), self.info, options)
+
+    def run(self, part: Log) -> Run:
+        """A part of it, which gives up its samples."""
+        return _run(self.name, part, self.info, self._motion)
+
+    def read(
+        self, stretches: Sequence[Run], lines: Sequence[SpectralLine], block_s: float, tell: Callable[[int], None]
+    ) -> LoggedRun:
+        """All of it as one run of means; see `long_run.condensed`. `tell`: told how many samples are done."""
+        known = self.known
+        run = long_run.condensed(self._pieces(tell), stretches, lines, block_s, known.samples)
+        digest = reader.sha256(known.log.path)
+        log = known.log
+        return LoggedRun(log.path, self.info, run, log.finished, log.damage, self._motion.how, known.first_ns, digest)
+
+    def _pieces(self, tell: Callable[[int], None]) -> Iterator[Run]:
+        done, known = 0, self.known
+        # what was said of temperature last, before a part begins
+        stamps, values = np.array([known.first_ns]), np.array([known.first_temperature])
+        for part in reader.parts(known.log.path, pieces.ROWS):
+            part.temperature_stamp_ns = np.append(stamps[-1:], part.temperature_stamp_ns)
+            part.temperature_degc = np.append(values[-1:], part.temperature_degc)
+            stamps, values = part.temperature_stamp_ns, part.temperature_degc
+            if part.stamp_ns.size > 1:
+                yield self.run(part)
+            done += part.stamp_ns.size
+            tell(done)
 
 
 def _reading(log: Log, axes: AxisMap) -> Array:
@@ -118,7 +251,7 @@ def _temperature(log: Log, t: Array) -> Array | None:
     if (stamps[1:] < stamps[:-1]).any():
         order = np.argsort(stamps, kind="stable")
         stamps, values = stamps[order], values[order]
-    out, origin = np.empty(t.size), int(log.stamp_ns[0])
+    out, origin = np.empty(t.size), log.first_ns
     for first in range(0, t.size, _AT_ONCE):
         rows = slice(first, first + _AT_ONCE)
         ends = np.array([t[rows].min(), t[rows].max()]) * 1e9 + origin
@@ -128,10 +261,13 @@ def _temperature(log: Log, t: Array) -> Array | None:
     return out
 
 
+_UNKNOWN = (None, None, np.zeros(6))
+
+
 def _figures(info: SessionInfo) -> tuple[Array | None, Array | None, Array]:
     """Size of a count (SI), band limits (Hz) and latencies (s) of the six channels, as far as the unit is known."""
     if info.sampling == "imported" or not registry.is_known(info.instrument):
-        return None, None, np.zeros(6)
+        return _UNKNOWN
     instrument, spec = registry.of_model(info.instrument), specification.of_model(info.instrument)
     scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
     lsb = np.repeat([np.deg2rad(float(scaling.rates_dps(1))), float(scaling.accels_g(1)) * info.g_unit], 3)

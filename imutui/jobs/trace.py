@@ -65,11 +65,8 @@ def trace(
     training, heldout, notes = _divided(logs, options.holdout)
     paths = [*training, *([heldout] if heldout is not None else [])]
     names = _names(paths)
-    reads = []
-    for number, (path, name) in enumerate(zip(paths, names, strict=True)):
-        progress(_READING * number / len(paths), f"reading {path.name}")
-        wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
-        reads.append(runs.read_run(path, name, wanted))
+    wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
+    reads = runs.read_runs(paths, names, wanted, len(training), lambda share, what: progress(_READING * share, what))
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
@@ -218,9 +215,9 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "log": str(read.path.resolve()),
         "kind": info.kind,
         "source": info.source,
-        "rate_hz": run.rate_hz,
+        "rate_hz": run.rate_hz if run.full_rate is None else run.full_rate.rate_hz,
         "seconds": run.seconds,
-        "samples": int(run.t.size),
+        "samples": int(run.t.size) if run.full_rate is None else run.full_rate.samples,
         "accel_sign": info.accel_sign,
         "mount": info.mount,
         "reference": info.reference,

@@ -1,6 +1,6 @@
 """A log in pieces: all of it once, a bounded part of it in memory; however long it is."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -50,6 +50,7 @@ class Outline:
     has_rates: bool = False
     # channels that are NaN throughout, bool, shape (6,)
     lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
+    kept: list[Log] = field(default_factory=list)  # parts of it, evenly spread, as many as were asked for
 
     @property
     def seconds(self) -> float:
@@ -57,19 +58,29 @@ class Outline:
         return float(reader.seconds_since(self.last_ns, self.first_ns))
 
 
-def outline(path: Path, rows: int = ROWS) -> Outline:
+def outline(
+    path: Path, rows: int = ROWS, keep: int = 0, tell: Callable[[float], None] = lambda seconds: None
+) -> Outline:
     """Walk through a log once, look at every sample, and keep what is none.
 
+    `keep`: most parts to be kept; there are at least half as many, if the log has them.
+    `tell`: told how far it has come, s.
     Raises UnreadableLogError as `reader.read`.
     """
-    found, check = Outline(Log(path)), SampleCheck()
-    for part in parts(path, rows):
+    found, check, every = Outline(Log(path)), SampleCheck(), 1
+    for number, part in enumerate(parts(path, rows)):
         found.log = part
         if part.stamp_ns.size:
             found.first_ns = found.first_ns if found.samples else int(part.stamp_ns[0])
             found.last_ns = int(part.stamp_ns[-1])
             found.samples += part.stamp_ns.size
             check.take(part.stamp_ns, part.gyro, part.accel)
+            tell(found.seconds)
+            if keep and number % every == 0 and part.stamp_ns.size >= min(rows, found.samples):
+                if len(found.kept) == keep:
+                    found.kept, every = found.kept[::2], 2 * every
+                if number % every == 0:
+                    found.kept.append(part)
         if part.temperature_degc.size and np.isnan(found.first_temperature):
             found.first_temperature = float(part.temperature_degc[np.argmin(part.temperature_stamp_ns)])
         found.has_angles |= bool(np.isfinite(part.table.angles_deg).all(axis=1).any())

@@ -70,6 +70,7 @@ class Log:
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
     finished: bool = False  # whether the file has its footer
     damage: str = ""  # what is wrong with the file, if anything
+    origin_ns: int | None = None  # of a part of a log: stamp of the log's first sample
 
     @property
     def raw(self) -> list[schemas.RawPacket]:
@@ -88,7 +89,12 @@ class Log:
 
     def seconds(self) -> np.ndarray:
         """Time of the samples since the first, s, shape (N,)."""
-        return seconds_since(self.stamp_ns, int(self.stamp_ns[0])) if self.stamp_ns.size else np.empty(0)
+        return seconds_since(self.stamp_ns, self.first_ns) if self.stamp_ns.size else np.empty(0)
+
+    @property
+    def first_ns(self) -> int:
+        """Stamp of the log's first sample, from which times are counted."""
+        return int(self.stamp_ns[0]) if self.origin_ns is None else self.origin_ns
 
     def temperature(self) -> np.ndarray:
         """Temperature of each sample, degC, shape (N,): the last one taken by then, the first for those before it.
@@ -231,6 +237,8 @@ class Content(Channels):
         """What was collected since the last time, as a log of its own; samples that follow begin anew."""
         part = replace(self.log)
         _fill(part, self.columns)
+        if self.log.origin_ns is None and part.stamp_ns.size:
+            self.log.origin_ns = part.origin_ns = int(part.stamp_ns[0])
         self.columns = Columns()
         return part
 
