@@ -52,7 +52,7 @@ FLOORS = {
     "filters.simulation": GROUND | {"filters.motion", "filters.effects.inputs"},
     "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects"},
     "filters.fleet": GROUND,
-    "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing"},
+    "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},
     "imutui.session": {"imutui.filter_snapshot", "imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},

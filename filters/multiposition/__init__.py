@@ -7,5 +7,6 @@
 `turns`          gyros: the integrated rate turns one rest's gravity into the next one's
 `choice`         which effects the data ask for
 `calibration`    all of these in order, and errors before and after: rests left out, or on another log
+`carry_over`     what is the unit's, and what differs from power-on to power-on
 `report`         all of it as a trace: findings, what a held-out log says, rivals, statuses, what joins the filter
 """

@@ -13,11 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from filters.channels import ACCELS, DPS, GYROS, MG
+from filters.effects.hypothesis import Hypothesis
 from filters.errors import InputError
 from filters.multiposition import choice, rests
 from filters.multiposition.accelerometer import Rests
+from filters.multiposition.carry_over import Spread, measured_again, spreads
 from filters.multiposition.choice import Choice
 from filters.multiposition.rests import Rest
+from filters.multiposition.triad import Triad
 from filters.multiposition.turns import Turns
 from filters.tracing.error_figure import DRAWS, ErrorFigure, chi2_quantiles, rms, rms_interval
 from filters.tracing.run import Run
@@ -51,14 +54,28 @@ class Sensors:
     apart: Rests | Turns | None  # of a log that judges, with turns if they are of gyros
     metric: Metric
     figure: ErrorFigure | None = None  # errors before and after; None of too few
+    spreads: tuple[Spread, ...] = ()  # of kinds of effects between power-ons; none of a single one
+    # what a new power-on must measure again; and the turns of the log that judges with its accelerometers so measured
+    again: tuple[Hypothesis, ...] = ()
+    sensed_again: Turns | None = None
 
     def errors(self, chosen: Choice | None = None) -> Array:
         """Errors on the log that judges, SI, with another choice of effects if given one; none without such a log."""
         if self.apart is None:
             return np.zeros(0)
         chosen = chosen or self.chosen
-        theta = _own_biases(chosen, self.apart) if isinstance(self.apart, Turns) else chosen.fit.theta
-        return self.apart.errors(chosen.triad, theta)
+        if isinstance(self.apart, Turns):
+            return self.apart.errors(chosen.triad, _own_biases(chosen, self.apart))
+        return self.apart.errors(chosen.triad, chosen.mean)
+
+    def errors_again(self, chosen: Choice | None = None, but: Hypothesis | None = None) -> Array:
+        """The same, with what a power-on must measure again, but one, measured on that log, rests left out in turn."""
+        chosen = chosen or self.chosen
+        if self.sensed_again is not None:
+            return self.sensed_again.errors(chosen.triad, _own_biases(chosen, self.sensed_again))
+        if self.again and isinstance(self.apart, Rests) and self.apart.judged >= FEWEST:
+            return measured_again(chosen, [e for e in self.again if e != but], self.apart)[1]
+        return self.errors(chosen)
 
 
 @dataclass(frozen=True)
@@ -71,6 +88,11 @@ class Calibration:
     accelerometers: Sensors
     gyros: Sensors | None  # None without them, or without a turn
     faults: tuple[FaultOfRun, ...]  # of the data
+
+    @property
+    def power_ons(self) -> int:
+        """How many there are, the one that judges among them."""
+        return len(rests.power_ons([run for run, _ in self.logs])[0])
 
     @property
     def sensors(self) -> tuple[Sensors, ...]:
@@ -98,28 +120,36 @@ def calibrate(
     runs, heldout = [run for run, _ in cleaned[: len(runs)]], None if heldout is None else cleaned[-1][0]
     found = [_rests_of(run) for run in runs]
     every = [rest for own in found for rest in own]
-    observed, directions = Rests.of(every, runs[0].site.gravity), rests.distinct_directions(every)
+    power_on = np.repeat(rests.power_ons(runs)[1], [len(own) for own in found])
+    observed, directions = Rests.of(every, runs[0].site.gravity, power_on), rests.distinct_directions(every)
     if directions < 2:
         raise InputError(
             f"{', '.join(run.name for run in runs)}: the unit was never turned: {len(every)} rests, all in one"
             " direction. Lay it down in at least nine; or trace it at rest: --reference gravity."
         )
     progress(0.1, "fitting accelerometers")
-    chosen = choice.accelerometers(observed, directions)
-    turned = _turned(runs, found, chosen)
+    chosen = _with_own(choice.accelerometers(observed, directions), observed)
+    turned = _turned(runs, found, chosen.triad, chosen.own)
     progress(0.2, "fitting gyros")
-    made = None if turned is None else choice.gyros(turned)
+    made = None if turned is None else _with_own(choice.gyros(turned), turned)
     apart = [] if heldout is None else [(heldout, _rests_of(heldout))]
     progress(0.7, "judging")
     judge, judge_turned = None, None
     for run, own in apart:
-        judge, judge_turned = Rests.of(own, run.site.gravity), _turned([run], [own], chosen)
+        judge, judge_turned = Rests.of(own, run.site.gravity), _turned([run], [own], chosen.triad, [chosen.mean])
     how = _how(runs, heldout)
     norms = _norms_left_out(observed, chosen) if heldout is None else None
     accelerometers, gyros = _judged(Sensors(chosen, observed, judge, NORM), norms, how, seed), None
     if turned is not None and made is not None:
         angles = _directions_left_out(observed, chosen, turned, made) if heldout is None else None
         gyros = _judged(Sensors(made, turned, judge_turned, DIRECTION), angles, how, seed)
+    progress(0.9, "comparing power-ons")
+    accelerometers = _compared(accelerometers, how)
+    if gyros is not None:
+        gyros = _compared(gyros, how)
+        if accelerometers.again and heldout is not None and judge is not None:
+            theta, _ = measured_again(chosen, accelerometers.again, judge)
+            gyros = replace(gyros, sensed_again=_turned([heldout], [apart[0][1]], chosen.triad, [theta]))
     progress(1.0, "done")
     logs = (*zip(runs, found, strict=True), *apart)
     return Calibration(logs, heldout is not None, directions, accelerometers, gyros, faults)
@@ -143,11 +173,13 @@ def _rests_of(run: Run) -> tuple[Rest, ...]:
     return found
 
 
-def _turned(runs: Sequence[Run], found: Sequence[Sequence[Rest]], accelerometers: Choice) -> Turns | None:
+def _turned(
+    runs: Sequence[Run], found: Sequence[Sequence[Rest]], accelerometers: Triad, theta: Sequence[Array]
+) -> Turns | None:
     if not all(rests.has(run, GYROS) for run in runs):
         return None
     turned = Turns(runs, found)
-    turned.sense(accelerometers.triad, accelerometers.fit.theta)
+    turned.sense(accelerometers, theta)
     return turned
 
 
@@ -173,7 +205,7 @@ def _directions_left_out(rests: Rests, accelerometers: Choice, observed: Turns, 
     for k, turn in enumerate(observed.turns):
         both = [turn.first, turn.second]
         made = rests.without(both).fit(accelerometers.triad, accelerometers.fit.theta, accelerometers.fit.excess)
-        up = observed.directions(accelerometers.triad.true(rests.mean[both], made.theta))
+        up = observed.directions(rests.true(accelerometers.triad, made.theta)[both])
         out[k] = observed.left_out(gyros.triad, gyros.fit, k, up)
     return out
 
@@ -204,9 +236,21 @@ def _judged(sensors: Sensors, left_out: Array | None, how: HeldOut, seed: int) -
     return replace(sensors, figure=figure)
 
 
+def _with_own(chosen: Choice, observed: Rests | Turns) -> Choice:
+    """The choice with whatever differs from power-on to power-on fitted to each by itself."""
+    differs = [one.effects[0].effect for one in spreads(chosen, observed, None) if one.matters]
+    return choice.owning(chosen, differs, observed) if {*differs} - {"bias"} else chosen
+
+
+def _compared(sensors: Sensors, how: HeldOut) -> Sensors:
+    """The triad with what its effects differ by from power-on to power-on, the one that judges among them."""
+    found = spreads(sensors.chosen, sensors.observed, sensors.apart if how == "run" else None)
+    return replace(sensors, spreads=found, again=tuple(e for one in found if one.matters for e in one.effects))
+
+
 def _own_biases(gyros: Choice, turned: Turns) -> Array:
     """Parameters of the gyros for another power-on: the biases of its own rests, and what was fitted."""
-    shared = gyros.fit.theta[3 * gyros.logs :]
+    shared = gyros.mean[3:]
     pull = turned.readings_of_rests(gyros.triad, np.concatenate([np.zeros(3), shared]))
     weight = np.array([rest.seconds for rest in turned.rests])
     mean = np.array([rest.mean[list(GYROS)] for rest in turned.rests])

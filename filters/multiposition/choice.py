@@ -37,9 +37,19 @@ class Choice:
     def places(self, effect: Hypothesis) -> np.ndarray:
         """Where an effect's parameters stand: the biases of log after log first, then all that logs share."""
         own = np.arange(self.triad.size)[self.triad.places(effect)]
-        if self.logs > 1 and effect.effect == "bias":
-            return np.concatenate([own + 3 * log for log in range(self.logs)])
-        return own + 3 * (self.logs - 1)
+        if effect.effect in self.triad.own:
+            return np.concatenate([own + self.triad.owned * log for log in range(self.logs)])
+        return own + self.triad.owned * (self.logs - 1)
+
+    @property
+    def own(self) -> list[Array]:
+        """Parameters of each power-on, shape (p,) each."""
+        return [self.triad.of_power_on(self.fit.theta, log, self.logs) for log in range(self.logs)]
+
+    @property
+    def mean(self) -> Array:
+        """Parameters to expect of a power-on yet unknown, shape (p,)."""
+        return self.triad.mean(self.fit.theta, self.logs)
 
     def lacks(self, groups: Sequence[Sequence[Hypothesis]]) -> tuple[Hypothesis, ...]:
         """Effects of groups that are not in it."""
@@ -70,28 +80,22 @@ def accelerometers(rests: Rests, directions: int) -> Choice:
     groups = accelerometer.FORMS if directions >= accelerometer.FEWEST else accelerometer.FORMS[:2]
     count = len(rests.mean)
     widest = accelerometer.triad_of(*groups)
-    full = _determined(Choice(widest, rests.fit(widest), (), count), rests.fit)
+    full = _determined(Choice(widest, rests.fit(widest), (), count, rests.logs), rests.fit)
     price = float(np.log(max(2, count)))
     best, least = accelerometer.triad_of(), float("inf")
     for k in range(len(groups) + 1):
         triad = accelerometer.triad_of([e for group in groups[:k] for e in group if e in full.triad.effects])
-        cost = rests.fit(triad, None, full.fit.excess).chi2 + price * triad.size
+        made = rests.fit(triad, None, full.fit.excess)
+        cost = made.chi2 + price * made.theta.size
         if cost < least:
             best, least = triad, cost
     best = _beyond(rests, best)
-    return _pruned(Choice(best, rests.fit(best), full.lacks(accelerometer.FORMS), count), rests.fit)
+    return _pruned(Choice(best, rests.fit(best), full.lacks(accelerometer.FORMS), count, rests.logs), rests.fit)
 
 
 def gyros(observed: Turns) -> Choice:
     """Effects of the gyros that turns and rests ask for; the biases of each log are always in."""
-    start = observed.still_biases()
-
-    def fit(triad: Triad) -> Fit:
-        begin = np.zeros(3 * observed.logs + triad.size - 3)
-        begin[: start.size] = start
-        return observed.fit(triad, begin)
-
-    widest, count = turns.triad_of(*turns.GROUPS), max(2, len(observed.turns))
+    fit, widest, count = observed.fit, turns.triad_of(*turns.GROUPS), max(2, len(observed.turns))
     full = _determined(Choice(widest, fit(widest), (), count, observed.logs), fit)
     groups = [[e for e in group if e in full.triad.effects] for group in turns.GROUPS]
     best, least = full.triad, float("inf")
@@ -103,6 +107,12 @@ def gyros(observed: Turns) -> Choice:
             best, least = triad, cost
     full = replace(full, undetermined=full.lacks(turns.GROUPS))
     return _pruned(full if best == full.triad else replace(full, triad=best, fit=fit(best)), fit)
+
+
+def owning(choice: Choice, kinds: Sequence[str], observed: Rests | Turns) -> Choice:
+    """The choice with some kinds of effects fitted to each power-on by itself."""
+    triad = choice.triad.owning(kinds)
+    return replace(choice, triad=triad, fit=observed.fit(triad))
 
 
 def _determined(choice: Choice, fit: Callable[[Triad], Fit]) -> Choice:
@@ -133,14 +143,14 @@ def _beyond(rests: Rests, triad: Triad) -> Triad:
     count = len(rests.mean)
     price = float(np.log(max(2, count)) + 2.0 * np.log(len(accelerometer.BEYOND)))
     made = rests.fit(triad)
-    while candidates and count >= triad.size + _FREE:
-        tried = {e: rests.fit(Triad(triad.channels, (*triad.effects, e))) for e in candidates}
-        best = max(tried, key=lambda e: tried[e].gain(np.arange(triad.size, triad.size + 1)))
+    while candidates and count >= made.theta.size + _FREE:
+        tried = {e: rests.fit(replace(triad, effects=(*triad.effects, e))) for e in candidates}
+        best = max(tried, key=lambda e: tried[e].gain(slice(-1, None)))
         found = tried[best]
-        gain = found.gain(np.arange(triad.size, triad.size + 1))
+        gain = found.gain(slice(-1, None))
         if gain - price <= ACCEPT or _unseen(found) >= _unseen(made):
             break
-        triad, made = Triad(triad.channels, (*triad.effects, best)), found
+        triad, made = replace(triad, effects=(*triad.effects, best)), found
         candidates.remove(best)
     return triad
 

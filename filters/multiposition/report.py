@@ -1,7 +1,7 @@
 """A calibration of a unit turned by hand as a trace: the fields of every trace, a sentence, effects for the filter."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -9,15 +9,17 @@ from scipy import linalg
 from filters.channels import ACCELS, CHANNELS, GYROS
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import Included, State
+from filters.multiposition import carry_over
+from filters.multiposition.accelerometer import Rests
 from filters.multiposition.calibration import Calibration, Sensors
 from filters.multiposition.choice import KEEP, Choice, unseen_residuals
-from filters.multiposition.rests import has, recorded
-from filters.multiposition.triad import Triad
+from filters.multiposition.rests import has, power_ons, recorded
 from filters.multiposition.turns import Turns
-from filters.tracing.error_figure import DRAWS, rms
+from filters.tracing.error_figure import DRAWS, ErrorFigure, rms
 from filters.tracing.report import integrity
 from filters.tracing.result import Trace
 from filters.tracing.trace_document import (
+    ErrorEntry,
     FindingEntry,
     LimitEntry,
     ParameterEntry,
@@ -42,7 +44,8 @@ class Verdict:
 
     confirmed: bool | None  # none where nothing judges it: without a log held out, and of the bias of each power-on
     refuted: bool = False  # whether it raises the error
-    # with_it, without: the error with everything that was chosen, and without all that is not confirmed, in its unit
+    # with_it, without: the error with everything that was chosen, and without all that is not confirmed, in its unit;
+    # where power-ons differ without this effect alone, and with all else that differs measured on the log
     with_it: float = float("nan")
     without: float = float("nan")
 
@@ -52,14 +55,15 @@ def _verdicts(sensors: Sensors, seed: int) -> dict[Hypothesis, Verdict]:
     chosen, si = sensors.chosen, sensors.metric.si
     judged = [e for e in chosen.triad.effects if not _of_power_on(e)]
     out = dict.fromkeys(chosen.triad.effects, Verdict(None))
-    with_all = sensors.errors()
-    if not judged or not with_all.size:
+    if not judged or not sensors.errors().size:
         return out
-    intervals = {e: _difference(with_all, _errors(sensors, [e]), seed) for e in judged}
-    left_out = [e for e in judged if intervals[e][1] >= 0.0]
-    without = rms(_errors(sensors, left_out)) / si
+    both = {e: (sensors.errors_again(but=e), _errors(sensors, [e])) for e in judged}
+    intervals = {e: _difference(*both[e], seed) for e in judged}
+    if not (sensors.again or sensors.sensed_again):
+        without = _errors(sensors, [e for e in judged if intervals[e][1] >= 0.0])
+        both = {e: (with_it, without) for e, (with_it, _) in both.items()}
     for e, (low, high) in intervals.items():
-        out[e] = Verdict(high < 0.0, low > 0.0, rms(with_all) / si, without)
+        out[e] = Verdict(high < 0.0, low > 0.0, *(rms(errors) / si for errors in both[e]))
     return out
 
 
@@ -69,13 +73,13 @@ def _of_power_on(effect: Hypothesis) -> bool:
 
 
 def _errors(sensors: Sensors, gone: Sequence[Hypothesis]) -> Array:
-    """Errors on the log held out, without some effects."""
+    """Errors on the log held out, without some effects; what it must measure again counts as measured on it."""
     chosen = sensors.chosen
     if not gone:
-        return sensors.errors()
-    triad = Triad(chosen.triad.channels, tuple(e for e in chosen.triad.effects if e not in gone))
+        return sensors.errors_again()
+    triad = replace(chosen.triad, effects=tuple(e for e in chosen.triad.effects if e not in gone))
     fit = chosen.fit.without(np.concatenate([chosen.places(e) for e in gone]))
-    return sensors.errors(Choice(triad, fit, (), chosen.count, chosen.logs))
+    return sensors.errors_again(Choice(triad, fit, (), chosen.count, chosen.logs))
 
 
 def _difference(with_it: Array, without: Array, seed: int) -> tuple[float, float]:
@@ -105,8 +109,11 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
     """
     judged = {e: verdict for sensors in found.sensors for e, verdict in _verdicts(sensors, seed).items()}
     listed = [(own, e) for own in found.sensors for e in own.chosen.triad.effects if own.chosen.score(e) >= KEEP]
-    findings = [_finding(own, e, judged[e]) for own, e in listed if not judged[e].refuted]
+    names = power_ons([run for run, _ in found.logs[: len(found.logs) - found.heldout]])[0]
+    findings = [_finding(own, e, judged[e], names) for own, e in listed if not judged[e].refuted]
     findings.sort(key=lambda f: -f["score"])
+    count = found.power_ons
+    carried = [e for own in found.sensors for e in carry_over.entries(own.chosen, own.spreads, count)]
     document: TraceFindings = {
         "untestable": _untestable(found),
         "integrity": integrity(found.faults),
@@ -119,10 +126,11 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
         "drift": [],
         "remainder": [],
         "status": _status(found, findings, judged),
-        "error": [own.figure.entry() for own in found.sensors if own.figure is not None],
+        "error": [_error(own, own.figure) for own in found.sensors if own.figure is not None],
         "limits": [entry for effect in asked for entry in _limits(found, effect)],
+        "carries_over": carried,
         "seed": seed,
-        "sentence": _sentence(found, findings),
+        "sentence": _sentence(found, findings) + carry_over.sentence(carried),
     }
     kept = [e for _, e in listed if not judged[e].refuted and judged[e].confirmed is not False]
     included, correlation = _included(found, kept)
@@ -149,14 +157,14 @@ def notes(found: Calibration) -> list[str]:
 # ----------------------------------------------------------------------------------------------------------- findings
 
 
-def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> FindingEntry:
+def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict, power_ons: Sequence[str]) -> FindingEntry:
     gain, share = _unseen(sensors, effect)
     chosen = sensors.chosen
     return {
         "effect": effect.effect,
         "label": effect.label,
         "channels": [CHANNELS[effect.channel]],
-        "params": _parameters(sensors, effect),
+        "params": _parameters(sensors.chosen, effect, power_ons),
         "shape": dict(effect.shape),
         "score": chosen.score(effect),
         "gain": chosen.gain(effect),
@@ -170,14 +178,13 @@ def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> FindingE
     }
 
 
-def _parameters(sensors: Sensors, effect: Hypothesis) -> list[ParameterEntry]:
-    """Values with their standard deviations; of a gyro's bias one a power-on."""
-    chosen = sensors.chosen
+def _parameters(chosen: Choice, effect: Hypothesis, power_ons: Sequence[str]) -> list[ParameterEntry]:
+    """Values with their standard deviations; of a bias one a power-on."""
     at = chosen.places(effect)
     parameters = effect.parameters * (at.size // len(effect.parameters))
     names = [p.name for p in parameters]
-    if at.size > len(effect.parameters) and isinstance(sensors.observed, Turns):
-        names = [f"{p.name} {run}" for p, run in zip(parameters, sensors.observed.power_ons, strict=True)]
+    if at.size > len(effect.parameters):
+        names = [f"{p.name} {run}" for run in power_ons for p in effect.parameters]
     return [
         {
             "name": name,
@@ -211,6 +218,8 @@ def _rivals(chosen: Choice, effect: Hypothesis) -> list[RivalEntry]:
     if effect.effect != "scale" or effect.channel not in ACCELS or len(scales) < len(ACCELS):
         return []
     at = np.concatenate([chosen.places(e) for e in scales])
+    if at.size > len(ACCELS):  # what differs from power-on to power-on is not gravity
+        return []
     contrast = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
     apart = contrast @ chosen.fit.theta[at]
     spread = contrast @ chosen.fit.covariance[np.ix_(at, at)] @ contrast.T
@@ -234,6 +243,13 @@ def _refuted(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> RefutedE
 
 
 # ----------------------------------------------------------------------------------------------------- all the others
+
+
+def _error(sensors: Sensors, figure: ErrorFigure) -> ErrorEntry:
+    out = figure.entry()
+    if figure.heldout == "run" and (sensors.sensed_again or (sensors.again and isinstance(sensors.apart, Rests))):
+        out["after_again"] = rms(sensors.errors_again()) / sensors.metric.si
+    return out
 
 
 def _untestable(found: Calibration) -> list[UntestableEntry]:
@@ -297,11 +313,11 @@ def _included(found: Calibration, kept: Sequence[Hypothesis]) -> tuple[tuple[Inc
     """Effects as constant states with the covariance of the fit."""
     included = []
     blocks: list[Array] = []
-    for chosen in (sensors.chosen for sensors in found.sensors):
-        own = [e for e in chosen.triad.effects if e in kept]
+    for sensors in found.sensors:
+        own = [e for e in sensors.chosen.triad.effects if e in kept]
         if not own:
             continue
-        mean, covariance = _over_logs(chosen, own)
+        mean, covariance = _over_logs(sensors, own)
         sd = np.sqrt(np.diag(covariance))
         blocks.append(covariance / np.outer(sd, sd))
         first = 0
@@ -316,9 +332,10 @@ def _included(found: Calibration, kept: Sequence[Hypothesis]) -> tuple[tuple[Inc
     return tuple(included), 0.5 * (correlation + correlation.T)
 
 
-def _over_logs(chosen: Choice, effects: Sequence[Hypothesis]) -> tuple[Array, Array]:
-    """Values and covariance of some effects; a bias that each log has its own of is their mean, as wide as they lie."""
-    rows, spread = [], []
+def _over_logs(sensors: Sensors, effects: Sequence[Hypothesis]) -> tuple[Array, Array]:
+    """Values and covariance of some effects at a power-on yet unknown: the unit's part, as wide as power-ons differ."""
+    chosen, rows, spread = sensors.chosen, [], []
+    expected = {e: one.expected for one in sensors.spreads for e in one.effects}
     for effect in effects:
         at = chosen.places(effect)
         size = len(effect.parameters)
@@ -326,7 +343,7 @@ def _over_logs(chosen: Choice, effects: Sequence[Hypothesis]) -> tuple[Array, Ar
         for k in range(size):
             own = at[k::size]
             pick[k, own] = 1.0 / own.size
-            spread.append(float(np.var(chosen.fit.theta[own], ddof=1)) if own.size > 1 else 0.0)
+            spread.append(expected.get(effect, 0.0) ** 2 * (1.0 + 1.0 / chosen.logs))
         rows.append(pick)
     picked = np.vstack(rows)
     return picked @ chosen.fit.theta, picked @ chosen.fit.covariance @ picked.T + np.diag(spread)
@@ -342,12 +359,16 @@ def _sentence(found: Calibration, findings: Sequence[FindingEntry]) -> str:
     names = list(dict.fromkeys(f["label"] for f in findings))
     text += ("; ".join(names) if names else "nothing was found beyond the noise") + "."
     how = "on a log not used" if found.heldout else "with rests left out in turn"
-    for figure in (own.figure for own in found.sensors if own.figure is not None):
+    for own in found.sensors:
+        if (figure := own.figure) is None:
+            continue
         what = "magnitude of gravity" if figure.metric == "gravity_norm" else "direction of gravity after a turn"
         text += (
             f" The {what}, {how}: {figure.before:.3g} → {figure.after:.2g} {figure.unit},"
             f" where noise alone leaves {figure.floor:.2g}."
         )
+        if (again := _error(own, figure).get("after_again")) is not None:
+            text = f"{text[:-1]}; {again:.2g} with what differs measured again."
     if found.directions < 9:
         text += " Misalignment takes at least nine directions: put the unit down in more of them."
     elif findings:

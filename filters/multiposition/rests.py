@@ -147,6 +147,13 @@ def distinct_directions(rests: Sequence[Rest]) -> int:
     return len(kept)
 
 
+def power_ons(runs: Sequence[Run]) -> tuple[tuple[str, ...], NDArray[np.int_]]:
+    """Name of the first run of each power-on, and the number of each run's."""
+    keys = [run.power_on or f"run {number}" for number, run in enumerate(runs)]
+    first = list(dict.fromkeys(keys))
+    return tuple(runs[keys.index(key)].name for key in first), np.array([first.index(key) for key in keys])
+
+
 def has(run: Run, channels: Sequence[int]) -> bool:
     """Whether all of some channels were recorded."""
     return bool(recorded(run)[list(channels)].all())

@@ -5,7 +5,7 @@ The effects are those of `filters.effects.catalogue`, so that signs, units and p
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ class Triad:
 
     channels: tuple[int, ...]  # numbers of the three
     effects: tuple[Hypothesis, ...]  # in the order of their parameters
+    own: tuple[str, ...] = ("bias",)  # kinds of effects that each power-on has its own of; such effects come first
 
     @cached_property
     def size(self) -> int:
@@ -41,9 +42,44 @@ class Triad:
         """Where an effect's parameters stand."""
         return self._places[self.effects.index(effect)]
 
+    # Over several power-ons what is each one's own stands first, one after the other, and last what they share.
+
+    @cached_property
+    def owned(self) -> int:
+        """How many parameters are each power-on's own."""
+        return sum(len(e.parameters) for e in self.effects if e.effect in self.own)
+
+    def owning(self, kinds: Sequence[str]) -> "Triad":
+        """The triad with these kinds, and biases, each power-on's own."""
+        own = tuple(dict.fromkeys(["bias", *kinds]))
+        return Triad(self.channels, tuple(sorted(self.effects, key=lambda e: e.effect not in own)), own)
+
+    def of_power_on(self, theta: Array, log: int, logs: int) -> Array:
+        """Parameters of one power-on among those of `logs`, shape (p,)."""
+        b = self.owned
+        return np.concatenate([theta[b * log : b * (log + 1)], theta[b * logs :]])
+
+    def mean(self, theta: Array, logs: int) -> Array:
+        """Parameters of a power-on yet unknown: the mean of what is each one's own, and what all share, shape (p,)."""
+        b = self.owned
+        return np.concatenate([theta[: b * logs].reshape(logs, b).mean(axis=0), theta[b * logs :]])
+
+    def spread(self, columns: Array, log: int, logs: int) -> Array:
+        """Derivatives by the parameters of one power-on (…, p) among those of `logs`."""
+        b = self.owned
+        out = np.zeros((*columns.shape[:-1], b * (logs - 1) + columns.shape[-1]))
+        out[..., b * log : b * (log + 1)] = columns[..., :b]
+        out[..., b * logs :] = columns[..., b:]
+        return out
+
+    def priors(self, logs: int) -> Array:
+        """Standard deviations that fits begin with, SI: so wide that what the data show counts alone."""
+        own = np.array([_WIDE.get(e.effect, 20.0 * p.prior * p.si) for e in self.effects for p in e.parameters])
+        return np.concatenate([np.tile(own[: self.owned], logs), own[self.owned :]])
+
     def without(self, effect: Hypothesis) -> "Triad":
         """The triad with one effect less."""
-        return Triad(self.channels, tuple(e for e in self.effects if e != effect))
+        return replace(self, effects=tuple(e for e in self.effects if e != effect))
 
     def regressor(self, x: Array) -> Array:
         """Regressor φ at n states, what a perfect unit reads being x (n, 6); shape (n, 3, p)."""
@@ -91,11 +127,6 @@ class Triad:
         moved[1] = -moved[0]
         phi = self.regressor((x + moved).reshape(-1, 6)).reshape(2, 3, len(x), 3, self.size)
         return np.asarray(np.moveaxis((phi[0] - phi[1]) @ theta / (2.0 * step), 0, 2) + np.eye(3))
-
-
-def priors(effects: Sequence[Hypothesis]) -> Array:
-    """Standard deviations that fits begin with, SI, shape (p,): so wide that what the data show counts alone."""
-    return np.array([_WIDE.get(e.effect, 20.0 * p.prior * p.si) for e in effects for p in e.parameters])
 
 
 _WIDE = {"scale": 0.3, "cross_axis": 0.3}

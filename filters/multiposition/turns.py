@@ -18,8 +18,8 @@ from filters.effects import deterministic
 from filters.effects.hypothesis import Hypothesis
 from filters.multiposition import least_squares
 from filters.multiposition.least_squares import Fit
-from filters.multiposition.rests import Rest, gaps, unusable
-from filters.multiposition.triad import Triad, priors
+from filters.multiposition.rests import Rest, gaps, power_ons, unusable
+from filters.multiposition.triad import Triad
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -56,7 +56,7 @@ class Turns:
         self.rests = [rest for own in rests for rest in own]
         self.log = np.repeat(np.arange(len(runs)), [len(own) for own in rests])
         self.turns, self.spoilt = _turns(runs, rests)  # `spoilt`: how many were left out for readings that are none
-        self.power_ons, self._power_on = _power_ons(runs)
+        self.power_ons, self.power_on = power_ons(runs)
         self._axes = runs[0].axes
         self._to_body = self._axes.mount * self._axes.gyro_sign
         self._spin = earth.EARTH_RATE * float(np.cos(runs[0].site.latitude))
@@ -76,11 +76,22 @@ class Turns:
         variance = force + density * turn.seconds + (self._spin * turn.seconds) ** 2 / 2.0
         return [variance, variance]
 
-    def sense(self, accelerometers: Triad, theta: Array) -> None:
-        """Take what the accelerometers truly sensed from their calibration."""
-        self._force = [accelerometers.true(run.reading[:, list(ACCELS)], theta) for run in self.runs]
-        mean = np.array([rest.mean[list(ACCELS)] for rest in self.rests])
-        self._up = self.directions(accelerometers.true(mean, theta))
+    def sense(self, accelerometers: Triad, theta: Sequence[Array]) -> None:
+        """Take what the accelerometers truly sensed from their calibration, parameters of each power-on."""
+        self._force, up = [], []
+        for run, rests, number in zip(self.runs, self._rests, self.power_on.tolist(), strict=True):
+            self._force.append(accelerometers.true(run.reading[:, list(ACCELS)], theta[number]))
+            mean = np.array([rest.mean[list(ACCELS)] for rest in rests]).reshape(-1, 3)
+            up.append(accelerometers.true(mean, theta[number]))
+        self._up = self.directions(np.vstack(up))
+
+    def of_power_on(self, number: int) -> "Turns":
+        """Turns and rests of one power-on."""
+        which = np.flatnonzero(self.power_on == number).tolist()
+        out = Turns([self.runs[k] for k in which], [self._rests[k] for k in which])
+        out._force = [self._force[k] for k in which]
+        out._up = self._up[np.isin(self.log, which)]
+        return out
 
     def directions(self, force: Array) -> Array:
         """Unit vectors of specific force in body axes, shape (n, 3)."""
@@ -94,23 +105,12 @@ class Turns:
         """How many power-ons there are."""
         return len(self.power_ons)
 
-    def own(self, theta: Array, log: int) -> Array:
-        """Parameters of one log, its biases first: of all, those of each power-on come first, what they share last."""
-        first = 3 * self._power_on[log]
-        return np.concatenate([theta[first : first + 3], theta[3 * self.logs :]])
+    def own(self, triad: Triad, theta: Array, log: int) -> Array:
+        """Parameters of one log's power-on."""
+        return triad.of_power_on(theta, int(self.power_on[log]), self.logs)
 
-    def _spread(self, columns: Array, log: int) -> Array:
-        """Derivatives by the parameters of one log (…, 3 + p) among those of all (…, 3 power-ons + p)."""
-        out = np.zeros((*columns.shape[:-1], 3 * self.logs + columns.shape[-1] - 3))
-        first = 3 * self._power_on[log]
-        out[..., first : first + 3] = columns[..., :3]
-        out[..., 3 * self.logs :] = columns[..., 3:]
-        return out
-
-    def prior(self, triad: Triad) -> Array:
-        """Wide standard deviations of all parameters."""
-        own = priors(triad.effects)
-        return np.concatenate([np.tile(own[:3], self.logs), own[3:]])
+    def _spread(self, triad: Triad, columns: Array, log: int) -> Array:
+        return triad.spread(columns, int(self.power_on[log]), self.logs)
 
     # ------------------------------------------------------------------------------------------------ observations
 
@@ -120,19 +120,19 @@ class Turns:
         residual = np.empty(2 * len(self.turns) + 3 * len(self.rests))
         slope = np.empty((residual.size, p))
         for k, turn in enumerate(self.turns):
-            carried, moved = self._turned(triad, self.own(theta, turn.log), turn)
+            carried, moved = self._turned(triad, self.own(triad, theta, turn.log), turn)
             predicted = carried @ self._up[turn.first]
             across = _across(self._up[turn.second])
             rows = slice(2 * k, 2 * k + 2)
             residual[rows] = across @ predicted
-            slope[rows] = self._spread(across @ np.cross(predicted[:, None], moved, axis=0), turn.log)
+            slope[rows] = self._spread(triad, across @ np.cross(predicted[:, None], moved, axis=0), turn.log)
         still = self._at_rest()
         phi = triad.regressor(still)
         for k, rest in enumerate(self.rests):
             log = int(self.log[k])
             rows = slice(2 * len(self.turns) + 3 * k, 2 * len(self.turns) + 3 * k + 3)
-            residual[rows] = rest.mean[list(GYROS)] - still[k, :3] - phi[k] @ self.own(theta, log)
-            slope[rows] = -self._spread(phi[k], log)
+            residual[rows] = rest.mean[list(GYROS)] - still[k, :3] - phi[k] @ self.own(triad, theta, log)
+            slope[rows] = -self._spread(triad, phi[k], log)
         return residual, slope
 
     def _at_rest(self) -> Array:
@@ -174,7 +174,7 @@ class Turns:
     def before(self) -> Array:
         """Errors of readings as they are, gyros less their mean at rest, rad, shape (n,)."""
         plain = Turns(self.runs, self._rests)
-        plain.sense(Triad(ACCELS, ()), np.zeros(0))
+        plain.sense(Triad(ACCELS, ()), [np.zeros(0)] * plain.logs)
         return plain.errors(triad_of(), plain.still_biases())
 
     @property
@@ -192,7 +192,7 @@ class Turns:
         """Angle by which each turn misses the next rest's direction, rad, shape (n,)."""
         out = np.empty(len(self.turns))
         for k, turn in enumerate(self.turns):
-            carried, _ = self._turned(triad, self.own(theta, turn.log), turn)
+            carried, _ = self._turned(triad, self.own(triad, theta, turn.log), turn)
             out[k] = _angle(carried @ self._up[turn.first], self._up[turn.second])
         return out
 
@@ -205,7 +205,7 @@ class Turns:
         `up`: directions of its two rests, shape (2, 3): those of accelerometers that were not fitted to them.
         """
         turn = self.turns[number]
-        carried, _ = self._turned(triad, self.own(made.theta, turn.log), turn)
+        carried, _ = self._turned(triad, self.own(triad, made.theta, turn.log), turn)
         rows = np.array([2 * number, 2 * number + 1])
         here = made.residual.copy()
         here[rows] = _across(up[1]) @ (carried @ up[0])
@@ -218,8 +218,10 @@ class Turns:
 
     def fit(self, triad: Triad, start: Array | None = None, excess: Array | None = None) -> Fit:
         """Fit a triad, whose first three effects are its biases, to turns and rests; see `least_squares.fit`."""
-        prior = self.prior(triad)
+        prior = triad.priors(self.logs)
         begin = np.zeros(prior.size) if start is None else start
+        if start is None:
+            begin[np.add.outer(triad.owned * np.arange(self.logs), np.arange(3)).ravel()] = self.still_biases()
         noise = np.concatenate([self._turn_noise, self._rest_noise])
         group = np.repeat([0, 1], [self._turn_noise.size, self._rest_noise.size])
         return least_squares.fit(lambda theta: self.residuals(triad, theta), begin, noise, group, prior, excess)
@@ -228,7 +230,7 @@ class Turns:
         """Mean reading of the rests of each power-on, one after the other, rad/s, shape (3 power-ons,)."""
         out = np.zeros((self.logs, 3))
         for log in range(self.logs):
-            own = [rest for rest, n in zip(self.rests, self.log, strict=True) if self._power_on[int(n)] == log]
+            own = [rest for rest, n in zip(self.rests, self.log, strict=True) if self.power_on[int(n)] == log]
             weight = np.array([rest.seconds for rest in own])
             if own:
                 out[log] = weight @ np.array([rest.mean[list(GYROS)] for rest in own]) / weight.sum()
@@ -260,13 +262,6 @@ def _turns(runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> tuple[list[T
                 out.append(Turn(log, number + k, number + k + 1, part, seconds))
         number += len(own)
     return out, spoilt
-
-
-def _power_ons(runs: Sequence[Run]) -> tuple[tuple[str, ...], list[int]]:
-    """Name of the first run of each power-on, and the number of each run's."""
-    keys = [run.power_on or f"run {number}" for number, run in enumerate(runs)]
-    first = list(dict.fromkeys(keys))
-    return tuple(runs[keys.index(key)].name for key in first), [first.index(key) for key in keys]
 
 
 def _across(direction: Array) -> Array:

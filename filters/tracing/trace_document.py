@@ -197,6 +197,7 @@ class ErrorEntry(TypedDict):
     """A figure of error before and after; `channel` is None of what is no channel's own, "all" of free navigation.
 
     `heldout` is "run" of a power-on, "part" of a later part of a power-on, "folds" within the runs that were fitted.
+    `after_again` is the error with what a new power-on must measure again fitted to it, rests left out in turn.
     """
 
     metric: str
@@ -212,6 +213,24 @@ class ErrorEntry(TypedDict):
     floor_band95: Ends
     n: int
     heldout: HeldOut
+    after_again: NotRequired[float]
+
+
+class CarryOverEntry(TypedDict):
+    """How a kind of effect, on some channels, differs between power-ons of a unit; None where one shows nothing of it.
+
+    `session_sd` is the standard deviation between power-ons, with its interval; `expected_sd` what to expect at the
+    next one, as few power-ons widen it; `measure_again` whether the next one must be measured anew, None: not told.
+    """
+
+    effect: str
+    channels: list[str]
+    power_ons: int
+    unit: str
+    session_sd: float | None
+    session_ci95: Ends | None
+    expected_sd: float | None
+    measure_again: bool | None
 
 
 class LimitEntry(TypedDict):
@@ -324,6 +343,7 @@ class TraceFindings(TypedDict):
     status: dict[str, Status]
     error: list[ErrorEntry]
     limits: list[LimitEntry]
+    carries_over: NotRequired[list[CarryOverEntry]]
     seed: int
     sentence: str
 

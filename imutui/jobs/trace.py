@@ -138,7 +138,7 @@ def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> Trac
         "runs": runs_read,
         **{key: own[key] for key in first},
         "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
-        **{key: own[key] for key in ("error", "limits", "seed", "sentence")},
+        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence") if key in own},
         "notes": notes,
         "library": f"imutui {imutui.__version__}",
     }

@@ -26,6 +26,11 @@ _RULE_BY_HAND = (
     " groups, where the gain of a group is above its price; each leaves where its own score is below 4.5. What goes"
     " beyond them (an accelerometer's square, cube, asymmetry) needs more than 9. The gyros' biases are always in."
 )
+_CARRIES_OVER = (
+    "Each power-on was fitted by itself; what differs beyond the standard deviations of the fits is the power-on's. The"
+    " value that joins the filter is the unit's, as wide as power-ons differ, and wider where they are few. A power-on"
+    " that was held out counts here, and changes no value."
+)
 _NO_ERROR = "None was measured: after the first minute, in which the bias is taken, too little is left."
 _AVERAGED = "Where forms are averaged, the figures are those of the likeliest one, and the average joins the filter."
 
@@ -61,6 +66,7 @@ def sections(d: TraceDocument, places: Places) -> list[Section]:
         Section("Causes, their parameters and rivals", tuple(_filled(_causes(d, places)))),
         Section("Weak, and not used", tuple(_filled(_weak(d)))),
         Section("Errors", tuple(_filled(_errors(d))) or (Paragraph(_NO_ERROR),)),
+        Section("What carries over to the next power-on", tuple(_filled(_carries_over(d)))),
         Section("Asked about", tuple(_filled(_limits(d)))),
         Section("These logs cannot show", tuple(_filled(_untestable(d)))),
         Section("Notes", (Items((held_out(d), *map(_sentence, d.get("notes", [])))),)),
@@ -203,6 +209,24 @@ def _beside(d: TraceDocument) -> Iterator[list[Row]]:
         yield [
             (" ".join(fault["channels"]), _plain(fault["effect"]), f"{count}set aside" + (f": {text}" if text else ""))
         ]
+
+
+def _carries_over(d: TraceDocument) -> Table:
+    """How each kind of effect differs between power-ons, and what the next one must measure again."""
+    columns = (
+        Column("Channels", "code"), Column("Effect"), Column("Differs, 1 sd"), Column("95 % interval"),
+        Column("The next power-on"),
+    )  # fmt: skip
+    said: dict[bool | None, str] = {True: "must measure it again", False: "has the same"}
+    rows = []
+    for e in d.get("carries_over", []):
+        sd, ends = e["session_sd"], e["session_ci95"]
+        unit = "" if e["unit"] == "1" else f" {e['unit']}"
+        differs = "not known" if sd is None else f"{sd:.2g}{unit}"
+        interval = "" if ends is None else f"{ends[0]:.2g} to {ends[1]:.2g}{unit}"
+        then = said.get(e["measure_again"], "can't be known of one" if sd is None else "not told by so few")
+        rows.append((" ".join(e["channels"]), plain_names.short(e["effect"]), differs, interval, then))
+    return Table(columns, tuple(rows), _CARRIES_OVER if rows else "")
 
 
 def _remainder(d: TraceDocument) -> Iterator[list[Row]]:

@@ -260,3 +260,48 @@ def test_samples_at_the_converters_end_and_holes_are_told_and_their_turns_left_o
     value, sd = values(by_channel(document)["gz", "scale"]["params"])
     assert abs(value[0] - 0.01) < 5.0 * sd[0]
     assert not told(calibrate([run], None))["integrity"]
+
+
+def power_ons(count: int, seed: int, bias_sd: float, scale_sd: float = 0.0) -> list[Run]:
+    """Power-ons of one unit between which accelerometer biases (m/s²) and scale factors differ so much, 1 sd."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for k in range(count):
+        run = turned_run(*ACCELEROMETERS, *GYROS, seed=100 * seed + k, rests=20)
+        reading = run.reading.copy()
+        reading[:, 3:] *= 1.0 + scale_sd * rng.standard_normal(3)
+        reading[:, 3:] += bias_sd * rng.standard_normal(3)
+        out.append(replace(run, reading=reading))
+    return out
+
+
+def test_what_differs_between_power_ons_is_told_from_what_carries_over() -> None:
+    """A bias that differs by 5 mg must be measured again, all else holds; a scale factor that differs likewise."""
+    for seed, scale_sd in ((71, 0.0), (72, 2e-3)):
+        *runs, last = power_ons(4, seed, 0.05, scale_sd)
+        trace = report(calibrate(runs, last), (), 0)
+        document = trace.document
+        told_of = {(e["effect"], e["channels"][0][0]): e for e in document["carries_over"]}
+        bias, scale = told_of["bias", "a"], told_of["scale", "a"]
+        assert bias["measure_again"] is True
+        assert bias["power_ons"] == 4
+        assert bias["session_ci95"][0] < 0.05 / 9.80665e-3 < bias["session_ci95"][1]
+        assert scale["measure_again"] is bool(scale_sd)
+        assert told_of["cross_axis", "a"]["measure_again"] is False
+        assert "must measure again: bias of the accelerometers" in document["sentence"]
+        norm = error(document, "gravity_norm")
+        assert norm["after_again"] < 0.1 < 2.0 < norm["after"] < norm["before"]
+        assert error(document, "gravity_direction")["after_again"] < 0.1
+        assert not [r for r in document["refuted"] if r["effect"] == "cross_axis"]
+        own = {(i.effect, i.channels): i.states[0].sd for i in trace.included}
+        assert 2.0 < own["bias", ("ax",)] < 20.0
+
+
+def test_one_power_on_cannot_say_what_carries_over() -> None:
+    """Also of a power-on whose later part judges."""
+    run = turned_run(*ACCELEROMETERS, seed=73)
+    document = told(calibrate([run], None))
+    assert all(e["measure_again"] is None and e["session_sd"] is None for e in document["carries_over"])
+    assert "Of one power-on" in document["sentence"]
+    parts = [replace(each, power_on="a") for each in (run, turned_run(*ACCELEROMETERS, seed=74))]
+    assert "Of one power-on" in told(calibrate(parts[:1], parts[1]))["sentence"]
