@@ -1,6 +1,6 @@
 """Found effects as the filter takes them: regressors from the past alone, sample by sample or many at once.
 
-Temperature is smoothed causally (5 s, its rate 15 s), which lags no ramp. What a sensor
+Temperature and its rate are smoothed causally over some 5 s, which lags no ramp. What a sensor
 truly senses is the reference's where that is known, else what it reads. States are in the units of their report; every
 regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
 """
@@ -74,6 +74,10 @@ class CausalEffects:
         Raises InputError if the text is none that `memory` gave.
         """
         self._thermal.restore(memory)
+
+    def look_ahead(self, temperature: Array) -> None:
+        """Take the temperatures of all samples before the first is shown, degC: regressors are then the tracer's."""
+        self._thermal.look_ahead(temperature)
 
     def rows(
         self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array

@@ -1,8 +1,8 @@
 """What thermal effects are functions of: temperature, its rate, lags and play operators.
 
 Two front ends: `history` has a whole run, in blocks, and smooths symmetrically in time; `CausalTemperature` has the
-past alone. What remembers temperature is the same for both. It goes on from one part of a power-on to the next, between
-which temperature is taken to have gone by a straight line.
+past alone, unless it is told what is to come. What remembers temperature is the same for both. It goes on from one part
+of a power-on to the next, between which temperature is taken to have gone by a straight line.
 """
 
 import functools
@@ -121,15 +121,15 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     widths = np.array([width for width, _ in BANKS])
     at = np.array(PLAYS_AT_START if at is None else at, np.float64)
     means = np.empty((u.size, widths.size))
-    _compiled_play()(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
+    _compiled(_play)(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
     return np.asarray(means / widths), at
 
 
 @functools.cache
-def _compiled_play() -> Callable[[Array, Array, Array, Array], None]:
+def _compiled(function: Callable[..., None]) -> Callable[..., None]:
     from numba import njit  # what takes effects along without those of temperature does not load it
 
-    return njit(cache=True, nogil=True)(_play)
+    return njit(cache=True, nogil=True)(function)
 
 
 def _play(u, r, at, means):  # type: ignore[no-untyped-def]
@@ -144,25 +144,47 @@ def _play(u, r, at, means):  # type: ignore[no-untyped-def]
             means[k, b] = total / each
 
 
+_NOISE = 0.008  # of a thermometer, K √s
+_TURNING = 3.2e-4  # by which the rate of temperature changes, K/s per √s
+_FIRST_RATE = 0.03  # standard deviation of the first rate, K/s
+_BLOCK_S = 0.25  # of the symmetric history, as the tracer has it
+
+
 class CausalTemperature:
-    """Temperature smoothed from the past by double exponential smoothing, its rate, lagged temperatures and plays."""
+    """Temperature and its rate by a Kalman filter, in which the rate is a random walk; lagged temperatures and plays.
+
+    Its states settle in (`_NOISE` / `_TURNING`)^½ = 5 s. The first rate is not taken to be zero.
+    """
 
     def __init__(self, period: float) -> None:
-        self._poles, self._lags = (
-            [float(np.exp(-period / tau)) for tau in taus] for taus in ((SMOOTH_S, SLOPE_S), LAGS)
-        )
-        # the temperature last known and the first, degC; recursions of the smoothing and of the lags, empty before any
-        # temperature is known; plays
+        self._period = period
+        self._lags = [float(np.exp(-period / tau)) for tau in LAGS]
+        # the temperature last known and the first, degC; level, rate and their covariance (K, s), recursions of the
+        # lags, both empty before any temperature is known; plays
         self._held, self._start = np.nan, 0.0
-        self._smooth: list[float] = []
+        self._smooth = np.zeros(0)
         self._lagging: list[float] = []
         self._plays = PLAYS_AT_START
+        self._ahead: TemperatureHistory | None = None
+        self._shown = 0
+
+    def look_ahead(self, temperature: Array) -> None:
+        """Take all temperatures that will be followed, degC, shape (N,): smoothed symmetrically, as by the tracer."""
+        per = max(1, round(_BLOCK_S / self._period))
+        edges = np.append(np.arange(0, temperature.size, per), temperature.size)
+        period = per * self._period
+        before = None
+        if self._lagging:
+            lagged = np.array(self._lagging) / np.array(self._lags)
+            before = ThermalMemory(-0.5 * period, float(self._smooth[0]), self._start, lagged, self._plays)
+        middles = period * np.asarray(np.arange(edges.size - 1) + 0.5, np.float64)
+        self._ahead = history(temperature, middles, period, edges, before)
 
     def memory(self) -> str:
         """All of its state as JSON, to the last bit; "" before any temperature is known."""
-        if not self._smooth:
+        if not self._lagging:
             return ""
-        vectors = {"smooth": self._smooth, "lags": self._lagging, "plays": self._plays.tolist()}
+        vectors = {"smooth": self._smooth.tolist(), "lags": self._lagging, "plays": self._plays.tolist()}
         return json.dumps({"held": self._held, "start": self._start, **vectors})
 
     def restore(self, memory: str) -> None:
@@ -178,21 +200,25 @@ class CausalTemperature:
             raise InputError(f"the memory of temperature does not read as one ({error})") from error
         if not np.isfinite([held, start, *(v for vector in vectors for v in vector)]).all():
             raise InputError("the memory of temperature has a number that is not finite")
-        if [len(vector) for vector in vectors] == [2 * len(self._poles), len(self._lags), self._plays.size]:
+        if [len(vector) for vector in vectors] == [_STATES, len(self._lags), self._plays.size]:
             self._held, self._start = held, start
-            self._smooth, self._lagging, self._plays = vectors[0], vectors[1], np.array(vectors[2])
+            self._smooth, self._lagging, self._plays = np.array(vectors[0]), vectors[1], np.array(vectors[2])
 
     def follow(self, temperature: Array) -> TemperatureHistory:
         """Of the next samples."""
+        self._shown += temperature.size
+        if self._ahead is not None:
+            return _between(self._ahead, self._shown - temperature.size, temperature.size, self._period)
         raw = self._filled(temperature)
         if not np.isfinite(raw).all():
             return unknown(raw.size)
-        if not self._smooth:
+        if not self._lagging:
             self._start = float(raw[0])
-            self._smooth = [p * self._start for p in self._poles for _ in range(2)]
+            self._smooth = np.array([self._start, 0.0, _NOISE**2 / self._period, 0.0, _FIRST_RATE**2])
             self._lagging = [p * self._start for p in self._lags]
-        level, _ = self._doubled(raw, 0)
-        _, slope = self._doubled(raw, 1)
+        smooth = np.empty((2, raw.size))
+        _compiled(_line)(raw, self._period, _NOISE**2 / self._period, _TURNING**2, self._smooth, smooth)
+        level, slope = smooth
         lagged = np.empty((raw.size, len(LAGS)))
         for k, pole in enumerate(self._lags):
             lagged[:, k], self._lagging[k] = first_order(level, 1.0 - pole, pole, self._lagging[k])
@@ -211,9 +237,38 @@ class CausalTemperature:
             out[k] = self._held
         return out
 
-    def _doubled(self, raw: Array, which: int) -> tuple[Array, Array]:
-        """Level and slope by double exponential smoothing."""
-        pole, tau = self._poles[which], (SMOOTH_S, SLOPE_S)[which]
-        once, self._smooth[2 * which] = first_order(raw, 1.0 - pole, pole, self._smooth[2 * which])
-        twice, self._smooth[2 * which + 1] = first_order(once, 1.0 - pole, pole, self._smooth[2 * which + 1])
-        return 2.0 * once - twice, (once - twice) / tau
+
+_STATES = 5  # level, rate, and what of their covariance differs
+
+
+def _line(x, dt, r, q, state, out):  # type: ignore[no-untyped-def]
+    """Level and rate of x, variance r, when the rate is a random walk of density q; `state` becomes the last."""
+    level, rate, P, C, V = state
+    for k in range(x.size):
+        level += dt * rate
+        P += dt * (2.0 * C + dt * (V + q * dt / 3.0))
+        C += dt * (V + 0.5 * q * dt)
+        V += q * dt
+        nu, S = x[k] - level, P + r
+        level += P / S * nu
+        rate += C / S * nu
+        V -= C * C / S
+        C *= r / S
+        P *= r / S
+        out[0, k] = level
+        out[1, k] = rate
+    state[0], state[1], state[2], state[3], state[4] = level, rate, P, C, V
+
+
+def _between(ahead: TemperatureHistory, first: int, count: int, period: float) -> TemperatureHistory:
+    """A history's blocks at so many samples from one on."""
+    per = max(1, round(_BLOCK_S / period))
+    at = (first + np.arange(count) + 0.5) / per - 0.5
+    low = np.clip(at.astype(np.int_), 0, max(ahead.level.size - 2, 0))
+    high = np.minimum(low + 1, ahead.level.size - 1)
+    share = np.clip(at - low, 0.0, 1.0)
+
+    def values(x: Array) -> Array:
+        return np.asarray((x[low].T + (x[high] - x[low]).T * share).T)
+
+    return TemperatureHistory(values(ahead.level), values(ahead.rate), values(ahead.lagged), values(ahead.plays))

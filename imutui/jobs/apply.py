@@ -1,9 +1,10 @@
 """A log as a corrected unit would have read it: effects of a file taken out of its samples.
 
-The regressors are those of a replay with the same effects, by the same code: the filter runs, and is listened to. It
-takes an effect of what is sensed where the reference says that, and of what is read elsewhere; there the correction is
-solved for what is sensed, since a reading has its bias and its effects in it. What only the filter can follow, a drift,
-stays in; so do the biases, which belong to a power-on.
+The regressors are those of a replay with the same effects, by the same code: the filter runs, and is listened to. Only
+temperature, which is known to the log's end, is smoothed symmetrically, as the tracer does: no rate of it lags. The
+filter takes an effect of what is sensed where the reference says that, and of what is read elsewhere; there the
+correction is solved for what is sensed, since a reading has its bias and its effects in it. What only the filter can
+follow, a drift, stays in; so do the biases, which belong to a power-on.
 """
 
 import errno
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from filters.channels import DPS, G
 from filters.effects import plain_names
 from filters.effects.records import Included
+from filters.effects.runtime import CausalEffects
 from filters.kalman.augmentation import Effects
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
@@ -181,7 +183,10 @@ def _listen(
     n = part.t.size
     if settings.effects is None:
         return _Found(np.zeros((n, 6)), np.ones(n, bool), np.ones(n, bool))
-    listened = _Listened(settings.effects(), wanted, info.reference in _BY_READINGS)
+    effects = settings.effects()
+    assert isinstance(effects, CausalEffects)
+    effects.look_ahead(part.temperature)
+    listened = _Listened(effects, wanted, info.reference in _BY_READINGS)
     estimator = Estimator(replace(settings, effects=lambda: listened), np.inf)
     for event in log.events:
         if event.name == "mark":

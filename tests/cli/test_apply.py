@@ -47,7 +47,7 @@ def mounted(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("source", ["sample", "mounted"])
 def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Path, source: str) -> None:
     log = SAMPLE if source == "sample" else mounted(tmp_path)
-    effects = written(tmp_path, SCALE, THERMAL, RAMP)
+    effects = written(tmp_path, SCALE, RAMP)
     corrected = tmp_path / "corrected.mcap"
     imutui("apply", log, "--effects", effects, "-o", corrected)
     with_effects, after, before = (
@@ -91,6 +91,24 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
     axes = made.info.axes()
     found = np.hstack([axes.gyro_to_instrument(made.gyro) / DPS, axes.accel_to_instrument(made.accel) / G])
     np.testing.assert_allclose(found, true, rtol=0.0, atol=1e-9)
+
+
+def test_an_effect_of_the_rate_of_temperature_is_taken_out_without_lag(tmp_path: Path) -> None:
+    n = 12000
+    t, rng = np.arange(n) / 20.0, np.random.default_rng(4)
+    T = 25.0 + 4.0 * np.sin(2.0 * np.pi * t / 200.0)
+    gyro = np.zeros((n, 3))
+    gyro[:, 2] = 5.0 * np.gradient(T, t)
+    accel = np.tile([0.0, 0.0, 1.0], (n, 1)) + rng.standard_normal((n, 3)) * 1e-3
+    np.savez(tmp_path / "in.npz", t=t, gyro=gyro, accel=accel, temp=T + 0.02 * rng.standard_normal(n))
+    flags = ("--accel-sign", "+1", "--reference", "gravity", "--kind", "measured")
+    imutui("import", tmp_path / "in.npz", "-o", tmp_path / "in.mcap", *flags)
+    effects = written(tmp_path, known("thermal_rate", "gz", "deg/s/(K/s)", 5.0))
+    imutui("apply", tmp_path / "in.mcap", "--effects", effects, "-o", tmp_path / "out.mcap")
+    before, after = (reader.read(tmp_path / name) for name in ("in.mcap", "out.mcap"))
+    of_rate = before.info.axes().gyro_to_instrument(before.gyro)[:, 2]
+    left = after.info.axes().gyro_to_instrument(after.gyro)[:, 2]
+    assert np.std(left) < 0.06 * np.std(of_rate)
 
 
 def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
