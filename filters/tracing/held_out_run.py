@@ -15,7 +15,7 @@ from filters.effects.run_specific import Tone
 from filters.tracing import validation
 from filters.tracing.columns import ColumnsByTerm, columns_on
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.error_figure import DRAWS, ErrorFigure, chi2_quantiles, rms, rms_interval
+from filters.tracing.error_figure import ErrorFigure, chi2_quantiles, drawn_again, rms, rms_interval
 from filters.tracing.findings import Finding
 from filters.tracing.residual import attitude_and_rate
 from filters.tracing.stack import Stack
@@ -182,7 +182,7 @@ def free_drift(
     gyro, accel = float(np.mean(white[:3] ** 2)), float(np.mean(white[3:] ** 2))
     floor = float(np.sqrt(3.0 * accel * seconds**3 / 3.0 + 2.0 * gamma**2 * gyro * seconds**5 / 20.0))
     rng = np.random.default_rng(seed)
-    picks = rng.integers(0, starts.size, (DRAWS, starts.size))
+    picks = drawn_again(rng, starts.size)
     low, high = (float(np.sqrt(q / (2 * starts.size))) for q in chi2_quantiles(2 * starts.size))
     return ErrorFigure(
         metric=f"drift_{seconds:.0f}s",

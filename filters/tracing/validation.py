@@ -22,6 +22,7 @@ from filters.tracing.error_figure import (
     ErrorFigure,
     binomial_quantile,
     chi2_quantiles,
+    drawn_again,
     rms,
     rms_interval,
     wilson_interval,
@@ -111,17 +112,21 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
         return None
     floors = white * np.sqrt(1.0 / both.seconds + 1.0 / HOLD_S)
     rng, n = np.random.default_rng(seed), both.seconds.size
-    own = rng.standard_normal((DRAWS, n)) / np.sqrt(both.seconds)
-    simulated = white * (own + rng.standard_normal((DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
-    band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
-    picks = rng.integers(0, n, (DRAWS, n))
+    # of noise of the windows and of the minute that the bias was taken from: squares and products, row after row
+    scale, share = white / floors, white / floors / np.sqrt(both.seconds)
+    rows = (share * rng.standard_normal(n) for _ in range(DRAWS))
+    squares, products = np.array([(row @ row / n, scale @ row / n) for row in rows]).T
+    of_bias = rng.standard_normal(DRAWS) / np.sqrt(HOLD_S)
+    simulated = squares + of_bias * (2.0 * products + of_bias * (scale @ scale / n))
+    band = np.quantile(np.sqrt(simulated), [0.025, 0.975])
+    picks = drawn_again(rng, n)
     nominal = white * np.sqrt(1.0 / WINDOW_S + 1.0 / HOLD_S)
     errors = both.errors / floors[:, None]
     return _e10_figure(channel, errors[:, 0], errors[:, 1], nominal, band, picks, "run")
 
 
 def _e10_figure(
-    channel: int, before: Array, after: Array, nominal: float, band: Array, picks: NDArray[np.int_], heldout: HeldOut
+    channel: int, before: Array, after: Array, nominal: float, band: Array, picks: NDArray[np.integer], heldout: HeldOut
 ) -> ErrorFigure:
     """Figure from errors over their floors, the nominal floor (SI), a clean unit's band of ratios, and drawn rows."""
     unit, si = error_unit(channel)
@@ -216,7 +221,7 @@ def folded(
     if n < 4:
         return None
     errors = own.mean / (white / np.sqrt(own.seconds))[:, None]
-    picks = np.random.default_rng(seed).integers(0, n, (DRAWS, n))
+    picks = drawn_again(np.random.default_rng(seed), n)
     band = np.sqrt(np.array(chi2_quantiles(n)) / n)
     figure = _e10_figure(channel, errors[:, 0], errors[:, 1], white / np.sqrt(WINDOW_S), band, picks, "folds")
     return FoldedErrors(figure, errors[:, 0], errors[:, 1], errors[:, 2:])

@@ -54,7 +54,7 @@ def command(
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
     )
-    traced = trace(logs, options, progress)
+    traced = trace(logs, options, progress, lambda text: say(text) if text else None)
     for sentence in traced.damage:
         say(f"imutui: {sentence}")
     answer(

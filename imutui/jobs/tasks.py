@@ -40,11 +40,17 @@ def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -
 
 
 def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell: Tell) -> TraceResult:
-    """A trace over logs, one log a run."""
+    """A trace over logs, one log a run; while it goes on, what is found so far stands below what is being done."""
     tell(0.0, "starting")
     from imutui.jobs import trace
 
-    traced = trace.trace(list(logs), options or trace.TraceOptions(), tell)
+    found: list[str] = []
+    traced = trace.trace(
+        list(logs),
+        options or trace.TraceOptions(),
+        lambda share, what: tell(share, "\n".join([what, *found])),
+        lambda text: found.extend([text] if text else []),
+    )
     experiment = traced.document["separating_experiment"]
     return TraceResult(
         traced.document,

@@ -25,7 +25,8 @@ from imutui.logbook import effects_file, power_on
 from imutui.logbook.reference_file import ReferenceFile, to_toml
 
 VERSION = 1
-_READING = 0.1
+Progress = Callable[[float, str], None]
+_READING, _READING_LONG = 0.1, 0.9  # share of the time that it takes to read logs
 _MOST_POINTS = 12
 
 
@@ -52,12 +53,16 @@ class Traced:
 
 
 def trace(
-    logs: Sequence[Path], options: TraceOptions, progress: Callable[[float, str], None] = lambda share, what: None
+    logs: Sequence[Path],
+    options: TraceOptions,
+    progress: Progress = lambda share, what: None,
+    so_far: Callable[[str], None] = lambda text: None,
 ) -> Traced:
     """Trace a unit over its logs, one log a run or a part of one.
 
     `logs`: at least one.
     `progress`: told the share done, 0 to 1, and what is being done.
+    `so_far`: told what the beginnings of long logs say, before all of them is read.
     Raises UnreadableLogError if there is nothing to read in one of them.
     Raises InputError if they do not belong together, or do not follow their reference; the message says what to do.
     """
@@ -66,24 +71,48 @@ def trace(
     paths = [*training, *([heldout] if heldout is not None else [])]
     names = _names(paths)
     wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
-    reads = runs.read_runs(paths, names, wanted, len(training), lambda share, what: progress(_READING * share, what))
+    long = runs.is_long(paths)
+    if long:
+        progress(0.0, "tracing the beginning")
+        so_far(_provisional(paths, names, wanted, options, heldout))
+    reading = _READING_LONG if long else _READING
+    reads = runs.read_runs(paths, names, wanted, len(training), lambda share, what: progress(reading * share, what))
+    return _traced(
+        reads, heldout, options, notes, lambda share, what: progress(reading + (1.0 - reading) * share, what)
+    )
+
+
+def _provisional(
+    paths: Sequence[Path],
+    names: Sequence[str],
+    wanted: replay.ReplayOptions,
+    options: TraceOptions,
+    heldout: Path | None,
+) -> str:
+    """What the beginnings of long logs say; empty if they can't be traced by themselves."""
+    try:
+        reads = [runs.read_beginning(path, name, wanted) for path, name in zip(paths, names, strict=True)]
+        found = _traced(reads, heldout, options, [], lambda share, what: None).document
+    except InputError:
+        return ""  # whether the whole can be traced is said when it is read
+    minutes = sum(read.run.seconds for read in reads) / len(reads) / 60.0
+    return f"Provisional, of the first {minutes:.0f} min: {found['sentence']}"
+
+
+def _traced(
+    reads: list[LoggedRun], heldout: Path | None, options: TraceOptions, notes: list[str], progress: Progress
+) -> Traced:
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
     reads, joined = power_ons.join(reads)
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
-    notes += joined
+    notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += [_lacking(read) for read in reads if read.run.unread]
     find = _trace_turned if by_hand else _trace_known
-    found, own_notes = find(
-        fitted,
-        held,
-        options.asked,
-        options.seed,
-        lambda share, what: progress(_READING + (1.0 - _READING) * share, what),
-    )
+    found, own_notes = find(fitted, held, options.asked, options.seed, progress)
     notes += own_notes
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
@@ -104,7 +133,7 @@ def _trace_known(
     held: LoggedRun | None,
     asked: Sequence[str],
     seed: int,
-    progress: Callable[[float, str], None],
+    progress: Progress,
 ) -> tuple[Trace, list[str]]:
     """Trace logs whose motion is known, and notes on what they can be expected to show."""
     from filters.tracing.trace import trace as trace_runs
@@ -276,7 +305,7 @@ def _trace_turned(
     held: LoggedRun | None,
     asked: Sequence[str],
     seed: int,
-    progress: Callable[[float, str], None],
+    progress: Progress,
 ) -> tuple[Trace, list[str]]:
     """Trace logs of a unit turned by hand, and notes on them.
 

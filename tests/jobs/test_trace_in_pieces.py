@@ -1,5 +1,6 @@
 """A log that is too long to be held is traced in pieces, and says what the whole would say."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,9 @@ from imutui.logbook.writer import LogWriter
 HZ, SECONDS, START = 50.0, 1800.0, 1_700_000_000_000_000_000
 
 
-def faulty(path: Path, seed: int = 0) -> Path:
+def faulty(path: Path) -> Path:
     """A unit at rest whose x gyro follows temperature, with a line, spikes, readings that are none, and a gap."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     t = np.arange(round(SECONDS * HZ)) / HZ
     t = t[(t < 700.0) | (t > 703.0)]
     T = 20.0 - 12.0 * np.expm1(-t / 400.0) + 2.0 * np.sin(t / 100.0)
@@ -52,9 +53,11 @@ def test_in_pieces_as_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     whole = trace([log], TraceOptions())
     monkeypatch.setattr(replay_input, "WHOLE_BYTES", 0)
     monkeypatch.setattr(runs, "_HELD", 1 << 14)
+    monkeypatch.setattr(runs, "_BEGINNING", 1 << 16)
     monkeypatch.setattr(pieces, "ROWS", 1 << 14)
     told: list[tuple[float, str]] = []
-    parts = trace([log], TraceOptions(), lambda share, what: told.append((share, what)))
+    first: list[str] = []
+    parts = trace([log], TraceOptions(), lambda share, what: told.append((share, what)), first.append)
     assert said(parts.document) == said(whole.document)
     assert {"spikes", "dropout"} <= {fault["effect"] for fault in whole.document["integrity"]}
     # the gap makes the rate of the whole less than that of its samples
@@ -65,5 +68,7 @@ def test_in_pieces_as_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             assert p["value"] == pytest.approx(q["value"], abs=0.5 * (q["sd"] or 0.0))
     for one, other in zip(parts.document["error"], whole.document["error"], strict=True):
         assert one["after"] == pytest.approx(other["after"], rel=0.05)
+    (text,) = first
+    assert re.match(r"Provisional, of the first 2\d min: gx: linear in temperature", text)
     assert any("means of a" in what for _, what in told)
     assert [share for share, _ in told] == sorted(share for share, _ in told)

@@ -78,10 +78,10 @@ _POLL_S = 0.2
 
 
 class JobLine(Widget):
-    """Two lines about the job that it runs; empty without one. Posts `Ended`."""
+    """Lines about the job that it runs, and what it has found so far; empty without one. Posts `Ended`."""
 
     DEFAULT_CSS = """
-    JobLine { height: 2; padding: 0 1; background: $panel; display: none; }
+    JobLine { height: auto; max-height: 6; padding: 0 1; background: $panel; display: none; }
     JobLine.-on { display: block; }
     """
 
@@ -123,7 +123,7 @@ class JobLine(Widget):
             return
         if news := worker.poll():
             self._share, self._doing = news[-1].share, news[-1].text or self._doing
-        self.refresh()  # without news the seconds go on
+        self.refresh(layout=self._doing.count("\n") > 0)  # without news the seconds go on
         if worker.state != RUNNING:
             self.job = self._worker = None
             self.remove_class("-on")
