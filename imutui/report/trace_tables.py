@@ -113,7 +113,6 @@ def _causes(d: TraceDocument, places: Places) -> Table:
 
 
 def _findings(d: TraceDocument) -> Iterator[list[Row]]:
-    power_ons = {run.get("power_on", run["id"]) for run in d["runs"] if not run.get("heldout")}
     for f in d.get("findings", []):
         told = [f"score {f['score']:.0f}"]
         confirmed = f.get("confirmed")
@@ -127,28 +126,26 @@ def _findings(d: TraceDocument) -> Iterator[list[Row]]:
             told.append("confirmed" if confirmed else "NOT confirmed, not used")
         told += [f"form {f['proposed_form']}"] if f.get("proposed_form") else []
         told += [f"of common cause {f['common'] + 1}"] if "common" in f else []
-        parameters = _parameters(f.get("params", []), len(power_ons))
+        parameters = _parameters(f.get("params", []))
         if len(parameters) == 1:
             told = [f"{parameters.pop()[2]}; {told[0]}", *told[1:]]
         rows = [(" ".join(f["channels"]), plain_names.named(f["label"], f["effect"]), ", ".join(told))]
         yield rows + parameters + _rivals(f.get("rivals", []))
 
 
-def _parameters(params: Sequence[ParameterEntry], power_ons: int) -> list[Row]:
+def _parameters(params: Sequence[ParameterEntry]) -> list[Row]:
     """Each with its standard deviation; of the points of a free curve the largest."""
     points = [p for p in params if p.get("sd") is not None]
     if len(points) > _FEW and len({p["unit"] for p in points}) == 1:
         largest = max(points, key=lambda p: abs(p["value"]))
-        return [("", "", f"{_value(largest, power_ons)} {largest['name']}, the largest of {len(points)} points")]
+        return [("", "", f"{_value(largest)} {largest['name']}, the largest of {len(points)} points")]
     shown = [p for p in params if p.get("sd") is not None or p["name"] not in _IN_LABEL]
-    return [("", plain_names.parameter(p["name"]), _value(p, power_ons)) for p in shown]
+    return [("", plain_names.parameter(p["name"]), _value(p)) for p in shown]
 
 
-def _value(p: ParameterEntry, power_ons: int) -> str:
+def _value(p: ParameterEntry) -> str:
     if p["name"] == "weight":
         return share(p["value"])
-    if p["name"] == "carried_over" and (power_ons < 2 or (p["sd"] or 0.0) >= 0.5):
-        return "not known from one power-on" if power_ons < 2 else "not known"
     unit = "" if p["unit"] == "1" else p["unit"]
     odd = ", implausibly large for this physics" if p.get("plausible") is False else ""
     return plus_minus(p["value"], p.get("sd"), unit) + odd
@@ -245,7 +242,7 @@ def _remainder(d: TraceDocument) -> Iterator[list[Row]]:
 def _weak(d: TraceDocument) -> Table:
     rows = []
     for x in sorted(d.get("weak", []), key=lambda x: (CHANNELS.index(x["channels"][0]), -x["score"])):
-        parameters = _parameters(x.get("params", []), 2)
+        parameters = _parameters(x.get("params", []))
         sizes = [value if len(parameters) == 1 else f"{name} {value}" for _, name, value in parameters]
         told = [f"score {x['score']:.0f}" + (f": {x['why']}" if x.get("why") else "")]
         if x.get("limit") is not None and x.get("params"):
