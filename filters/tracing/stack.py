@@ -11,8 +11,10 @@ from filters.errors import InputError
 from filters.tracing.blocks import Blocks
 from filters.types import Array
 
-CELL_S = 20.0  # length of a cell, s: what is left out together when a fit is judged on what it has not seen
+# of a cell, s, at most: what is left out together when a fit is judged on what it has not seen; there is one a fold
+CELL_S = 20.0
 FOLDS = 5  # a fold leaves out every fifth cell
+_MARGIN = 1e-3  # so that the last block falls into the last cell
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Stack:
     # y, weight: residual and weight, shape (n, 6)
     y: Array
     weight: Array
-    cell: NDArray[np.int_]  # number of the 20 s cell, shape (n,)
+    cell: NDArray[np.int_]  # number of the cell of 20 s, of short runs a fifth of all, shape (n,)
     period: float  # of a block, s
 
     @classmethod
@@ -43,10 +45,11 @@ class Stack:
         run = np.repeat(np.arange(len(blocks)), sizes)
         t = np.concatenate([b.t for b in blocks])
         cell, offset = np.empty(t.size, np.int64), 0
+        cell_s = min(CELL_S, (1.0 + _MARGIN) * sum(b.run.seconds for b in blocks) / FOLDS)
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         part_t = t - np.repeat([b.run.begins for b in blocks], sizes)
         for start, size in zip(starts.tolist(), sizes, strict=True):
-            own = (part_t[start : start + size] // CELL_S).astype(np.int64)
+            own = (part_t[start : start + size] // cell_s).astype(np.int64)
             cell[start : start + size] = own + offset
             offset += int(own[-1]) + 1
         begins = starts[first_runs]

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from filters.errors import InputError
-from filters.tracing import validation
 from filters.tracing.assessment import assess
 from filters.tracing.blocks import BLOCK_S
 from filters.tracing.comparison import compare
@@ -18,7 +17,8 @@ from filters.tracing.result import Trace
 from filters.tracing.run import Run, in_order
 from filters.tracing.screening import Screening, noise_findings, without_faults
 
-LEAST_S = 60.0  # a run must be this long to be used at all
+_LEAST_BLOCKS = 20  # of a run: fewer tell neither its noise nor what stands out of it
+_ENOUGH_S = 60.0  # of a channel; of shorter runs, half of the longest
 # _LONG_S, _LONG_AT_REST_S: of motion and at rest, what blocks of the usual length are made of
 _LONG_S, _LONG_AT_REST_S = 4.0 * 3600.0, 16.0 * 3600.0
 _LONGEST_S = 10.0  # of a block: errors are told of means over 10 s
@@ -51,7 +51,7 @@ def trace(
         [run for run, _ in cleaned[: len(runs)]],
         cleaned[-1][0] if heldout else None,
         block_s(sum(run.seconds for run in runs), still=all(run.still for run in runs)),
-        LEAST_S,
+        min(_ENOUGH_S, max(run.seconds for run in runs)),
         lambda share: progress(0.1 + 0.7 * share, "comparing effects"),
     )
     chosen, channels = compared.chosen, compared.channels
@@ -77,8 +77,9 @@ def _check(runs: Sequence[Run], heldout: Run | None) -> None:
     if not runs:
         raise ValueError("`runs` is empty: there is nothing to trace")
     for run in (*runs, *([heldout] if heldout else [])):
-        if run.t.size < 8 or run.seconds < LEAST_S:
+        least = _LEAST_BLOCKS * max(BLOCK_S, 1.0 / run.rate_hz if run.t.size > 1 else np.inf)
+        if run.seconds < least:
             raise InputError(
-                f"{run.name} lasts {run.seconds:.1f} s: a run must last {LEAST_S:.0f} s at least, and a held-out one"
-                f" {validation.LEAST_S:.0f} s for a verdict"
+                f"{run.name} lasts {run.seconds:.1f} s: nothing can be told from its noise in less than"
+                f" {_LEAST_BLOCKS} means, {least:.3g} s. What differs slowly takes longer, half an hour of warming up."
             )

@@ -16,6 +16,7 @@ from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, format_mount
 from filters.tracing.blocks import BLOCK_S, average
 from filters.tracing.long_run import ROWS_A_BLOCK
+from filters.tracing.validation import HOLD_S
 from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 
@@ -305,6 +306,12 @@ def expectations(training: Sequence[LoggedRun], heldout: LoggedRun | None) -> li
             f"the held-out run lasts {heldout.run.seconds:.0f} s: under {_JUDGED_S:.0f} s the error after is uncertain,"
             " and nothing is called explained by it alone"
         )
+    said += [
+        f"{read.run.name} lasts {read.run.seconds:.0f} s: what its motion excites can be told, nothing slow can, such"
+        f" as drift and warm-up; nor the error after a bias hold of {HOLD_S:.0f} s"
+        for read in training
+        if read.run.seconds < HOLD_S
+    ]
     spans = _temperature_spans(training)
     if not spans:
         said.append("no temperature in the logs: thermal effects cannot be found")

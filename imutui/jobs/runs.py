@@ -26,7 +26,6 @@ from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
 
 Tell = Callable[[float, str], None]
-_SHORTEST_S = 60.0
 _AT_ONCE = 1 << 18
 
 
@@ -44,17 +43,19 @@ class LoggedRun:
     sha256: str  # of the file
 
 
-def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = _SHORTEST_S) -> LoggedRun:
+def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = 0.0) -> LoggedRun:
     """Read a log as one run.
 
     `options`: reference and overrides of the session.
-    `shortest`: least length, s: what tracing needs.
+    `shortest`: least length, s; how much a trace takes depends on what it is of.
     Raises UnreadableLogError if there is nothing to read.
     Raises InputError if it is too short, or its motion is not known.
     """
     log = reader.read(path)
     info = replay.session_of(log, options)
-    check_length(path, float(log.seconds()[-1]), shortest)
+    seconds = float(log.seconds()[-1])
+    if seconds < shortest:
+        raise InputError(f"{path} lasts {seconds:.1f} s; at least {shortest:.0f} s are needed. Record a longer one.")
     motion = motion_of(log, info, options, float((_figures(info) if log.own else _UNKNOWN)[2][:3].mean()))
     first_ns = log.first_ns
     return LoggedRun(
@@ -78,19 +79,9 @@ def read_beginning(path: Path, name: str, options: replay.ReplayOptions) -> Logg
     info = replay.session_of(log, options)
     if info.reference not in _IN_PIECES or not log.stamp_ns.size:
         raise InputError(f"{path}: its beginning says too little")
-    check_length(path, float(log.seconds()[-1]), _SHORTEST_S)
     motion = motion_of(log, info, options)
     run = _run(name, log, info, motion)
     return LoggedRun(path, info, run, True, "", motion.how, log.first_ns, f"the beginning of {path}")
-
-
-def check_length(path: Path, seconds: float, shortest: float) -> None:
-    """Raise InputError if a log is too short to be traced."""
-    if seconds < shortest:
-        raise InputError(
-            f"{path} lasts {seconds:.1f} s; tracing needs at least {shortest:.0f} s, better half an hour a run with"
-            " the unit warming up. Record a longer one."
-        )
 
 
 def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
@@ -202,7 +193,6 @@ class _LongLog:
 
     def __init__(self, name: str, known: Outline, options: replay.ReplayOptions) -> None:
         self.name, self.known, path = name, known, known.log.path
-        check_length(path, known.seconds, _SHORTEST_S)
         self.info = replay.session_of(known.log, options)
         if not known.log.own:
             self.info = replace(self.info, rate_hz=(known.samples - 1) / known.seconds)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
 TITLE = "Data quality"
-TRACE_LEAST_S, TRACE_GOOD_S = 60.0, 1800.0
+TRACE_LEAST_S, TRACE_GOOD_S = 5.0, 1800.0
 _NOISE_SHARE = 0.1
 _SHORT_NOISE_S = 10.0
 

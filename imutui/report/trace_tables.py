@@ -31,7 +31,10 @@ _CARRIES_OVER = (
     " value that joins the filter is the unit's, as wide as power-ons differ, and wider where they are few. A power-on"
     " that was held out counts here, and changes no value."
 )
-_NO_ERROR = "None was measured: after the first minute, in which the bias is taken, too little is left."
+_NO_ERROR = (
+    "None was measured: after the first minute, in which the bias is taken, or in folds of a shorter run, too little is"
+    " left."
+)
 _AVERAGED = "Where forms are averaged, the figures are those of the likeliest one, and the average joins the filter."
 
 

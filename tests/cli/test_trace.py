@@ -178,13 +178,11 @@ def test_a_channel_that_is_dead_does_not_stop_the_trace(tracer: Tracer, logs: di
 
 
 def test_mistakes_end_with_one_paragraph_and_a_next_step(tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
-    imported(home / "short.mcap", arrays(30.0, moving=False))
     imported(home / "up.mcap", arrays(70.0, sign=1, moving=False, seed=5))
     (home / "text.mcap").write_text("text")
     cases: dict[tuple[str, ...], tuple[int, str]] = {
         ("absent.mcap",): (3, "no such file"),
         ("text.mcap",): (3, "imutui import"),
-        ("short.mcap",): (2, "at least 60 s"),
         ("up.mcap",): (2, "--accel-sign"),
         (str(logs["a"]), str(logs["b"]), str(logs["b"])): (2, "given twice"),
         (str(logs["a"]), "--reference", "upright"): (2, "level"),
