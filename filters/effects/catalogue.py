@@ -107,10 +107,12 @@ def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothe
         ranges[name.split("*")[0]] = (centre, centre)
     if "threshold_degc" in shape:
         return drivers.threshold(number_of(shape, "threshold_degc")).on(channel)
+    if "knee_degc" in shape:
+        return drivers.kink(number_of(shape, "knee_degc")).on(channel)
     if shape.get("basis") == "relay":
         return drivers.relay(number_of(shape, "down_degc"), number_of(shape, "up_degc")).on(channel)
     for basis in drivers.bases(ranges):
         same = basis.name == name and basis.kind == shape.get("basis")
-        if same and all(basis.shape.get(key) == shape.get(key) for key in ("order", "tau_s")):
+        if same and all(basis.shape.get(key) == shape.get(key) for key in ("order", "tau_s", "power")):
             return basis.on(channel)
     raise InputError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')

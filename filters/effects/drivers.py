@@ -20,6 +20,9 @@ RELAY_LEVELS = 25  # temperatures between which a state may flip up and down
 _RELAY_K = 5.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)
 THRESHOLDS = 9
+KNEES = 14  # temperatures at which a slope may change
+CREEP_TAUS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # of ln(1 + t / tau), s
+CREEP_POWERS = (0.2, 0.35, 0.5, 0.7)  # of t
 PAST_MOTION = ("settling", "direction", "turns", "since_motion", "table_accel")
 """Drivers that follow the table's past motion, which the filter does not have, as their names begin."""
 _KNOTS = {"time": 9, "temperature": 8, "temperature_rate": 6, "since_motion": 6, "rate_norm": 6, "table_accel": 5}
@@ -66,7 +69,7 @@ def _direction(axis: int) -> Values:
 class Driver(Hypothesis):
     """e = sum of θ_i B_i(driver): columns of a basis, the same for every channel, each in the channel's unit."""
 
-    kind: str  # of the basis: hat, fourier, line, threshold, relay, settling, trail
+    kind: str  # of the basis: hat, fourier, line, threshold, relay, settling, trail, kink, creep
     knots: tuple[float, ...] = ()
     unit: str = ""
 
@@ -80,6 +83,11 @@ class Driver(Hypothesis):
     @property
     def label(self) -> str:
         words = super().label
+        if self.kind == "kink":
+            return f"{words}, above {self.shape['knee_degc']:.3g} degC only"
+        if self.kind == "creep":
+            form = f"ln(1 + t / {self.shape['tau_s']:g} s)" if "tau_s" in self.shape else f"t^{self.shape['power']:g}"
+            return f"{words}, as {form}"
         if self.kind == "relay":
             low, high = (float(self.shape[key]) for key in ("down_degc", "up_degc"))
             return f"{words}, flipping up above {high:.3g} and back below {low:.3g} degC"
@@ -146,6 +154,9 @@ def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
     if "temperature" in ranges:
         made += _thresholds(*ranges["temperature"]) + _relays(*ranges["temperature"])
+        made += [kink(float(knee)) for knee in np.linspace(*ranges["temperature"], KNEES + 2)[1:-1]]
+    if "time" in ranges:
+        made += [creep(tau_s=tau) for tau in CREEP_TAUS] + [creep(power=power) for power in CREEP_POWERS]
     for k, axis in enumerate(AXES):
         if axis in ranges:
             made += _of_axis(k, axis, ranges[axis])
@@ -178,6 +189,28 @@ def threshold(limit: float) -> Driver:
     parts, over = {"threshold_degc": limit}, ("temperature",)
     name = "temperature_threshold"
     return _driver(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS, over=over)
+
+
+def kink(knee: float) -> Driver:
+    """e = k max(T - knee, 0)."""
+
+    def above(inputs: Inputs) -> Array:
+        return np.maximum(inputs.temperature - knee, 0.0)[:, None]
+
+    parts, over = {"knee_degc": knee}, ("temperature",)
+    return _driver("temperature", above, 1, "kink", "temperature", parts, choices=KNEES, over=over)
+
+
+def creep(*, tau_s: float = 0.0, power: float = 0.0) -> Driver:
+    """e = k ln(1 + t / tau), or k (t / 100 s)^power: what settles ever more slowly, and has no time constant."""
+
+    def crept(inputs: Inputs) -> Array:
+        return (np.log1p(inputs.t / tau_s) if tau_s else (np.maximum(inputs.t, 0.0) / 100.0) ** power)[:, None]
+
+    parts = {"tau_s": tau_s} if tau_s else {"power": power}
+    return _driver(
+        "time", crept, 1, "creep", "time", parts, choices=len(CREEP_TAUS) + len(CREEP_POWERS), over=("time",)
+    )
 
 
 def _relays(low: float, high: float) -> list[Driver]:

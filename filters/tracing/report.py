@@ -257,7 +257,7 @@ def _refuted(x: Refuted) -> RefutedEntry:
 
 def _weak(w: Weak, stack: Stack) -> WeakEntry:
     h = w.term.hypothesis
-    return {
+    entry: WeakEntry = {
         "effect": h.effect,
         "label": _label(h, stack),
         "channels": [CHANNELS[c] for c in h.channels],
@@ -267,6 +267,9 @@ def _weak(w: Weak, stack: Stack) -> WeakEntry:
         "limit": None if w.limit is None else w.limit / h.parameters[0].si,
         "why": w.why,
     }
+    if w.probability is not None:
+        entry["probability"] = w.probability
+    return entry
 
 
 def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:

@@ -13,10 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from filters.effects.drivers import Driver
 from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
 from filters.tracing.beside_drift import (
-    beside_drift,
     drift_price,
     fitted_beside,
     guarded_score,
@@ -27,6 +25,7 @@ from filters.tracing.beside_drift import (
 )
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
+from filters.tracing.evidence import SlowEffects
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
 from filters.tracing.thermal_forms import JointChoice
@@ -40,7 +39,7 @@ _TRIES = 6
 _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
-_MOST_FLIPS = 24  # between two temperatures, that are judged beside drift
+_LISTED = 0.01  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
 """Of a step, or of what channels share, beside drift: real drift has sudden turns that no Gaussian process has."""
@@ -59,6 +58,7 @@ class Weak:
     covariance: Array
     # size of the first parameter, SI, that would have been accepted; None where size is not what it lacks
     limit: float | None
+    probability: float | None = None  # of a slow effect beside drift, that it acts
 
 
 @dataclass
@@ -71,6 +71,10 @@ class Selection:
     # gain on cells that the fit had not seen, by term's key
     unseen_gain: dict[object, float] = field(default_factory=dict)
     averages: dict[object, JointChoice] = field(default_factory=dict)  # averages of thermal forms, by term's key
+    slow: SlowEffects = field(init=False, repr=False)  # slow effects as rivals of drift
+
+    def __post_init__(self) -> None:
+        self.slow = SlowEffects(self.design)
 
     def price(self, term: Term) -> float:
         """What a term's parameters and its choice cost."""
@@ -117,7 +121,7 @@ def select(
             usable = [a for a in usable if a is not gone]
     _settle_drift(chosen, channels)
     _prune(chosen, KEEP)
-    _list_weak(chosen, usable, channels)
+    _list_weak(chosen, channels)
     progress(1.0)
     return chosen
 
@@ -131,6 +135,7 @@ class _Candidate:
     terms: tuple[Term, ...]
     channel: int
     drift: Drift | None = None
+    odds: float = 0.0  # of a slow effect beside drift, that drift alone would not do; its tests are made
 
 
 @dataclass
@@ -271,53 +276,19 @@ def _of_channel(chosen: Selection, free: list[Term], channel: int, memory: _Memo
         gain, drift = likeliest_drift(design, chosen.terms, channel)
         found.append(_Candidate(gain - drift_price(design, channel), gain, (), channel, drift))
     else:
-        found += _slow(chosen, [a for a in free if channel in a.places and is_judged(a)], channel)
+        found += _slow(chosen, channel)
     known.found = found
     return found
 
 
-def _slow(chosen: Selection, terms: list[Term], channel: int) -> list[_Candidate]:
-    """Slow effects of a channel that drifts, and pairs of them, drift fitted anew beside each."""
-    terms = _foremost(chosen, terms)
-    pairs = _pairs(terms)
-    judged = beside_drift(chosen.design, chosen.terms, channel, [*((a,) for a in terms), *pairs])
-    gains = judged.gain
-    _strike_time(terms, gains[: len(terms)])
-    found = []
-    for k, a in enumerate(terms):
-        if gains[k] > ACCEPT:
-            score = float(gains[k]) - chosen.price(a) - _RANK * a.hypothesis.rank
-            found.append(_Candidate(score, float(gains[k]), (a,), channel, judged.drift_with(k)))
-    own = {a.key: float(gains[k]) - chosen.price(a) for k, a in enumerate(terms)}
-    choice = 2.0 * float(np.log(max(1, _kinds(pairs))))
-    best: dict[tuple[str, str], _Candidate] = {}
-    for k, (a, b) in enumerate(pairs, len(terms)):
-        gain = float(gains[k])
-        score = gain - chosen.price(a) - chosen.price(b) - choice
-        if score - max(own[a.key], own[b.key], 0.0) > ACCEPT:
-            kind = a.hypothesis.effect, b.hypothesis.effect
-            if kind not in best or score > best[kind].score:
-                best[kind] = _Candidate(score, gain, (a, b), channel, judged.drift_with(k))
-    return found + list(best.values())
-
-
-def _foremost(chosen: Selection, terms: list[Term]) -> list[Term]:
-    """Without the flips between temperatures that gain least beside drift as it is: there are hundreds of them."""
-    flips = [a for a in terms if isinstance(a.hypothesis, Driver) and a.hypothesis.kind == "relay"]
-    gains = chosen.design.gains(chosen.terms, flips)
-    kept = {flips[k].key for k in np.argsort(-gains)[:_MOST_FLIPS].tolist()}
-    dropped = {a.key for a in flips} - kept
-    return [a for a in terms if a.key not in dropped]
-
-
-def _pairs(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
-    """Pairs of slow effects of one parameter each and of two kinds."""
-    single = [a for a in terms if a.size == 1 and not a.hypothesis.is_free]
-    return [(a, b) for n, a in enumerate(single) for b in single[n + 1 :] if a.hypothesis.effect != b.hypothesis.effect]
-
-
-def _kinds(pairs: Sequence[tuple[Term, Term]]) -> int:
-    return len({(a.hypothesis.effect, b.hypothesis.effect) for a, b in pairs})
+def _slow(chosen: Selection, channel: int) -> list[_Candidate]:
+    """The slow effect of a channel that drifts which is most probable, if drift alone is less so than any."""
+    rivals = chosen.slow.rivals(chosen.terms, channel)
+    told = sum(r.probability for r in rivals)
+    if told <= 0.5:
+        return []
+    best = rivals[0]
+    return [_Candidate(ACCEPT + best.gain, best.gain, best.terms, channel, odds=told / (1.0 - min(told, 1.0 - 1e-9)))]
 
 
 def _strike_time(terms: list[Term], gains: Array) -> None:
@@ -335,6 +306,8 @@ def _strike_time(terms: list[Term], gains: Array) -> None:
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, terms = chosen.design, candidate.terms
+    if candidate.odds:
+        return True
     h = terms[0].hypothesis
     made = h.made if isinstance(h, RunSpecific) else None
     if not isinstance(h, Step):
@@ -422,26 +395,16 @@ def weak_of(
     return Weak(term=term, score=score, guarded=guarded, why=why, theta=theta, covariance=covariance, limit=limit)
 
 
-def _list_weak(chosen: Selection, usable: list[Term], channels: Sequence[int]) -> None:
-    """List slow effects that score, but not enough: the best form of each."""
+def _list_weak(chosen: Selection, channels: Sequence[int]) -> None:
+    """List slow effects whose odds against drift are too small to be used: the best form of each."""
     taken = {_kind(a) for a in (*chosen.terms, *(w.term for w in chosen.weak))}
-    for c in channels:
-        if chosen.design.drift[c].level == 0.0:
-            continue
-        terms = [a for a in usable if c in a.places and is_judged(a) and _kind(a) not in taken]
-        terms = [a for a in terms if not a.hypothesis.is_free]
-        judged = beside_drift(chosen.design, chosen.terms, c, [(a,) for a in terms])
-        scores = judged.gain - np.array([chosen.price(a) for a in terms])
-        listed: set[str] = set()
-        for k in np.argsort(-scores).tolist():
-            effect = terms[k].hypothesis.effect
-            if scores[k] <= 0.0 or len(listed) >= _MOST_WEAK:
-                break
-            if effect not in listed:
-                listed.add(effect)
-                why = "scores, but less than it takes to be told from drift"
-                made = weak_of(chosen, chosen.terms, terms[k], float(scores[k]), 0.0, why, judged.drift_with(k))
-                chosen.weak.append(made)
+    for c in (c for c in channels if chosen.design.drift[c].level > 0.0):
+        rivals = [r for r in chosen.slow.rivals(chosen.terms, c) if r.probability > _LISTED]
+        for r in [r for r in rivals if not r.terms[-1].hypothesis.is_free or len(rivals) == 1][:_MOST_WEAK]:
+            if _kind(r.terms[-1]) not in taken:
+                why = "may act beside drift, which alone would do as well"
+                made = weak_of(chosen, [*chosen.terms, *r.terms[:-1]], r.terms[-1], r.gain, 0.0, why, None)
+                chosen.weak.append(replace(made, probability=r.probability))
 
 
 def _settle_drift(chosen: Selection, channels: Sequence[int]) -> None:

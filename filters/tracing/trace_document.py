@@ -170,6 +170,7 @@ class WeakEntry(TypedDict):
     guarded_score: float
     limit: float | None
     why: str
+    probability: NotRequired[float]  # of a slow effect beside drift, that it acts
 
 
 class DriftEntry(TypedDict):
