@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from filters.effects.drivers import Driver
+from filters.effects.run_specific import Tone
 from filters.tracing.beside_drift import by_seconds, is_judged, rows_of
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
@@ -311,7 +312,7 @@ class Judge:
 
 _ROWS, _ROWS_IN_ALL = 300, 1200  # at most of a power-on, and in all
 _WITH_SLOPE = ("thermal_lag", "hysteresis", "thermal_rate", "driver:temperature kink")
-_DRIFT_ITSELF = ("driver:time hat",)  # a free curve in time is what drift is
+_DRIFT_ITSELF = ("driver:time hat",)  # a free curve in time is what drift is, in a single power-on
 
 
 @dataclass(frozen=True)
@@ -340,9 +341,18 @@ class SlowEffects:
         longest = max(float(np.ptp(part)) for part in np.split(stack.t, stack.begins[1:]))
         self._row_s = max(1.0, stack.period, longest / _ROWS, stack.t.size * stack.period / _ROWS_IN_ALL)
         self._made: dict[object, Candidates] = {}
+        self._known: dict[object, list[SlowRival]] = {}
 
     def rivals(self, selected: Sequence[Term], channel: int) -> list[SlowRival]:
         """Families that drift alone does not do for, beside what is selected, the most probable first."""
+        # a tone that is faster than rows changes nothing in them
+        kept = [a for a in selected if not (isinstance(a.hypothesis, Tone) and a.hypothesis.hz * self._row_s > 1.0)]
+        key = channel, tuple(a.key for a in kept)
+        if key not in self._known:
+            self._known[key] = self._judged(kept, channel)
+        return self._known[key]
+
+    def _judged(self, selected: Sequence[Term], channel: int) -> list[SlowRival]:
         taken = {a.key for a in selected}
         groups = [g for g in self._groups(channel) if g.terms[-1].key not in taken]
         if not groups:
@@ -359,7 +369,8 @@ class SlowEffects:
 
     def _groups(self, channel: int) -> list[_Group]:
         terms = [a for a in self._design.terms if channel in a.places and is_judged(a)]
-        terms = [a for a in terms if _family(a) not in _DRIFT_ITSELF]
+        if self._design.stack.begins.size == 1:
+            terms = [a for a in terms if _family(a) not in _DRIFT_ITSELF]
         slope = [a for a in terms if a.hypothesis.effect == "thermal_lin"]
         pairs = [(b, a) for b in slope for a in terms if _family(a) in _WITH_SLOPE]
         sums = [_Group(pair, is_sum=True) for pair in pairs if pair[1].hypothesis.effect == "thermal_lag"]

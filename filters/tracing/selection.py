@@ -39,6 +39,7 @@ _TRIES = 6
 _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
+_PROBABLE = 0.5  # that some slow effect acts, from which the most probable is taken
 _LISTED = 0.01  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
@@ -135,7 +136,6 @@ class _Candidate:
     terms: tuple[Term, ...]
     channel: int
     drift: Drift | None = None
-    odds: float = 0.0  # of a slow effect beside drift, that drift alone would not do; its tests are made
 
 
 @dataclass
@@ -224,22 +224,23 @@ def _candidates(
     """All candidates, the best score first."""
     taken = {a.key for a in chosen.terms}
     free = [a for a in usable if a.key not in taken]
-    plain = [a for a in free if not _judged_beside_drift(chosen, a)]
-    gains = chosen.design.gains(chosen.terms, plain)
-    _strike_time(plain, gains)
+    gains = chosen.design.gains(chosen.terms, free)
     # of two that do as well the plainer one, which the catalogue has first
-    found = [
+    scored = [
         _Candidate(
             float(g) - chosen.price(a) - _RANK * a.hypothesis.rank,
             float(g),
             (a,),
             next(iter(a.places)) if len(a.places) == 1 else -1,
         )
-        for a, g in zip(plain, gains, strict=True)
+        for a, g in zip(free, gains, strict=True)
         if g > ACCEPT
     ]
+    # what is slow is judged beside drift, which may be taken for it
+    found = [x for x in scored if not is_judged(x.terms[0])]
     for c in channels:
-        found += _of_channel(chosen, free, c, memory)
+        slow = max((x.score for x in scored if x.channel == c and is_judged(x.terms[0])), default=0.0)
+        found += _of_channel(chosen, c, memory, slow)
     return iter(sorted(_laws_first(found), key=lambda candidate: -candidate.score))
 
 
@@ -259,55 +260,36 @@ def _laws_first(found: list[_Candidate]) -> list[_Candidate]:
     return out
 
 
-def _judged_beside_drift(chosen: Selection, term: Term) -> bool:
-    """Whether a term is slow and on a channel that drifts."""
-    return is_judged(term) and chosen.design.drift[next(iter(term.places))].level > 0.0
+def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -> list[_Candidate]:
+    """Run-specific and slow effects and drift of a channel, sought again only when something has changed there.
 
-
-def _of_channel(chosen: Selection, free: list[Term], channel: int, memory: _Memory) -> list[_Candidate]:
-    """Run-specific and slow effects and drift of a channel, sought again only when something has changed there."""
+    `slow`: the best score of a slow effect beside drift as it is.
+    """
     design = chosen.design
     known = _known(chosen, channel, memory)
     if known.found is not None:
         return known.found
     made = search(design, chosen.terms, channel)
     found = [_Candidate(gain - chosen.price(term), gain, (term,), channel) for term, gain in made]
-    if design.drift[channel].level == 0.0:
+    drifts = design.drift[channel].level > 0.0
+    if not drifts:
         gain, drift = likeliest_drift(design, chosen.terms, channel)
         found.append(_Candidate(gain - drift_price(design, channel), gain, (), channel, drift))
-    else:
-        found += _slow(chosen, channel)
+    rivals = chosen.slow.rivals(chosen.terms, channel) if drifts or slow > ACCEPT else []
+    if sum(r.probability for r in rivals) > _PROBABLE:
+        # drift with its steps and levels has been weighed against it
+        events = [x.score for x in found if x.terms and not isinstance(x.terms[0].hypothesis, Tone)]
+        score = max(ACCEPT + rivals[0].gain, slow, *(x + _RANK for x in events))
+        found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel))
     known.found = found
     return found
-
-
-def _slow(chosen: Selection, channel: int) -> list[_Candidate]:
-    """The slow effect of a channel that drifts which is most probable, if drift alone is less so than any."""
-    rivals = chosen.slow.rivals(chosen.terms, channel)
-    told = sum(r.probability for r in rivals)
-    if told <= 0.5:
-        return []
-    best = rivals[0]
-    return [_Candidate(ACCEPT + best.gain, best.gain, best.terms, channel, odds=told / (1.0 - min(told, 1.0 - 1e-9)))]
-
-
-def _strike_time(terms: list[Term], gains: Array) -> None:
-    """Time is nobody's cause: a curve in it goes where temperature does nearly as well. In place."""
-    best = np.zeros(6)
-    for term, gain in zip(terms, gains.tolist(), strict=True):
-        if term.hypothesis.source == "temperature":
-            c = next(iter(term.places))
-            best[c] = max(best[c], gain)
-    for k, term in enumerate(terms):
-        if term.hypothesis.effect == "driver:time" and best[next(iter(term.places))] > _TEMPERATURE_SHARE * gains[k]:
-            gains[k] = 0.0
 
 
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, terms = chosen.design, candidate.terms
-    if candidate.odds:
-        return True
+    if is_judged(terms[0]) and not isinstance(terms[0].hypothesis, RunSpecific):
+        return True  # its evidence says so
     h = terms[0].hypothesis
     made = h.made if isinstance(h, RunSpecific) else None
     if not isinstance(h, Step):
@@ -325,8 +307,6 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
             _note(chosen, candidate, guarded, "not told from drift")
             return False
         return True
-    if len(terms) > 1:
-        made = np.hstack([design.columns[:, a.places[candidate.channel]] for a in terms])
     guarded = guarded_score(design, chosen.terms, terms[0], made, price, ACCEPT)
     drifts = design.drift[candidate.channel].level > 0.0
     if guarded <= (_ACCEPT_ON_DRIFT if isinstance(h, Step) and drifts else ACCEPT):
