@@ -20,7 +20,7 @@ RELAY_LEVELS = 25  # temperatures between which a state may flip up and down
 _RELAY_K = 5.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)
 THRESHOLDS = 9
-KNEES = 14  # temperatures at which a slope may change
+KNEES = 10  # temperatures at which a slope may change
 CREEP_TAUS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # of ln(1 + t / tau), s
 CREEP_POWERS = (0.2, 0.35, 0.5, 0.7)  # of t
 PAST_MOTION = ("settling", "direction", "turns", "since_motion", "table_accel")
@@ -154,7 +154,7 @@ def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
     if "temperature" in ranges:
         made += _thresholds(*ranges["temperature"]) + _relays(*ranges["temperature"])
-        made += [kink(float(knee)) for knee in np.linspace(*ranges["temperature"], KNEES + 2)[1:-1]]
+        made += _kinks(*ranges["temperature"])
     if "time" in ranges:
         made += [creep(tau_s=tau) for tau in CREEP_TAUS] + [creep(power=power) for power in CREEP_POWERS]
     for k, axis in enumerate(AXES):
@@ -189,6 +189,12 @@ def threshold(limit: float) -> Driver:
     parts, over = {"threshold_degc": limit}, ("temperature",)
     name = "temperature_threshold"
     return _driver(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS, over=over)
+
+
+def _kinks(low: float, high: float) -> list[Driver]:
+    # near an end of the range what has a knee is a slope, or nothing
+    inner = np.linspace(low, high, KNEES + 6)[3:-3]
+    return [kink(float(knee)) for knee in inner]
 
 
 def kink(knee: float) -> Driver:

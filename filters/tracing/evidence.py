@@ -26,6 +26,8 @@ from filters.types import Array
 
 PRIOR = 0.1
 """Probability that a slow effect acts on a channel that drifts, before the data are seen."""
+_FREE, _FREE_NAME = 0.3, "driver:"
+"""Share of a free curve in that, over that of an effect of the catalogue, and how names of free curves begin."""
 _SIZES: Array = np.array([5.0, 15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0])  # norms over the white noise, of all rows
 _STEP = 4.0**2  # prior variance of a step, over that of the white noise of a row
 _MOST_STEPS = 14
@@ -180,7 +182,9 @@ class Judge:
         if not found:
             return []
         logs = np.array([value for _, value, _ in found]) - none
-        odds = np.exp(np.minimum(logs, 700.0)) * (PRIOR / (1.0 - PRIOR) / len(names))
+        plain = np.array([_FREE if name.startswith(_FREE_NAME) else 1.0 for name in names])
+        share = dict(zip(names, plain / plain.sum(), strict=True))
+        odds = np.exp(np.minimum(logs, 700.0)) * (PRIOR / (1.0 - PRIOR)) * np.array([share[f] for f, *_ in found])
         total = 1.0 + float(np.sum(odds))
         made = [
             Rival(f, float(o / total), int(self._all.numbers[best]), 2.0 * float(g))

@@ -145,10 +145,8 @@ def rivals(chosen: Selection, term: Term) -> list[Rival]:
 def contains(b: Term, a: Term) -> bool:
     """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
     h, wide = a.hypothesis, b.hypothesis
-    if b.size <= a.size:
-        return False
     if wide.effect == "thermal_poly":
-        return h.effect == "thermal_lin"
+        return b.size > a.size and h.effect == "thermal_lin"
     return len(h.over) == 1 and wide.effect == f"driver:{h.over[0]}"
 
 

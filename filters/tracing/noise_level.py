@@ -44,6 +44,9 @@ class NoiseDriver:
         return self.high / self.low
 
 
+_OF_BIASES = ("threshold", "relay", "kink", "creep")  # forms of which a curve over the same is enough for noise
+
+
 def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
@@ -55,8 +58,11 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
     counts = np.diff(np.append(edges, design.stack.t.size))[:, None]
     means = np.add.reduceat(design.columns, edges, axis=0) / counts
     for c in channels:
-        terms = [a for a in design.terms if isinstance(a.hypothesis, Driver) and list(a.places) == [c]]
-        usable = [a for a in terms if a.hypothesis.effect != "driver:temperature_threshold"]
+        usable = [
+            a
+            for a in design.terms
+            if list(a.places) == [c] and isinstance(a.hypothesis, Driver) and a.hypothesis.kind not in _OF_BIASES
+        ]
         fitted, own = _channel(design, _windows(design, c, edges, means), usable)
         multiplier[:, c] = fitted
         found += own

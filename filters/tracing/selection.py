@@ -40,6 +40,7 @@ _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _PROBABLE = 0.5  # that some slow effect acts, from which the most probable is taken
+_ONCE = 0.7  # share of what an effect explains in 40 s from which on it is an event
 _LISTED = 0.01  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
@@ -188,16 +189,39 @@ def _accept(chosen: Selection, candidate: _Candidate) -> None:
             term = chosen.design.add(h, h.made)
         chosen.terms.append(term)
         chosen.weak = [w for w in chosen.weak if _kind(w.term) != _kind(term)]
+    if _by_evidence(candidate.terms[0]):
+        _judge_again(chosen, candidate)
     for c in candidate.terms[0].places:
         if chosen.design.drift[c].level > 0.0:
             chosen.design.set_drift(c, likeliest_drift(chosen.design, chosen.terms, c)[1])
     _prune(chosen, KEEP)
 
 
+def _judge_again(chosen: Selection, latest: _Candidate) -> None:
+    """Let another slow effect take the place of one that was taken before the latest, if beside it that does better."""
+    (c,) = latest.terms[0].places
+    for term in [a for a in chosen.on(c) if _by_evidence(a) and a not in latest.terms]:
+        rest = [a for a in chosen.terms if a is not term]
+        rivals = chosen.slow.rivals(rest, c)
+        if sum(r.probability for r in rivals) <= _PROBABLE:
+            chosen.terms = rest
+        elif rivals[0].terms and term not in rivals[0].terms:
+            chosen.terms = [*rest, *rivals[0].terms]
+
+
+def _by_evidence(term: Term) -> bool:
+    """Whether a term is slow, of one channel and of all power-ons, and so is judged by its evidence beside drift."""
+    return is_judged(term) and not isinstance(term.hypothesis, RunSpecific)
+
+
 def _prune(chosen: Selection, least: float) -> None:
     """Drop terms whose own score has fallen: others explain it now."""
     while chosen.terms:
-        scores = [chosen.own_gain(a) - chosen.price(a) for a in chosen.terms]
+        drifts = [_by_evidence(a) and chosen.design.drift[next(iter(a.places))].level > 0.0 for a in chosen.terms]
+        # of what was judged by its evidence beside drift the gain under one drift says little
+        scores = [
+            np.inf if d else chosen.own_gain(a) - chosen.price(a) for a, d in zip(chosen.terms, drifts, strict=True)
+        ]
         worst = int(np.argmin(scores))
         if scores[worst] >= least:
             return
@@ -288,9 +312,9 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, terms = chosen.design, candidate.terms
-    if is_judged(terms[0]) and not isinstance(terms[0].hypothesis, RunSpecific):
-        return True  # its evidence says so
     h = terms[0].hypothesis
+    if _by_evidence(terms[0]):
+        return _is_law(chosen, candidate)
     made = h.made if isinstance(h, RunSpecific) else None
     if not isinstance(h, Step):
         unseen = _unseen(chosen, candidate, made)
@@ -312,6 +336,25 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     if guarded <= (_ACCEPT_ON_DRIFT if isinstance(h, Step) and drifts else ACCEPT):
         _note(chosen, candidate, guarded, "not told from drift")
         return False
+    return True
+
+
+def _is_law(chosen: Selection, candidate: _Candidate) -> bool:
+    """Whether slow effects that were told by their evidence showed more than once: else it was an event."""
+    design, c, terms = chosen.design, candidate.channel, candidate.terms
+    drift = likeliest_drift(design, [*chosen.terms, *terms], c)[1] if design.drift[c].level > 0.0 else NONE
+    columns = np.column_stack([design.columns[:, a.places[c]] for a in terms])
+    theta, _ = fitted_beside(design, chosen.terms, c, columns, drift)
+    said = np.bincount(design.stack.cell, design.white((columns @ theta)[:, None], c, drift)[:, 0] ** 2)
+    # what happens at the end of a cell goes on in the next
+    together = np.convolve(said, [1.0, 1.0])
+    if together.max() > _ONCE * said.sum():
+        _note(chosen, candidate, 0.0, "shows once only: an event would do as well")
+        return False
+    for term in terms:
+        others = [*chosen.terms, *(a for a in terms if a is not term)]
+        drifts = [drift if k == c else d for k, d in enumerate(design.drift)]
+        chosen.unseen_gain[term.key] = unseen_gain(design, others, term, None, drifts)[0]
     return True
 
 
