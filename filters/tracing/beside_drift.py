@@ -5,12 +5,11 @@ already taken its part, so the two are compared with drift fitted on both sides:
 
     gain = min over drifts of -2 log L without the term - min over drifts of -2 log L with it
 
-`guarded_score` does so for one term that has scored, on sums of two drifts too, for what is like 1/f needs more than
-one. `beside_drift` does it for many at once, under each drift of a grid, on rows that are as coarse as slow effects
-allow: effects of motion would be lost in them.
+`guarded_score` does so for one term that has scored. `of_columns` does it for many at once, under each drift of a grid,
+on rows that are as coarse as slow effects allow: effects of motion would be lost in them. Whether a slow effect acts is
+told by `evidence`.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from filters.effects.run_specific import Tone
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import VISIBLE, Design, Fit, gain_of, inverse_of
-from filters.tracing.whitening import NONE, Drift, DriftPairs, Rows, best_drift, drift_grid, refined
+from filters.tracing.whitening import NONE, Drift, Rows, best_drift, drift_grid, refined
 from filters.types import Array
 
 _DRIFT_GRID = 20.0
@@ -29,7 +28,6 @@ _ROWS = 2000.0  # at most of a channel, for what is slow
 _FAST_HZ = 0.2  # faster tones are lost in means of 1 s
 
 _Numbers = NDArray[np.int_]
-_Best = tuple[float, Drift, float]  # what `best_drift` returns
 
 
 # --------------------------------------------------------------------------------------------------------------- rows
@@ -91,13 +89,10 @@ def likeliest_drift(design: Design, terms: Sequence[Term], channel: int) -> tupl
     return none - best, refined(rows, drift, best)
 
 
-def guarded_score(
-    design: Design, terms: Sequence[Term], term: Term, made: Array | None, price: float, accept: float
-) -> float:
-    """Score of a term of one channel when both models have their own best drift, or two if it passes with one.
+def guarded_score(design: Design, terms: Sequence[Term], term: Term, made: Array | None, price: float) -> float:
+    """Score of a term of one channel when both models have their own best drift.
 
     `made`: columns of its own, shape (n, k), of one that is not in the design.
-    `accept`: at most this with one process, and two are not tried.
     """
     (c,) = term.places
     own = made if made is not None else design.columns[:, term.places[c]]
@@ -107,10 +102,7 @@ def guarded_score(
     fits = design.fit(terms), design.fit(terms if made is not None else [*terms, term])
     rows = [rows_of(design, terms, c, more, seconds, fit) for more, fit in zip((None, own), fits, strict=True)]
     found = [best_drift(each) for each in rows]
-    single = min(found[0][0], found[0][2]) - min(found[1][0], found[1][2]) - price
-    if single <= accept or fast:
-        return single
-    return min(single, _beside_two(rows, found) - price)
+    return min(found[0][0], found[0][2]) - min(found[1][0], found[1][2]) - price
 
 
 def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: float) -> float:
@@ -125,20 +117,6 @@ def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: flo
     return gain - price
 
 
-def _beside_two(rows: Sequence[Rows], found: Sequence[_Best]) -> float:
-    """Gain of a term beside sums of two drifts; each side tries what the other found, so that neither lags behind."""
-    without_term, with_term = both = [DriftPairs(each) for each in rows]
-    for drift in {best[1] for best in found}:
-        for pairs in both:
-            pairs.search(drift)
-    for drift in {*with_term.best[1]}:
-        without_term.search(drift)
-    for drift in {*without_term.best[1]}:
-        with_term.search(drift)
-    values = [min(one[0], one[2], pairs.best[0]) for one, pairs in zip(found, both, strict=True)]
-    return values[0] - values[1]
-
-
 # ------------------------------------------------------------------------------------------------------ many at once
 
 
@@ -149,16 +127,11 @@ class BesideDrift:
     drifts: tuple[Drift, ...]  # none first
     values: Array  # -2 log likelihood under each with what is selected, shape (m,)
     gains: Array  # how much a term lowers it, shape (m, terms)
-    price: Array  # what each drift costs, shape (m,)
 
     @property
     def gain(self) -> Array:
         """Of each term, drift fitted on both sides, shape (terms,)."""
         return np.asarray(self.values.min() - (self.values[:, None] - self.gains).min(axis=0))
-
-    def drift_with(self, number: int) -> Drift:
-        """The best drift beside a term, what it costs counted."""
-        return self.drifts[int(np.argmin(self.values - self.gains[:, number] + self.price))]
 
     def likeliest_with(self, number: int) -> Drift:
         """The likeliest drift beside a term, whatever it costs."""
@@ -170,25 +143,10 @@ def is_judged(term: Term) -> bool:
     return len(term.places) == 1 and term.hypothesis.is_slow
 
 
-def beside_drift(
-    design: Design, selection: Sequence[Term], channel: int, terms: Sequence[tuple[Term, ...]]
-) -> BesideDrift:
-    """Judge terms of a channel beside drift.
-
-    `selection`: what is selected; what several channels share stays as it is fitted.
-    `terms`: of that channel alone, slow; of several the gain of all together.
-    """
-    places = [np.concatenate([a.places[channel] for a in group]) for group in terms]
-    distinct, inverse = np.unique(np.concatenate([np.zeros(0, int), *places]), return_inverse=True)
-    ends = np.cumsum([0, *(p.size for p in places)])
-    groups = [inverse[a:b] for a, b in itertools.pairwise(ends.tolist())]
-    return of_columns(design, selection, channel, design.columns[:, distinct], groups)
-
-
 def of_columns(
     design: Design, selection: Sequence[Term], channel: int, columns: Array, groups: Sequence[_Numbers] | None = None
 ) -> BesideDrift:
-    """As `beside_drift`, of columns that need not be in the design: a term is a group of their numbers, or all."""
+    """Judge columns of a channel beside drift and what is selected: a term is a group of their numbers, or all."""
     rows = rows_of(design, selection, channel, columns)
     scale = np.sqrt(np.mean(rows.values**2, axis=0))
     scaled = rows.values / np.where(scale > 0.0, scale, 1.0)
@@ -206,10 +164,7 @@ def of_columns(
             seen = np.sum(W[:, 1 + rows.selected :] ** 2, axis=0)
         left, gains[k] = solver(W, rows.selected, least, seen)
         values[k] = left + log_det
-    cost = drift_price(design, channel)
-    less = float(np.log(design.stack.seconds(channel)))
-    price = np.array([0.0 if d.level == 0.0 else cost - less * d.is_walk for d in drifts])
-    return BesideDrift(drifts, values, gains, price)
+    return BesideDrift(drifts, values, gains)
 
 
 def gain_beside(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> float:

@@ -311,29 +311,22 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
 
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
-    design, terms = chosen.design, candidate.terms
-    h = terms[0].hypothesis
-    if _by_evidence(terms[0]):
+    design, term = chosen.design, candidate.terms[0]
+    if _by_evidence(term):
         return _is_law(chosen, candidate)
+    h = term.hypothesis
     made = h.made if isinstance(h, RunSpecific) else None
-    if not isinstance(h, Step):
-        unseen = _unseen(chosen, candidate, made)
-        if unseen is None:
-            if not isinstance(h, Telegraph):
-                _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
-            return False
-        chosen.unseen_gain.update(unseen)
-    price = sum(chosen.price(a) for a in terms)
-    if len(terms[0].places) > 1:
-        guarded = guarded_shared(design, chosen.terms, terms[0], price)
-        drift = any(design.drift[c].level > 0.0 for c in terms[0].places)
-        if guarded <= (_ACCEPT_ON_DRIFT if drift else ACCEPT):
-            _note(chosen, candidate, guarded, "not told from drift")
-            return False
-        return True
-    guarded = guarded_score(design, chosen.terms, terms[0], made, price, ACCEPT)
-    drifts = design.drift[candidate.channel].level > 0.0
-    if guarded <= (_ACCEPT_ON_DRIFT if isinstance(h, Step) and drifts else ACCEPT):
+    if not isinstance(h, Step) and not _holds(chosen, candidate, made):
+        if not isinstance(h, Telegraph):
+            _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
+        return False
+    drifts = any(design.drift[c].level > 0.0 for c in term.places)
+    if len(term.places) > 1:
+        guarded = guarded_shared(design, chosen.terms, term, chosen.price(term))
+    else:
+        guarded = guarded_score(design, chosen.terms, term, made, chosen.price(term))
+        drifts &= isinstance(h, Step)
+    if guarded <= (_ACCEPT_ON_DRIFT if drifts else ACCEPT):
         _note(chosen, candidate, guarded, "not told from drift")
         return False
     return True
@@ -358,24 +351,14 @@ def _is_law(chosen: Selection, candidate: _Candidate) -> bool:
     return True
 
 
-def _unseen(chosen: Selection, candidate: _Candidate, made: Array | None) -> dict[object, float] | None:
-    """What each term of a candidate gains on unseen cells beside the others; None if that is too little."""
-    design, drifts = chosen.design, list(chosen.design.drift)
-    if candidate.drift is not None:
-        drifts[candidate.channel] = candidate.drift
-    found: dict[object, float] = {}
-    for term in candidate.terms:
-        others = [a for a in candidate.terms if a is not term]
-        # noise of two levels is there all the time: what happened a few times is an event
-        spread = isinstance(term.hypothesis, Telegraph)
-        total, without = unseen_gain(
-            design, [*chosen.terms, *others], term, made, drifts, _EVENT_CELLS if spread else 1
-        )
-        least = 0.5 * candidate.gain if not others else 0.5 * (ACCEPT + chosen.price(term))
-        if not (total > least and without > (0.3 * candidate.gain if spread else 0.0)):
-            return None
-        found[term.key] = total
-    return found
+def _holds(chosen: Selection, candidate: _Candidate, made: Array | None) -> bool:
+    """Whether a term gains enough on unseen cells."""
+    (term,) = candidate.terms
+    # noise of two levels is there all the time: what happened a few times is an event
+    spread = isinstance(term.hypothesis, Telegraph)
+    total, without = unseen_gain(chosen.design, chosen.terms, term, made, None, _EVENT_CELLS if spread else 1)
+    chosen.unseen_gain[term.key] = total
+    return total > 0.5 * candidate.gain and without > (0.3 * candidate.gain if spread else 0.0)
 
 
 def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) -> None:

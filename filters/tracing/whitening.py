@@ -22,7 +22,6 @@ LEVELS = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, 5.0)
 
 _DIFFUSE = 1e8
 _COARSE_TAUS, _COARSE_LEVELS, _STARTS = 3, 3, 2
-_WORTH = 0.1
 _WALK_S = 100.0
 
 
@@ -159,72 +158,6 @@ def whitened_parts(
     return (whitener.next(part) for part in parts)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _whiten_twice(columns, t, starts, variance, tau, level, out):  # type: ignore[no-untyped-def]
-    """As `_whiten` with the sum of two drifts; tau and level of shape (2,), both levels positive."""
-    n, k = columns.shape
-    x = np.zeros((3, k))
-    P = np.zeros((3, 3))
-    phi = np.ones(3)
-    K = np.zeros(3)
-    h = np.zeros(3)
-    log_det = 0.0
-    seen = False
-    last = 0.0
-    s = 0
-    for i in range(n):
-        if s < starts.size and i == starts[s]:
-            s += 1
-            x[:] = 0.0
-            P[:] = 0.0
-            for m in range(2):
-                P[m + 1, m + 1] = 0.0 if np.isinf(tau[m]) else level[m] * level[m]
-            seen = False
-            last = t[i]
-        dt = t[i] - last
-        last = t[i]
-        if dt > 0.0:
-            for m in range(2):
-                phi[m + 1] = 1.0 if np.isinf(tau[m]) else np.exp(-dt / tau[m])
-            for a in range(3):
-                for b in range(3):
-                    P[a, b] *= phi[a] * phi[b]
-            for m in range(2):
-                own = level[m] * level[m]
-                P[m + 1, m + 1] += own * dt if np.isinf(tau[m]) else own * (1.0 - phi[m + 1] ** 2)
-                for j in range(k):
-                    x[m + 1, j] *= phi[m + 1]
-        r = variance[i]
-        if not np.isfinite(r):
-            for j in range(k):
-                out[i, j] = 0.0
-            continue
-        if not seen:
-            seen = True
-            P[0, :] = 0.0
-            P[:, 0] = 0.0
-            P[0, 0] = _DIFFUSE * (r + P[1, 1] + P[2, 2])
-        S = r
-        for a in range(3):
-            h[a] = P[a, 0] + P[a, 1] + P[a, 2]
-            S += h[a]
-        first = P[0, 0] > 0.5 * _DIFFUSE * r
-        scale = 0.0 if first else 1.0 / np.sqrt(S)
-        if not first:
-            log_det += np.log(S)
-        for a in range(3):
-            K[a] = h[a] / S
-        for j in range(k):
-            nu = columns[i, j] - x[0, j] - x[1, j] - x[2, j]
-            out[i, j] = nu * scale
-            for a in range(3):
-                x[a, j] += K[a] * nu
-        for a in range(3):
-            for b in range(3):
-                P[a, b] -= K[a] * h[b]
-    return log_det
-
-
 def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
     """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
     precision = 1.0 / variance
@@ -359,46 +292,3 @@ def refined(rows: Rows, found: Drift, best: float) -> Drift:
         if tried < value:
             place, value = place + step * way, tried
     return Drift(found.tau if found.is_walk else float(np.exp(place[0])), float(np.exp(place[1])))
-
-
-class DriftPairs:
-    """Likelihood of sums of two drifts, each evaluated once: what is like 1/f needs more than one."""
-
-    def __init__(self, rows: Rows) -> None:
-        self._columns = np.ascontiguousarray(rows.values)
-        self._rows = rows.t, rows.starts, rows.variance
-        self._out = np.empty_like(self._columns)
-        self._grid = drift_grid(rows.unit)
-        self._known: dict[tuple[int, int], float] = {}
-
-    @property
-    def best(self) -> tuple[float, tuple[Drift, Drift]]:
-        """Least -2 log likelihood of those that were tried, and the two drifts."""
-        i, j = min(self._known, key=lambda pair: self._known[pair])
-        return self._known[i, j], (self._grid[i], self._grid[j])
-
-    def search(self, held: Drift) -> None:
-        """Try the drifts beside one, then those beside the best of them, and so on while it gains."""
-        i = min(range(len(self._grid)), key=lambda k: _apart(self._grid[k], held))
-        best = np.inf
-        while True:
-            value, j = _least(lambda k, i=i: self._value(i, k), len(TAUS))  # type: ignore[misc]
-            if value >= best - _WORTH:
-                return
-            best, i = value, j
-
-    def _value(self, i: int, j: int) -> float:
-        key = min(i, j), max(i, j)
-        if key not in self._known:
-            a, b = (self._grid[k] for k in key)
-            taus, sizes = np.array([a.tau, b.tau]), np.array([a.level, b.level])
-            log_det = float(_whiten_twice(self._columns, *self._rows, taus, sizes, self._out))
-            self._known[key] = profile(self._out) + log_det
-        return self._known[key]
-
-
-def _apart(a: Drift, b: Drift) -> float:
-    if a.is_walk != b.is_walk:
-        return np.inf
-    apart = abs(np.log(a.level / b.level))
-    return float(apart if a.is_walk else apart + abs(np.log(a.tau / b.tau)))

@@ -8,12 +8,12 @@ from filters.channels import DPS
 from filters.effects.run_specific import RunSpecific
 from filters.simulation import Effect
 from filters.tracing import run_specific_search
-from filters.tracing.beside_drift import beside_drift, fitted_beside, gain_beside, is_judged, likeliest_drift, rows_of
+from filters.tracing.beside_drift import fitted_beside, gain_beside, is_judged, likeliest_drift, of_columns, rows_of
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
 from filters.tracing.selection import ACCEPT, select
 from filters.tracing.stack import Stack
-from filters.tracing.whitening import NONE, Drift, DriftPairs, Rows, best_drift, drift_grid, profile, whiten
+from filters.tracing.whitening import NONE, Drift, drift_grid, profile, whiten
 
 WALK = Effect("random_walk", ("gy",), {"dps_per_sqrt_s": 0.002})
 SEEDS = (1, 2, 3, 4)
@@ -33,7 +33,10 @@ def drifting(*effects: Effect, seed: int = 1) -> Design:
 def test_gains_are_those_of_each_term_fitted_alone_under_every_drift() -> None:
     made = drifting()
     terms = [a for a in made.terms if is_judged(a) and 1 in a.places][:12]
-    judged = beside_drift(made, [], 1, [(a,) for a in terms])
+    columns = np.hstack([made.columns[:, a.places[1]] for a in terms])
+    judged = of_columns(
+        made, [], 1, columns, np.split(np.arange(columns.shape[1]), np.cumsum([a.size for a in terms])[:-1])
+    )
     for k, term in enumerate(terms):
         rows = rows_of(made, [], 1, made.columns[:, term.places[1]])
         values = []
@@ -110,18 +113,3 @@ def test_two_levels_are_told_from_the_walk_below_them(seed: int) -> None:
     assert gain > effect.penalty + ACCEPT
     theta, _ = fitted_beside(made, [], 1, effect.made, Drift(np.inf, 0.002 * DPS))
     assert abs(theta[0]) / DPS == pytest.approx(0.2, rel=0.1)
-
-
-def test_the_search_for_two_drifts_ends_near_the_best_of_all() -> None:
-    made = design(
-        Effect("gauss_markov", ("az",), {"mg": 1.0, "tau_s": 5.0}),
-        Effect("gauss_markov", ("az",), {"mg": 1.0, "tau_s": 250.0}),
-        count=2,
-    )
-    rows = rows_of(made, [], 5)
-    few = Rows(rows.values[::4], rows.t[::4], rows.starts // 4, rows.variance[::4] / 4.0, 4.0 * rows.seconds)
-    pairs, every = DriftPairs(few), DriftPairs(few)
-    pairs.search(best_drift(few)[1])
-    for a in drift_grid(few.unit)[::9]:
-        every.search(a)
-    assert pairs.best[0] < every.best[0] + 1.0
