@@ -28,7 +28,8 @@ PRIOR = 0.1
 """Probability that a slow effect acts on a channel that drifts, before the data are seen."""
 _FREE, _FREE_NAME = 0.3, "driver:"
 """Share of a free curve in that, over that of an effect of the catalogue, and how names of free curves begin."""
-_SIZES: Array = np.array([5.0, 15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0])  # norms over the white noise, of all rows
+_SIZES: Array = np.array([15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0])  # norms over the white noise, of all rows
+_JUDGED = _SIZES[:4]  # those that are judged with steps: what is larger is told by any
 _STEP = 4.0**2  # prior variance of a step, over that of the white noise of a row
 _MOST_STEPS = 14
 _WAITED = 3  # steps that may be taken in vain before the next one that is worth its place
@@ -158,6 +159,7 @@ class Judge:
         w = candidates.whitening
         self._places = np.concatenate([np.arange(p.start, p.stop - 1) for p in w.parts])
         self._known: dict[int, tuple[Array, Array, Array, Array, float]] = {}
+        self._of: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
 
     def rivals(self) -> list[Rival]:
         """Families with their probabilities, the most probable first; drift alone is the rest of 1."""
@@ -216,8 +218,7 @@ class Judge:
             # what the picks leave of the family's own evidence is counted with them
             left = float(logsumexp(x[own]) - logsumexp(x[picks])) - np.log(self._all.count[name])
             for k in spectra:
-                sizes = _SIZES if len(spectra) == 1 else _SIZES[1:-1]
-                terms += [(left + self._greedy(k, h, s * s).log_evidence - np.log(_SIZES.size), h) for s in sizes]
+                terms += [(left + self._greedy(k, h, s * s).log_evidence - np.log(_SIZES.size), h) for s in _JUDGED]
         values = np.array([v for v, _ in terms])
         best = {h: float(logsumexp(values[[i for i, (_, g) in enumerate(terms) if g == h]])) for h in picks}
         return float(logsumexp(values)), max(best, key=lambda h: best[h])
@@ -239,6 +240,15 @@ class Judge:
         steps, _ = self._all.whitening.steps(k)
         return np.concatenate([s.T @ W[p] for s, p in zip(steps, self._all.whitening.parts, strict=True)])
 
+    def _columns(self, k: int, hypothesis: int) -> tuple[Array, Array, Array]:
+        """Products of a hypothesis' whitened columns with each other, with the residual, and with all steps."""
+        if (k, hypothesis) not in self._of:
+            y, Q, *_ = self._base(k)
+            H = self._all.whitening.white(k, self._all.of(hypothesis))
+            H = H - Q @ (Q.T @ H)
+            self._of[k, hypothesis] = H.T @ H, H.T @ y, self._in_steps(k, H)
+        return self._of[k, hypothesis]
+
     def _greedy(self, k: int, hypothesis: int | None, size: float) -> _Greedy:
         """Take steps beside a hypothesis as long as they are worth their places.
 
@@ -252,13 +262,10 @@ class Judge:
         lam = np.concatenate([np.diag(B) for B in products]) - np.sum(U0**2, axis=1)
         U, logs = [U0], 0.0
         if hypothesis is not None:
-            H = self._all.whitening.white(k, self._all.of(hypothesis))
-            H = H - Q @ (Q.T @ H)
-            D, right = H.T @ H, H.T @ y
+            D, right, cross = self._columns(k, hypothesis)
             inverse = np.linalg.inv(D + np.eye(len(D)) / size)
             logs += float(np.linalg.slogdet(np.eye(len(D)) + size * D)[1])
             root = np.linalg.cholesky(inverse)
-            cross = self._in_steps(k, H)  # Q is taken off on this side
             V = cross @ root
             yy -= float(right @ inverse @ right)
             b -= cross @ (inverse @ right)
@@ -351,7 +358,7 @@ class SlowEffects:
         """Families that drift alone does not do for, beside what is selected, the most probable first."""
         # a tone that is faster than rows changes nothing in them
         kept = [a for a in selected if not (isinstance(a.hypothesis, Tone) and a.hypothesis.hz * self._row_s > 1.0)]
-        key = channel, tuple(a.key for a in kept)
+        key = channel, tuple(a.key for a in kept if channel in a.places)
         if key not in self._known:
             self._known[key] = self._judged(kept, channel)
         return self._known[key]

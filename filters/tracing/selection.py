@@ -41,7 +41,7 @@ _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _PROBABLE = 0.5  # that some slow effect acts, from which the most probable is taken
 _ONCE = 0.7  # share of what an effect explains in 40 s from which on it is an event
-_LISTED = 0.01  # probability of a slow effect below which it is not listed
+_LISTED = 0.03  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
 """Of a step, or of what channels share, beside drift: real drift has sudden turns that no Gaussian process has."""

@@ -35,30 +35,19 @@ def spectra(row_s: float, longest_s: float) -> list[Spectrum]:
 
 
 def covariances(t: Array, row_s: float) -> list[Array]:
-    """Covariances of drift of each of `SLOPES` at instants, s, as strong as white noise of rows at 1 s; (n, n) each."""
-    taus = _TAUS * row_s
-    gaps = np.abs(t[:, None] - t)
-    parts = np.array([np.exp(-gaps / tau) for tau in taus])
-    f = 2.0 * np.pi
-    out = []
-    for slope in SLOPES[:-1]:
-        weights = taus ** (slope - 1.0)
-        density = float(np.sum(weights * 2.0 * taus / (1.0 + (f * taus) ** 2)))
-        out.append(np.tensordot(weights * (row_s / density), parts, 1))
-    since = t - t[0]
-    return [*out, f * f * row_s * np.minimum(since[:, None], since)]
+    """Covariances of drift of each of `SLOPES` at instants, s, over `density`'s; shape (n, n) each."""
+    gaps, since = np.abs(t[:, None] - t), t - t[0]
+    parts = np.array([np.exp(-gaps / tau) for tau in _TAUS * row_s])
+    mixed = [np.tensordot((_TAUS * row_s) ** (slope - 1.0), parts, 1) for slope in SLOPES[:-1]]
+    return [*mixed, np.minimum(since[:, None], since)]
 
 
-def _growth(slope: float, taus: Array, period: float) -> float:
-    """How much stronger drift is that equals the white noise at a period than one that does so at 1 s."""
+def density(slope: float, period: float, row_s: float) -> float:
+    """Spectral density, 1/Hz, at a period, s, of the drift whose covariance `covariances` gives."""
     if slope == SLOPES[-1]:
-        return float(period**-2.0)
-    weights = taus ** (slope - 1.0) * 2.0 * taus
-
-    def density(p: float) -> float:
-        return float(np.sum(weights / (1.0 + (2.0 * np.pi * taus / p) ** 2)))
-
-    return density(1.0) / density(period)
+        return float((period / (2.0 * np.pi)) ** 2)
+    taus = _TAUS * row_s
+    return float(np.sum(taus ** (slope - 1.0) * 2.0 * taus / (1.0 + (2.0 * np.pi * taus / period) ** 2)))
 
 
 class Whitening:
@@ -77,7 +66,6 @@ class Whitening:
         self.unit = float(np.median(variance[self.used]))
         own = t[self.used]
         self.spectra = spectra(row_s, max(float(np.ptp(own[p])) for p in self.parts))
-        taus = _TAUS * row_s
         drifts = [covariances(own[p], row_s) for p in self.parts]
         white = [np.diag(variance[self.used][p] / self.unit) for p in self.parts]
         self._factors: list[list[Array]] = []
@@ -85,7 +73,7 @@ class Whitening:
             if not s.slope:
                 made = white
             else:
-                k, size = SLOPES.index(s.slope), _growth(s.slope, taus, s.period)
+                k, size = SLOPES.index(s.slope), row_s / density(s.slope, s.period, row_s)
                 made = [w + size * d[k] for w, d in zip(white, drifts, strict=True)]
             self._factors.append([cholesky(C, lower=True, check_finite=False) for C in made])
         self._steps: dict[int, tuple[list[Array], list[Array]]] = {}

@@ -36,7 +36,7 @@ def choose_jointly(chosen: Selection, channels: Sequence[int]) -> None:
     """Let averages take the place of thermal effects where they have more evidence; `chosen` is changed."""
     for c in channels:
         own = [a for a in chosen.on(c) if replaceable(a)]
-        if own or chosen.design.drift[c].level > 0.0:
+        if own:
             _choose(chosen, c, own)
 
 
@@ -65,12 +65,10 @@ def _choose(chosen: Selection, c: int, own: list[Term]) -> None:
 
 
 def _has_to_stay(own: Sequence[Term], better: float, carried: float) -> bool:
-    """Whether what was selected is kept: it has much more evidence than the forms, or there is nothing to replace.
+    """Whether what was selected is kept: it has much more evidence than the forms.
 
     Where it is not known how much carries over, evidence does not tell, and what is foretold says how little it is.
     """
-    if not own:
-        return better < ACCEPT
     follows_temperature = any(a.hypothesis.source == "temperature" for a in own)
     return better < -ACCEPT and not (follows_temperature and carried < _KNOWN)
 
