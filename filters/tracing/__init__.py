@@ -19,9 +19,9 @@ all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.mot
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise, of a channel that drifts too · `beside_drift` whether drift would do as well, fitted on both
                 sides · `evidence` slow effects as rivals of drift and its steps, summed over all that is not known,
-                `spectrum` the spectra of drift · `left_out_runs` gain on cells that the fit has not seen, whether a term carries over ·
-                `thermal_forms` curve, memory and drift together, `thermal_memory` where they take the place of single
-                effects, and what of them carries over
+                `spectrum` the spectra of drift · `left_out_runs` gain on cells that the fit has not seen, whether a
+                term carries over · `thermal_forms` curve, memory and drift together, `thermal_memory` where they take
+                the place of single effects, and what of them carries over
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before;
                 noise of a measured attitude is judged here
  8 findings     `findings` parameters, channels, rivals: what else would do in a finding's place

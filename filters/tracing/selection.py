@@ -2,10 +2,10 @@
 
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
-A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_gain`), and if it
-still does so when both models have their own best drift process (`guarded_score`). Slow effects of a channel are judged
-as rivals of its drift (`evidence`) and join when one is more probable than drift alone. What scores and does not join
-is weak, with its size and the size that would have joined.
+A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_gain`), and if
+it still does so when both models have their own best drift process (`guarded_score`). Slow effects of a channel are
+judged as rivals of its drift (`evidence`) and join when one is more probable than drift alone. What scores and does not
+join is weak, with its size and the size that would have joined.
 """
 
 from collections.abc import Callable, Iterator, Sequence

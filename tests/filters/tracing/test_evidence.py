@@ -65,12 +65,7 @@ def case(whitening: Whitening, seed: int) -> Case:
     if seed % 2:
         k = int(rng.integers(3))
         own = columns[:, k] - np.repeat([p.mean() for p in np.split(columns[:, k], 2)], COUNT)
-        y += (
-            rng.standard_normal()
-            * rng.choice([15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0])
-            * own
-            / np.linalg.norm(own)
-        )
+        y += rng.standard_normal() * rng.choice([15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0]) * own / np.linalg.norm(own)
         truth = NAMES[k]
     candidates = Candidates(whitening, columns, [np.array([k]) for k in range(3)], NAMES)
     return Case(truth, Judge(candidates, y, np.zeros((y.size, 0))).rivals())
