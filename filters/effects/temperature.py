@@ -145,22 +145,25 @@ def _play(u, r, at, means):  # type: ignore[no-untyped-def]
 
 
 _NOISE = 0.008  # of a thermometer, K √s
-_TURNING = 3.2e-4  # by which the rate of temperature changes, K/s per √s
+_SETTLES: Array = np.array([5.0, 15.0])  # in which the fast filter and the slow one settle, s
+_APART_S = 10.0  # over which the difference of their rates is judged
 _FIRST_RATE = 0.03  # standard deviation of the first rate, K/s
 _BLOCK_S = 0.25  # of the symmetric history, as the tracer has it
 
 
 class CausalTemperature:
-    """Temperature and its rate by a Kalman filter, in which the rate is a random walk; lagged temperatures and plays.
+    """Temperature and its rate by two Kalman filters, to which the rate is a random walk; lagged temperatures, plays.
 
-    Its states settle in (`_NOISE` / `_TURNING`)^½ = 5 s. The first rate is not taken to be zero.
+    One is fast, for what turns, the other slow, for coarse thermometers. Of the difference d of their rates, with its
+    mean m and variance v over the last seconds, m² / (m² + v) is added to the slow one: what is steady is lag, what
+    comes and goes is noise. The first rate is not taken to be zero.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._lags = [float(np.exp(-period / tau)) for tau in LAGS]
-        # the temperature last known and the first, degC; level, rate and their covariance (K, s), recursions of the
-        # lags, both empty before any temperature is known; plays
+        # the temperature last known and the first, degC; what `_line` has as `state`, recursions of the lags, both
+        # empty before any temperature is known; plays
         self._held, self._start = np.nan, 0.0
         self._smooth = np.zeros(0)
         self._lagging: list[float] = []
@@ -201,6 +204,8 @@ class CausalTemperature:
         if not np.isfinite([held, start, *(v for vector in vectors for v in vector)]).all():
             raise InputError("the memory of temperature has a number that is not finite")
         if [len(vector) for vector in vectors] == [_STATES, len(self._lags), self._plays.size]:
+            if min(vectors[0][k] for k in _VARIANCES) < 0.0:
+                raise InputError("the memory of temperature has a variance below zero")
             self._held, self._start = held, start
             self._smooth, self._lagging, self._plays = np.array(vectors[0]), vectors[1], np.array(vectors[2])
 
@@ -214,10 +219,13 @@ class CausalTemperature:
             return unknown(raw.size)
         if not self._lagging:
             self._start = float(raw[0])
-            self._smooth = np.array([self._start, 0.0, _NOISE**2 / self._period, 0.0, _FIRST_RATE**2])
+            first = [self._start, 0.0, _NOISE**2 / self._period, 0.0, _FIRST_RATE**2]
+            self._smooth = np.array([*first, *first, 0.0, 0.0])
             self._lagging = [p * self._start for p in self._lags]
         smooth = np.empty((2, raw.size))
-        _compiled(_line)(raw, self._period, _NOISE**2 / self._period, _TURNING**2, self._smooth, smooth)
+        turning = _NOISE**2 / _SETTLES**4
+        gain = -float(np.expm1(-self._period / _APART_S))
+        _compiled(_line)(raw, self._period, _NOISE**2 / self._period, turning, gain, self._smooth, smooth)
         level, slope = smooth
         lagged = np.empty((raw.size, len(LAGS)))
         for k, pole in enumerate(self._lags):
@@ -238,26 +246,34 @@ class CausalTemperature:
         return out
 
 
-_STATES = 5  # level, rate, and what of their covariance differs
+_STATES, _VARIANCES = 12, (2, 4, 7, 9, 11)
 
 
-def _line(x, dt, r, q, state, out):  # type: ignore[no-untyped-def]
-    """Level and rate of x, variance r, when the rate is a random walk of density q; `state` becomes the last."""
-    level, rate, P, C, V = state
+def _line(x, dt, r, q, gain, state, out):  # type: ignore[no-untyped-def]
+    """Level and rate of x, variance r, when the rate is a random walk, by filters of two densities q.
+
+    `gain`: of the mean and variance of the difference of their rates. `state`: level, rate, and P, C, V of their
+    covariance, of each filter; that mean and that variance; it becomes the last.
+    """
     for k in range(x.size):
-        level += dt * rate
-        P += dt * (2.0 * C + dt * (V + q * dt / 3.0))
-        C += dt * (V + 0.5 * q * dt)
-        V += q * dt
-        nu, S = x[k] - level, P + r
-        level += P / S * nu
-        rate += C / S * nu
-        V -= C * C / S
-        C *= r / S
-        P *= r / S
-        out[0, k] = level
-        out[1, k] = rate
-    state[0], state[1], state[2], state[3], state[4] = level, rate, P, C, V
+        for m in range(2):
+            level, rate, P, C, V = state[5 * m : 5 * m + 5]
+            level += dt * rate
+            P += dt * (2.0 * C + dt * (V + q[m] * dt / 3.0))
+            C += dt * (V + 0.5 * q[m] * dt)
+            V += q[m] * dt
+            nu, S = x[k] - level, P + r
+            state[5 * m] = level + P / S * nu
+            state[5 * m + 1] = rate + C / S * nu
+            state[5 * m + 2] = P * r / S
+            state[5 * m + 3] = C * r / S
+            state[5 * m + 4] = V - C * C / S
+        apart = state[1] - state[6]
+        state[10] += gain * (apart - state[10])
+        state[11] += gain * ((apart - state[10]) ** 2 - state[11])
+        steady = state[10] * state[10]
+        out[0, k] = state[0]
+        out[1, k] = state[6] + (apart * steady / (steady + state[11]) if steady > 0.0 else 0.0)
 
 
 def _between(ahead: TemperatureHistory, first: int, count: int, period: float) -> TemperatureHistory:

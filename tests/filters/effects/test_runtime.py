@@ -1,5 +1,6 @@
 """Effects as the filter takes them: from the past alone, the same one by one, in the tracer's units and signs."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -14,6 +15,7 @@ from filters.channels import DPS
 from filters.effects import catalogue
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
+from filters.errors import InputError
 from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.kalman import augmentation
 from filters.motion.kinematics import attitudes
@@ -228,6 +230,31 @@ def test_with_all_temperatures_at_hand_a_rate_does_not_lag() -> None:
     ours = np.add.reduceat(made[0], edges[:-1]) / np.diff(edges)
     assert made[0].tobytes() == made[1].tobytes()
     assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)
+
+
+def test_temperatures_at_hand_go_on_from_what_the_file_before_remembered() -> None:
+    members = [MEMBERS[name] for name in ("thermal_lag", "hysteresis")]
+    T, n = run(False).temperature, run(False).t.size
+    assert T is not None
+    cut = n // 2
+    whole_log, first, second, forgetful = (causal(*members) for _ in range(4))
+    whole_log.look_ahead(T)
+    together = rows(whole_log, False, whole(False))[0][cut:]
+    rows(first, False, [slice(0, cut)])
+    second.restore(first.memory())
+    for effects in (second, forgetful):
+        effects.look_ahead(T[cut:])
+    of_second, of_forgetful = (rows(effects, False, [slice(cut, n)])[0] for effects in (second, forgetful))
+    assert np.linalg.norm(of_second - together) < 0.1 * np.linalg.norm(of_forgetful - together)
+
+
+def test_a_memory_that_none_gave_is_refused() -> None:
+    effects = causal(MEMBERS["thermal_lin"])
+    rows(effects, False, [slice(0, 10)])
+    found = json.loads(effects.memory())
+    found["smooth"][4] = -1.0
+    with pytest.raises(InputError, match="variance below zero"):
+        causal(MEMBERS["thermal_lin"]).restore(json.dumps(found))
 
 
 def test_temperature_does_not_lag_on_a_ramp() -> None:
