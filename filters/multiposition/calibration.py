@@ -56,7 +56,7 @@ class Sensors:
     figure: ErrorFigure | None = None  # errors before and after; None of too few
     spreads: tuple[Spread, ...] = ()  # of kinds of effects between power-ons; none of a single one
     # what a new power-on must measure again; and the turns of the log that judges with its accelerometers so measured
-    again: tuple[Hypothesis, ...] = ()
+    again: tuple[Spread, ...] = ()
     sensed_again: Turns | None = None
 
     def errors(self, chosen: Choice | None = None) -> Array:
@@ -74,7 +74,8 @@ class Sensors:
         if self.sensed_again is not None:
             return self.sensed_again.errors(chosen.triad, _own_biases(chosen, self.sensed_again))
         if self.again and isinstance(self.apart, Rests) and self.apart.judged >= FEWEST:
-            return measured_again(chosen, [e for e in self.again if e != but], self.apart)[1]
+            again = [replace(one, effects=tuple(e for e in one.effects if e != but)) for one in self.again]
+            return measured_again(chosen, again, self.apart)[1]
         return self.errors(chosen)
 
 
@@ -245,7 +246,7 @@ def _with_own(chosen: Choice, observed: Rests | Turns) -> Choice:
 def _compared(sensors: Sensors, how: HeldOut) -> Sensors:
     """The triad with what its effects differ by from power-on to power-on, the one that judges among them."""
     found = spreads(sensors.chosen, sensors.observed, sensors.apart if how == "run" else None)
-    return replace(sensors, spreads=found, again=tuple(e for one in found if one.matters for e in one.effects))
+    return replace(sensors, spreads=found, again=tuple(one for one in found if one.matters))
 
 
 def _own_biases(gyros: Choice, turned: Turns) -> Array:

@@ -2,8 +2,8 @@
 
 Every power-on is fitted by itself, with the effects that all of them together ask for. A kind of effect (bias, scale
 factor, …) has one standard deviation between power-ons, which its axes and parameters share: what differs beyond the
-standard deviations of the fits (`filters.fleet.components`). It matters where it makes errors at rests or turns larger
-than those that a fit of the power-on itself leaves.
+standard deviations of the fits (`filters.fleet.components`). It matters where it makes errors at rests or turns twice
+as large as those that a fit of the power-on itself leaves.
 """
 
 from collections.abc import Sequence
@@ -27,6 +27,7 @@ from filters.types import Array
 
 Observed = Rests | Turns
 _WITHIN = 0.975
+_MATTERS = 2.0  # times the error that a fit of the power-on itself leaves, rms
 
 
 @dataclass(frozen=True)
@@ -60,22 +61,25 @@ def spreads(chosen: Choice, fitted: Observed, apart: Observed | None) -> tuple[S
     return tuple(_spread(chosen, made, [e for e in chosen.triad.effects if e.effect == kind]) for kind in kinds)
 
 
-def measured_again(chosen: Choice, again: Sequence[Hypothesis], apart: Rests) -> tuple[Array, Array]:
+def measured_again(chosen: Choice, found: Sequence[Spread], apart: Rests) -> tuple[Array, Array]:
     """Parameters of a power-on with what must be measured again fitted to it, and errors at its rests, each left out.
 
-    All else is as it was chosen on other power-ons. Errors in m/s².
+    `found`: what differs, and by how much; all else is as it was chosen on other power-ons. Errors in m/s².
     """
-    at = _places(chosen, [e for e in again if e in chosen.triad.effects])
-    theta = chosen.mean
+    own = [[e for e in one.effects if e in chosen.triad.effects] for one in found]
+    at = _places(chosen, [e for effects in own for e in effects])
+    expected = [one.expected * np.sqrt(1.0 + 1.0 / chosen.logs) for one in found]
+    prior = np.repeat(expected, [_places(chosen, effects).size for effects in own])
+    mean, theta = chosen.mean, chosen.mean
 
     def residuals(part: Array) -> tuple[Array, Array]:
-        theta[at] = part
+        theta[at] = mean[at] + part
         residual, slope = apart.residuals(chosen.triad, theta)
         return residual, slope[:, at]
 
     group = np.zeros(apart.judged, np.int64)
-    made = least_squares.fit(residuals, theta[at], apart.noise, group, chosen.triad.priors(1)[at], chosen.fit.excess)
-    theta[at] = made.theta
+    made = least_squares.fit(residuals, np.zeros(at.size), apart.noise, group, prior, chosen.fit.excess)
+    theta[at] = mean[at] + made.theta
     return theta, unseen_residuals(made, apart.blocks)
 
 
@@ -105,9 +109,9 @@ def _spread(chosen: Choice, made: Sequence[Fit], effects: Sequence[Hypothesis]) 
     # errors that a deviation of 1 makes, in the standard deviations of what a fit leaves
     weight = max(_weight(fit, at) for fit in made)
     matters = None
-    if between.low > 0.0 and between.sd * weight > 1.0:
+    if between.low > 0.0 and between.sd * weight > _MATTERS:
         matters = True
-    elif between.high * weight < 1.0 or (between.low == 0.0 and expected * weight < 1.0):
+    elif expected * weight < _MATTERS or between.high * weight < _MATTERS:
         matters = False
     return Spread(tuple(effects), between.sd, between.low, between.high, expected, matters)
 
