@@ -1,15 +1,15 @@
 """A curve in temperature, lags and plays at once: the average of several thermal forms, as one effect.
 
-Forms that fit alike are averaged by their evidence (`filters.tracing.thermal_memory`); since each is linear in the same
-columns, so is their average. With u = (T - middle) / half of the range of temperature that was seen in training, a
+Thermal forms are linear in the same columns, which are fitted together and averaged over how large memory may be
+(`filters.tracing.thermal_forms`). With u = (T - middle) / half of the range of temperature that was seen in training, a
 curve is
 
     c1 u + c2 p2(u) + c3 p3(u) + Σ l_τ (T_τ - T) / half + Σ h_w (P_w - (T - T(0))) / half
 
 where p2 and p3 are u² and u³ within the range and go on straight beyond it, with the slope at its end, and P_w is the
 mean of a bank of play operators. The effect is e = a · mean curve + Σ b_i · spread_i: one state for the mean, and one
-for each of the directions in which the forms differ most, each as large as its standard deviation. A constant is the
-bias.
+for each of the directions in which the way back is known least, each as large as its standard deviation. A constant
+is the bias.
 """
 
 from collections.abc import Mapping

@@ -11,8 +11,7 @@ with S the mean square of the mean since the start or the turn, and V that of it
 carried over. That is the amplitude which a mean of such a size and such an error earns; its standard deviation is
 √(1 - a), what is not known over all there may be.
 
-What is known of the way back differs more than what is known of the way there. The filter has a state for each of the
-directions in which it may differ most.
+The filter has a state for each of the directions in which the way back is known least.
 """
 
 from collections.abc import Sequence
