@@ -50,6 +50,23 @@ class NoiseSnapshot(TypedDict):
     relative_sd: float
 
 
+class WatchedSnapshot(TypedDict):
+    """An effect that the residual of a unit at rest shows, or showed; see `imutui.logbook.departures.WatchedField`."""
+
+    kind: str
+    channel: str
+    size: float
+    sd: float
+    unit: str
+    extent: float
+    odds: float
+    t: float
+    at: float | None
+    hz: float | None
+    shows: bool
+    text: str
+
+
 class EffectSnapshot(TypedDict):
     """Estimated state of an effect that joined the filter, in the unit of its file."""
 
@@ -99,6 +116,7 @@ class FilterSnapshot(TypedDict):
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]
     noise: NotRequired[NoiseSnapshot | None]
+    watched: NotRequired[list[WatchedSnapshot]]
     effects: list[EffectSnapshot]
     state: NavigationSnapshot | None
     state_sd: NavigationSdSnapshot | None

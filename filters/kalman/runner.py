@@ -17,6 +17,7 @@ from filters.kalman.consistency import TOLERANCE, ConvergenceMonitor, nis_gates
 from filters.kalman.filter_input import FilterInput, InputBuilder, Readings, SampleTimes
 from filters.kalman.first_rest import FirstRest
 from filters.kalman.long_gap import HeldBiases, LongGaps, stretches
+from filters.kalman.residual_watch import ResidualWatch
 from filters.kalman.rows import Estimate, Moments, estimate_of
 from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings, alignment_of, reference_of
 from filters.kalman.spkf import DivergenceError
@@ -47,6 +48,7 @@ class Estimator:
         self.monitor = ConvergenceMonitor(settings.period)
         self.temperature = TemperatureTrend()
         self._departures = Departures()
+        self.watch: ResidualWatch | None = None  # of a unit at rest
         self.reference: Reference | None = None
         self.aligning = alignment_of(settings)
         self.effects = settings.effects() if settings.effects is not None else None
@@ -76,6 +78,7 @@ class Estimator:
         self._engine = ENGINES[settings.filter](settings, found.moving, self.every, self.effects)
         self._engine.start(nav, self._P0_sd)
         self._long_gaps = LongGaps(settings.period, moving=found.moving)
+        self.watch = None if found.moving else ResidualWatch(self.monitor.block)
         self._inputs = InputBuilder(settings, found, self.effects, self._times, self._marks)
 
     @property
@@ -288,6 +291,7 @@ class Estimator:
         before = before if self._held is None else self._held.t
         samples = inputs.input(readings, self.taken, before)
         t = samples.t
+        temperature = readings.temperature[np.searchsorted(readings.t, t)]
         resumed = long_gaps.ends(t, samples.known, before)
         for first, last, is_held in stretches(samples.known, t.size, self.samples, is_held=self._held is not None):
             if is_held:
@@ -298,7 +302,8 @@ class Estimator:
                     engine.core[layout.CORE_NEXT_OUT] = self._held.next_out
                     engine.core[layout.CORE_SAMPLES] = self._held.count
                     self._held = None
-                yield from self._advance(engine, samples, first, last, [k for k in resumed if first <= k < last])
+                here = [k for k in resumed if first <= k < last]
+                yield from self._advance(engine, samples, temperature, first, last, here)
 
     def _hold(self, engine: "FilterEngine", t: Array) -> Iterator[Array]:
         if self._held is None:
@@ -310,9 +315,18 @@ class Estimator:
             yield rows
 
     def _advance(
-        self, engine: "FilterEngine", samples: FilterInput, first: int, last: int, resumed: list[int]
+        self,
+        engine: "FilterEngine",
+        samples: FilterInput,
+        temperature: Array,
+        first: int,
+        last: int,
+        resumed: list[int],
     ) -> Iterator[Array]:
-        """Feed samples from `first` to before `last`; navigation begins anew at those of `resumed`."""
+        """Feed samples from `first` to before `last` to the engine, and with their temperatures, (N,), to the watch.
+
+        Navigation begins anew at those of `resumed`.
+        """
         t, found = samples.t, self.reference
         path = found if isinstance(found, reference.Path) else None
         incomplete = [k for k in range(first, last) if float(t[k]) in path.partial] if path is not None else []
@@ -328,6 +342,7 @@ class Estimator:
             if resumed and resumed[0] == k:
                 engine.resume(samples, resumed.pop(0))
             stop = min([end, monitor.end - _SAME, *(float(t[at[0]]) for at in (incomplete, resumed) if at)])
+            begin = k
             try:
                 k, count = engine.advance(samples, k, stop)
             except DivergenceError as error:
@@ -335,6 +350,9 @@ class Estimator:
                 raise DivergenceError(
                     f"the filter broke down at sample {at}, {t[min(k, t.size - 1)]:.3f} s: {error}"
                 ) from error
+            if self.watch is not None and k > begin:
+                fed = slice(begin, k)
+                self.watch.add(samples.accel[fed], samples.gyro[fed], temperature[fed], samples.phi[fed])
             if count:
                 yield engine.out[:count].copy()
 
@@ -349,6 +367,8 @@ class Estimator:
             if first == last:  # a block that lies in one segment
                 known = found.motion(np.array([self.monitor.end - 0.5 * seconds]))[0]
                 self._departures.add(int(first), seconds, residual, known[reference.RATE], known[reference.FORCE])
+        if self.watch is not None:
+            self.watch.close(self.monitor.end, engine.extra()[0] if self.effects is not None else np.empty(0))
         mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]
         self.monitor.close(t, residual, mean_bias, *engine.biases())
         sums[:] = 0.0

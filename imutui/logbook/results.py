@@ -199,6 +199,8 @@ class ResultDocument(TypedDict):
     temperature_k_per_min: NotRequired[float | None]
     held_since_s: NotRequired[float | None]
     """When the reference ended: from then on biases are held, and navigation states are those of then."""
+    watched: NotRequired[list[departures.WatchedField]]
+    """Of a unit at rest: effects that its residual showed while it was filtered."""
     departure: NotRequired[str | None]
     """With a table profile: where the readings depart from the model most certainly, in a sentence."""
     filter_s: NotRequired[float]
@@ -340,6 +342,7 @@ def document(
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since_s": estimator.held_since,
         "departure": departures.sentence(estimator, axes, g_unit),
+        "watched": departures.watched(estimator, axes, g_unit),
         "filter_s": filter_s,
         "read_s": read_s,
         "steps_per_s": estimator.nis_count / filter_s if filter_s > 0.0 else None,

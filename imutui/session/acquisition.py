@@ -79,6 +79,7 @@ class Acquisition:
         self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
         if stream is not None:
             self._news.append(lambda _: [(said, WARNING)] if (said := stream.look()) else [])
+        self._news.append(lambda _: [(said, WARNING) for said in self.recorder.pipeline.news()])
         self.loss_advice = LossAdvice(info.port, info.firmware)
 
     # -- what comes from the reader -------------------------------------------------------------------------------

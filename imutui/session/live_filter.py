@@ -102,6 +102,9 @@ def load() -> None:
     """Load the filter's modules here and now, without compiling anything."""
     for module in ("filters.kalman.engines", "imutui.logbook.estimates"):
         importlib.import_module(module)
+    from filters.kalman import series_evidence
+
+    series_evidence.prepare()
 
 
 class LiveFilter:
@@ -127,6 +130,7 @@ class LiveFilter:
         self.preparation = PLAIN if effects is None else WITH_EFFECTS
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
+        self._said = 0  # effects that the watch has told
         self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
         self._marks: list[tuple[int, str]] = []
 
@@ -157,6 +161,16 @@ class LiveFilter:
         from filters.effects.runtime import CausalEffects
 
         return effects.memory() if isinstance(effects, CausalEffects) else ""
+
+    def news(self) -> Iterator[str]:
+        """Effects that show in the residual for the first time, in sentences, each once."""
+        watch = None if self.estimator is None else self.estimator.watch
+        if watch is not None and len(watch.told) > self._said:
+            from imutui.logbook import departures
+
+            new, self._said = watch.told[self._said :], len(watch.told)
+            for one in new:
+                yield departures.watched_field(one, self.info.axes(), self.info.g_unit)["text"]
 
     def leave_out_unless_ready(self, patience_s: float) -> None:
         """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""

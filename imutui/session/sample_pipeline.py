@@ -213,6 +213,10 @@ class SamplePipeline:
             if self._writer is not None:
                 self._writer.encoded(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
 
+    def news(self) -> Iterator[str]:
+        """What the filter's watch tells for the first time."""
+        return iter(()) if self.filter is None else self.filter.news()
+
     def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:
         """Write a mark, a remark or an event, if recording."""
         utc = self._timebase.utc_ns(now_ns)

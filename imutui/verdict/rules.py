@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
+from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot, WatchedSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -22,11 +22,11 @@ STEADY_K_PER_MIN = 0.1
 MOVES_SD = 0.5  # change over 10 s, in standard deviations, that is worth a word
 BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 _NOTHING = "–"
-USE = "usable; unseen: faster oscillation, temperature, motion: t"
+USE = "usable; unseen: effects of motion, slow ones: t"
 """What GREEN allows and has not looked for, as short as a badge."""
 USE_AT_LENGTH = (
     "the biases can be used: corrected reading = reading − bias. Looked at: alarms, limits, convergence, 10 s means,"
-    " noise; not: faster oscillations, effects of temperature and motion, which a trace looks for"
+    " noise, oscillations, steps, temperature; not: effects of motion, and slow ones, which a trace looks for"
 )
 TRACE_KEY = "t traces this recording"  # what to do on the screen; a command says the same in its words
 
@@ -55,6 +55,7 @@ class Standing:
     slope_k_per_min: float | None = None  # of the temperature; None while it is not known
     # where in a table profile the readings depart from the model, and what it may be, in words
     departure: str | None = None
+    watched: Sequence[WatchedSnapshot] = ()  # effects that the residual shows or showed
     # when the reference ended, s, from where on biases are held; None while there is one
     held_since: float | None = None
     failure: str | None = None  # why the filter stopped, if it did
@@ -165,6 +166,7 @@ def _rules(standing: Standing) -> list[Check | None]:
         _limits(standing.biases, standing.limits_of, own=standing.own_limits),
         _nis(standing.nis),
         _converged(standing),
+        _watched(standing.watched),
         _unexplained(standing),
         _noise(standing.noise),
         _temperature(standing.slope_k_per_min, over=standing.over),
@@ -343,6 +345,24 @@ def _unexplained(standing: Standing) -> Check:
     said = f"{name} 10 s means {ratio:.1f} × what noise allows"
     limit = f" (limit {NOTICED:g})" if level == "good" else f" (AMBER above {NOTICED:g}, RED above {TOO_MUCH:g})"
     return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", TRACE_KEY)
+
+
+def _watched(watched: Sequence[WatchedSnapshot]) -> Check:
+    """Whether an effect that shows is larger than what a bias may be uncertain by."""
+    showing = [one for one in watched if one["shows"]]
+    large = [one for one in showing if over_tolerance(one)]
+    if not large:
+        said = "none larger than a bias may be uncertain by" if showing else "none shows"
+        return Check("good", "effects", said)
+    brief = f"{large[0]['channel']} {large[0]['kind'].split()[0]}"
+    return Check("wait", "effects", large[0]["text"], brief, TRACE_KEY)
+
+
+def over_tolerance(one: WatchedSnapshot) -> bool:
+    """Whether an effect takes readings farther from their mean than a converged bias may be uncertain by."""
+    if one["kind"] == "noise":
+        return not 1.0 / TOO_NOISY < one["size"] < TOO_NOISY
+    return one["extent"] > (GYRO_TOLERANCE_DPS if one["unit"].startswith("deg") else ACCEL_TOLERANCE_MG)
 
 
 def _noise(noise: NoiseSnapshot | None) -> Check | None:

@@ -124,3 +124,16 @@ def test_a_filter_that_stops_says_whether_that_is_a_defect(
     assert live.failure is not None
     assert live.failure.startswith("the filter stopped, recording goes on: ")
     assert ("a defect of imutui" in live.failure) == (kind is ValueError)
+
+
+def test_an_effect_in_the_residual_is_told_once_in_a_sentence() -> None:
+    prepared()
+    live = LiveFilter(SessionInfo(rate_hz=20.0))
+    gyro, accel = samples(1400)
+    gyro[:, 1] += 5e-3 * np.sin(2.0 * np.pi * 0.13 * np.arange(1400) / 20.0)
+    said = []
+    for k in range(1400):
+        list(live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k]))
+        said += live.news()
+    assert len(said) == 1, said
+    assert said[0].startswith("gy oscillates at 0.1")

@@ -48,12 +48,16 @@ class NisLines(TextLines):
         return self.spread(left, self.line(begun, (gates, "bold $text-warning" if rejected else ""), " "), width)
 
     def _unexplained(self, view: View, estimates: FilterSnapshot, width: int) -> Content:
-        """The worst channel in units of what noise allows, and the key that looks for the cause."""
+        """An effect that shows, or the worst channel in units of what noise allows; the key that looks for causes."""
         worst = worst_remainder(estimates["remainder"])
         said, loud = "known after 30 s of estimates", False
         if worst is not None:
             channel, ratio = worst
             said, loud = f"{channel} 10 s means {ratio:.1f} × what noise allows", ratio > NOTICED
+        showing = [one["text"] for one in estimates.get("watched", ()) if one["shows"]]
+        if showing:
+            more = f"; {len(showing) - 1} more" if len(showing) > 1 else ""
+            said, loud = f"{self.glyphs.text(showing[0])}{more}", True
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key

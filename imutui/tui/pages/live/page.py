@@ -146,7 +146,7 @@ _ROOM_FOR_MARKS = 90
 
 
 class StateLines(TextLines):
-    """Whether the unit is warm; rates, what was lost, what the unit says of itself; the file, or how to start one."""
+    """An effect that shows, or whether the unit is warm; rates and losses; the file, or how to start one."""
 
     DEFAULT_CSS = "StateLines { height: 3; }"
 
@@ -155,8 +155,17 @@ class StateLines(TextLines):
         warm = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
         word, _, rest = warm.partition(" ")
         link = Content("") if now is None else self._link(now)
-        lines = self.line(" ", (word, "bold"), " ", rest), link, self._recording(view, width)
+        lines = self._showing(view) or self.line(" ", (word, "bold"), " ", rest), link, self._recording(view, width)
         return [line.truncate(width) for line in lines]
+
+    def _showing(self, view: View) -> Content | None:
+        """The effect that shows most certainly in the residual, and how many more do; 4 Filter has all of them."""
+        estimates = view.estimates
+        said = [one["text"] for one in estimates.get("watched", ()) if one["shows"]] if estimates is not None else []
+        if not said:
+            return None
+        more = f"  {len(said) - 1} more: 4 Filter, w" if len(said) > 1 else ""
+        return self.line((f" {self.glyphs.text(said[0])}", "bold $text-warning"), more)
 
     def _link(self, now: Snapshot) -> Content:
         """Rate asked and measured, packets lost, wrong checksums, status word."""

@@ -1,0 +1,212 @@
+"""What a series of means shows beside its own noise: closed-form evidence of each kind of effect, against all others.
+
+A series is y = c + H b + n, n of covariance C = σ² (I + ρ D), D that of flicker noise or of a random walk, c and σ not
+known at all, ρ one of a grid, b with Zellner's prior N(0, g σ² (HᵀPH)⁻¹), P the inverse of C less what c takes of it, g
+one of a grid. Then, for k columns H,
+
+    p(y | kind, ρ, g) ∝ |I + ρD|^-½ (1ᵀC⁻¹1)^-½ (yᵀPy)^-(n-1)/2 (1 + g)^-k/2 (1 - g/(1+g) R²)^-(n-1)/2,
+
+R² the share of yᵀPy that H explains. It is summed over ρ, g and what else is not known of the kind (when, how fast).
+Smooth drift and single outliers are rivals that nobody is told of. All that does not depend on y is worked out once for
+each n.
+
+References
+----------
+A. Zellner, "On assessing prior distributions and Bayesian regression analysis with g-prior distributions", 1986.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from filters.types import Array
+
+SIZES = (32, 40, 48, 56, 64, 128)  # lengths of series
+PRIOR: dict[str, float] = {
+    "nothing": 1.0, "drift 1": 0.01, "drift 2": 0.005, "drift 3": 0.005, "outlier": 0.02,
+    "oscillation": 5e-3, "step": 2e-6, "levels": 1e-6, "temperature slope": 0.1, "temperature rate": 0.01,
+}  # fmt: skip
+"""Weights before the data; a driver's are for a temperature that moves.
+
+Steps are rare, and drift of measured units is not Gaussian: on an ADIS16405 at rest what a trace of the whole recording
+takes for drift looks like a step 500 times as likely as one.
+"""
+FASTEST = 0.27  # cycles from one mean to the next: what is faster folds over what is slower
+MOST_ODDS = 1e6
+_CYCLES = 3.0  # of an oscillation in a series, at least
+_G = np.array([10.0, 1e2, 1e3, 1e4])
+_RATIOS = (0.0, *np.geomspace(1e-3, 10.0, 5))  # variance of drift within a series over that of white noise / n
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The logarithm of the weight of a kind, and its likeliest case."""
+
+    weight: float
+    size: float = 0.0
+    sd: float = 0.0
+    extent: float = 0.0
+    at: float = 0.0  # begin, as a share of what was looked at
+    cycles: float = 0.0  # from one mean to the next
+
+
+class _Design:
+    """All that depends on the number of blocks alone: noise models, and kinds of effects in their metric."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        C = np.eye(n) + _covariances(n)
+        Ci = np.linalg.inv(C)
+        ones = Ci.sum(axis=2)
+        total = ones.sum(axis=1)
+        self.P = Ci - ones[:, :, None] * ones[:, None, :] / total[:, None, None]
+        self.base = -0.5 * (np.linalg.slogdet(C)[1] + np.log(total)) - np.log(len(C))
+        i = np.arange(n)
+        steps = (i[:, None] >= i[2:-2]).astype(float)
+        self.steps = 2 + np.arange(steps.shape[1])
+        bumps = np.hstack([np.eye(n), np.eye(n) + np.eye(n, k=-1)])
+        powers = np.asarray(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), 3)[:, 1:], np.float64)
+        self.cycles = np.arange(2.0 * _CYCLES, 2.0 * FASTEST * n) / (2 * n)
+        phase = 2.0 * np.pi * self.cycles * i[:, None]
+        waves = np.stack([np.cos(phase), np.sin(phase)], axis=2)
+        self.step, self.step_norm = _metric(self.P, steps[:, :, None])
+        self.bump, _ = _metric(self.P, bumps[:, :, None])
+        self.wave, self.wave_norm = _metric(self.P, np.asarray(waves, float))
+        self.drift = [_metric(self.P, powers[:, None, :k])[0] for k in (1, 2, 3)]
+        edges = np.arange(0, steps.shape[1], max(1, n // 32))
+        first, last = np.triu_indices(edges.size, 1)
+        self.first, self.last = edges[first], edges[last]
+        PH = self.P @ steps
+        G = steps.T @ PH
+        diagonal = np.diagonal(G, axis1=1, axis2=2)
+        both = diagonal[:, self.first] + diagonal[:, self.last]
+        self.box_norm = np.sqrt(both - 2.0 * G[:, self.first, self.last])
+
+
+@cache
+def _design(n: int) -> _Design:
+    return _Design(n)
+
+
+def prepare() -> None:
+    """Work out, before anything has to be told in time, what depends on the number of blocks alone."""
+    for n in SIZES:
+        _design(n)
+
+
+def _covariances(n: int) -> Array:
+    """Covariances of drift over that of white noise, one a model, (M, n, n): of flicker noise and of a random walk."""
+    i = np.arange(n)
+    lag = np.abs(i[:, None] - i)
+    flicker = np.mean([np.exp(-lag / 2.0**k) for k in range(1, 10)], axis=0)
+    walk = np.minimum(i[:, None], i) / n
+    flickers = [ratio * 30.0 * flicker for ratio in _RATIOS]
+    return np.array([*flickers, *(ratio * n * walk for ratio in _RATIOS[1:])])
+
+
+def _metric(P: Array, H: Array) -> tuple[Array, Array]:
+    """Rows that make scores of a series, and what makes amplitudes of scores, in every noise model.
+
+    `H`: candidates of k columns, (n, R, k). Returns (M, R, k, n), orthonormal in the metric P, and (M, R), the root of
+    the mean of hᵀPh.
+    """
+    PH = np.einsum("mij,jrk->mirk", P, H, optimize=True)
+    G = np.einsum("irk,mirl->mrkl", H, PH, optimize=True)
+    least = 1e-12 * np.trace(G, axis1=2, axis2=3)[..., None, None] * np.eye(H.shape[2])
+    Li = np.linalg.inv(np.linalg.cholesky(G + least))
+    rows = np.einsum("mrkl,mirl->mrki", Li, PH, optimize=True)
+    return rows, np.sqrt(np.trace(G, axis1=2, axis2=3) / H.shape[2])
+
+
+def log_factor(share: Array, columns: int, n: int) -> Array:
+    """Logarithm of the Bayes factor of candidates that explain a share of yᵀPy, mean over g."""
+    each = [
+        -0.5 * columns * np.log1p(g) - 0.5 * (n - 1) * np.log1p(-g / (1.0 + g) * np.minimum(share, 1.0 - 1e-12))
+        for g in _G
+    ]
+    return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(_G.size))
+
+
+class Look:
+    """One series against those kinds that its methods weigh.
+
+    `y`: shape (n,), n of `SIZES`; not constant.
+    `drift`: weight of each model of drift over that of white noise.
+    """
+
+    def __init__(self, y: Array, drift: float = 1.0) -> None:
+        self.design = _design(y.size)
+        self.y = y - y.mean()
+        q = np.einsum("i,mij,j->m", self.y, self.design.P, self.y, optimize=True)
+        self.q = np.maximum(q, 1e-300)
+        self.null = self.design.base - 0.5 * (y.size - 1) * np.log(self.q)
+        self.null[1:] += np.log(drift)
+        self.found: dict[str, Found] = {"nothing": Found(float(np.logaddexp.reduce(self.null)))}
+
+    def _columns(self, kind: str, rows: Array) -> tuple[int, int, Array]:
+        """Weigh a kind of candidates; returns model and candidate of the likeliest, and the scores."""
+        scores = rows @ self.y
+        return (*self._weigh(kind, np.sum(scores**2, axis=2), rows.shape[2]), scores)
+
+    def _weigh(self, kind: str, squares: Array, columns: int = 1) -> tuple[int, int]:
+        """Weigh a kind by what its candidates explain, (M, R); returns model and candidate of the likeliest."""
+        each = self.null[:, None] + log_factor(squares / self.q[:, None], columns, self.y.size)
+        m, r = np.unravel_index(int(np.argmax(each)), each.shape)
+        weight = float(np.logaddexp.reduce(each, axis=None)) - np.log(each.shape[1]) + np.log(PRIOR[kind])
+        self.found[kind] = Found(weight)
+        return int(m), int(r)
+
+    def _sigma(self, m: int, explained: float) -> float:
+        return float(np.sqrt(max(self.q[m] - explained, 1e-12 * self.q[m]) / max(self.y.size - 2, 1)))
+
+    def rivals(self) -> None:
+        """Weigh what is not told."""
+        self._columns("outlier", self.design.bump)
+        for k, rows in enumerate(self.design.drift):
+            self._columns(f"drift {k + 1}", rows)
+
+    def steps(self) -> Array:
+        """Weigh a step; returns scores of steps, not yet divided by their norms, (M, R)."""
+        d = self.design
+        m, r, scores = self._columns("step", d.step)
+        s, norm = scores[m, r, 0], d.step_norm[m, r]
+        self._put("step", m, s**2, s / norm, 1.0 / norm, at=d.steps[r] / d.n)
+        return np.asarray(scores[:, :, 0] * d.step_norm)
+
+    def levels(self, scores: Array) -> None:
+        """Weigh a level that is left again."""
+        d = self.design
+        s = (scores[:, d.first] - scores[:, d.last]) / d.box_norm
+        m, r = self._weigh("levels", s**2)
+        norm = d.box_norm[m, r]
+        self._put("levels", m, s[m, r] ** 2, s[m, r] / norm, 1.0 / norm, at=d.steps[d.first[r]] / d.n)
+
+    def oscillation(self) -> None:
+        """Weigh an oscillation."""
+        d = self.design
+        m, r, scores = self._columns("oscillation", d.wave)
+        square, norm = float(np.sum(scores[m, r] ** 2)), d.wave_norm[m, r]
+        # a mean over a block is smaller than what is in it
+        smaller = norm * np.sinc(d.cycles[r])
+        self._put("oscillation", m, square, np.sqrt(square) / smaller, 1.0 / smaller, cycles=float(d.cycles[r]))
+
+    def driver(self, kind: str, x: Array) -> None:
+        """Weigh a linear dependence on a series x, (n,)."""
+        rows, norm = _metric(self.design.P, (x - x.mean())[:, None, None])
+        m, _, scores = self._columns(kind, rows)
+        s = float(scores[m, 0, 0])
+        self._put(kind, m, s**2, s / norm[m, 0], 1.0 / norm[m, 0], extent=float(np.ptp(x)))
+
+    def _put(
+        self, kind: str, m: int, square: float, size: float, sd: float, *, extent: float = 1.0, at: float = 0.0,
+        cycles: float = 0.0,
+    ) -> None:  # fmt: skip
+        sd *= self._sigma(m, square)
+        weight = self.found[kind].weight
+        self.found[kind] = Found(weight, float(size), float(sd), float(abs(size) * extent), float(at), cycles)
+
+    def odds(self, kind: str) -> float:
+        """Of a kind against all others."""
+        others = np.logaddexp.reduce([f.weight for k, f in self.found.items() if k != kind])
+        return float(np.exp(min(self.found[kind].weight - others, np.log(MOST_ODDS))))
