@@ -20,7 +20,7 @@ from filters.types import Array
 from imutui.instrument import registry
 from imutui.jobs import replay, replay_input
 from imutui.jobs.log_motion import Motion, motion_of
-from imutui.logbook import pieces, reader
+from imutui.logbook import pieces, reader, summary
 from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
@@ -173,8 +173,10 @@ def _outlines(paths: Sequence[Path], options: replay.ReplayOptions, tell: Tell) 
         return []
     keep, known = -(-_STRETCHES // len(paths)), list[Outline]()
     for number, path in enumerate(paths):
+        expected = summary.read(path).seconds or np.inf  # by its own account
 
-        def told(seconds: float, share: float = number / len(paths), name: str = path.name) -> None:
+        def told(seconds: float, before: int = number, of: float = expected, name: str = path.name) -> None:
+            share = (before + min(1.0, seconds / of)) / len(paths)
             tell(_OUTLINED * share, f"reading {name}, {seconds / 3600.0:.0f} h")
 
         known.append(pieces.outline(path, pieces.ROWS, keep, told))
