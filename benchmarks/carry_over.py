@@ -11,12 +11,9 @@ their own standard deviations; errors at its rests before, after, and with what 
 import sys
 from collections import Counter, defaultdict
 from dataclasses import replace
-from pathlib import Path
 
+import bench  # noqa: F401 — makes the tests' helpers known
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-
 from helpers.turned import ACCELEROMETERS, GYROS, TRUTH, turned_run
 
 from filters.imu import STANDARD_GRAVITY

@@ -269,14 +269,13 @@ def _status(
 ) -> dict[str, Status]:
     out: dict[str, Status] = {}
     have = recorded(found.logs[0][0])
-    figures = {c: own.figure for own in found.sensors for c in own.chosen.triad.channels}
+    floors = {c: _at_floor(own) for own in found.sensors for c in own.chosen.triad.channels}
     for c in (*GYROS, *ACCELS):
         if not have[c]:
             continue
         own = [f for f in findings if f["channels"] == [CHANNELS[c]]]
         contradicted = any(v.refuted for e, v in judged.items() if e.channel == c)
-        figure = figures.get(c)
-        at_floor = figure is not None and figure.ci95[0] <= _AT_FLOOR * figure.floor_band95[1]
+        at_floor = floors.get(c, False)
         if any(f["rivals"] for f in own):
             out[CHANNELS[c]] = "confounded"
         elif own:
@@ -284,6 +283,14 @@ def _status(
         else:
             out[CHANNELS[c]] = "clean" if at_floor and not contradicted else "unexplained"
     return out
+
+
+def _at_floor(sensors: Sensors) -> bool:
+    """Whether the error is at its floor, once what differs from power-on to power-on is measured again."""
+    if (figure := sensors.figure) is None:
+        return False
+    least = _error(sensors, figure).get("after_again", figure.ci95[0])
+    return min(least, figure.ci95[0]) <= _AT_FLOOR * figure.floor_band95[1]
 
 
 def _limits(found: Calibration, name: str) -> list[LimitEntry]:

@@ -152,6 +152,8 @@ def _actions(d: TraceDocument, places: Places) -> list[_Action]:
     held = [f for f in found if f.get("confirmed") is not False and f["include_as"] != "N"]
     doubtful = [*(f for f in found if f.get("confirmed") is False), *d.get("refuted", [])]
     common, drift = d.get("common", []), [entry for entry in d.get("drift", []) if "common" not in entry]
+    again = [e for e in d.get("carries_over", []) if e["measure_again"]]
+    kinds = dict.fromkeys(plain_names.short(e["effect"]) for e in again)
     times = [tau for entry in drift if (tau := entry.get("tau_s"))]
     once = len({run.get("power_on", run["id"]) for run in d["runs"]}) < 2
     record = ", ".join(dict.fromkeys(what for entry in common for what in entry["record"]))
@@ -161,6 +163,8 @@ def _actions(d: TraceDocument, places: Places) -> list[_Action]:
         _separate(d, places),
         ("use effects", [f for f in held if f["effect"] not in OF_ONE_RUN],
          f"{places.effects}; `record`, `replay` and `apply` take them with `--effects effects.toml`"),
+        ("measure again", again,
+         f"{', '.join(kinds)} at every power-on: rest in several directions, and trace that log"),
         ("leave out", doubtful, "the held-out run refutes or does not confirm it: record that condition again"),
         ("see what was", [f for f in held if f["effect"] in OF_ONE_RUN],
          "look for what happened then; it is in no effects file, for it says nothing of the next run"),

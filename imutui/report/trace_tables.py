@@ -137,9 +137,11 @@ def _findings(d: TraceDocument) -> Iterator[list[Row]]:
 
 
 def _parameters(params: Sequence[ParameterEntry]) -> list[Row]:
-    """Each with its standard deviation; of the points of a free curve the largest."""
+    """Each with its standard deviation; of the points of a free curve the largest, of power-ons all."""
     points = [p for p in params if p.get("sd") is not None]
-    if len(points) > _FEW and len({p["unit"] for p in points}) == 1:
+    words = {p["name"].split(" ")[0] for p in points}
+    curve = words == {"at"} or len(words) == len(points)
+    if curve and len(points) > _FEW and len({p["unit"] for p in points}) == 1:
         largest = max(points, key=lambda p: abs(p["value"]))
         return [("", "", f"{_value(largest)} {largest['name']}, the largest of {len(points)} points")]
     shown = [p for p in params if p.get("sd") is not None or p["name"] not in _IN_LABEL]

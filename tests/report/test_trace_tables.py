@@ -261,3 +261,32 @@ def test_every_effect_has_a_short_name() -> None:
         assert len(plain_names.short(effect).split()) <= 3 or effect.startswith("driver:")
         assert "_" not in plain_names.short(effect)
     assert trace_glance.status_words("confounded") == "several fit"
+
+
+def test_what_a_new_power_on_must_measure_again_is_said_and_what_one_cannot_tell() -> None:
+    """A row a kind; in the list of what to do only what differs. Of one power-on nothing is known."""
+    known = (
+        ("bias", "mg", 3.7, [2.4, 8.1], True),
+        ("scale", "1", 0.0, [0.0, 1e-5], False),
+        ("cross_axis", "rad", 0.1, [0.0, 1.0], None),
+        ("g_squared", "mg", None, None, None),
+    )
+    names = ("effect", "unit", "session_sd", "session_ci95", "measure_again")
+    common = {"channels": ["ax", "ay"], "power_ons": 3, "expected_sd": 1.0}
+    rows = [{**common, **dict(zip(names, values, strict=True))} for values in known]
+    made = tables(document(carries_over=rows))
+    told = [row[1:] for row in made["What carries over to the next power-on"].rows]
+    assert told == [
+        ("bias", "3.7 mg", "2.4 to 8.1 mg", "must measure it again"),
+        ("scale factor", "0", "0 to 1e-05", "has the same"),
+        ("cross axis", "0.1 rad", "0 to 1 rad", "not told by so few"),
+        ("g squared", "not known", "", "can't be known of one"),
+    ]
+    (again,) = [row for row in made["What to do"].rows if row[0] == "measure again"]
+    assert again[1] == "ax ay"
+    assert again[2].startswith("bias at every power-on")
+
+
+def test_a_bias_of_four_power_ons_is_no_curve() -> None:
+    params = [{"name": f"b run{k}", "value": k, "sd": 0.1, "unit": "mg", "plausible": True} for k in range(4)]
+    assert len(trace_tables._parameters(params)) == 4
