@@ -11,7 +11,7 @@ their own, in the catalogue's plausible hysteresis, and all of these that a grid
 likelihood, with the levels of the walk. Where data do not separate columns, as curve and play after one way only, the
 prior does, and the covariance says by how much they may differ elsewhere. Neither columns nor walk are quite right, so
 that evidence counts a third, in the fit and in the average: a power likelihood (Grünwald & van Ommen, Bayesian Analysis
-12, 2017). That made errors on a third leg of simulated cycles as large as their standard deviations.
+12, 2017). Errors are then half their standard deviation on a third leg of simulated cycles (`benchmarks/thermal.py`).
 
 It leaves out: how much of it is carried over to other runs, what becomes of the effects that were selected before (both
 `thermal_memory`).
