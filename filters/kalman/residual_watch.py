@@ -223,9 +223,8 @@ def _is_same(before: Finding, now: Finding, block: float) -> bool:
 
 def _edges(bins: int) -> NDArray[np.int_]:
     """Edges of stretches of bins, shorter ones first, where a level may be steep."""
-    steps = np.minimum(_LEAST_STRETCH * 2 ** np.arange(2 + bins // _STRETCH), _STRETCH)
-    edges = np.concatenate([[0], np.cumsum(steps)])
-    return np.asarray(edges[edges <= bins])
+    edges = np.append(0, np.arange(_LEAST_STRETCH, bins + 1, _STRETCH))
+    return np.asarray(edges)
 
 
 def _line(power: Array, level: Array, first: int, edges: NDArray[np.int_]) -> tuple[float, float, float, float] | None:

@@ -54,6 +54,19 @@ def test_an_oscillation_is_told_with_amplitude_and_frequency(hz: float) -> None:
     assert abs(found.size - 0.7 * SD) < 4.0 * found.sd
 
 
+def test_a_line_at_133_hz_is_told_beside_thousands_of_bins_and_noise_alone_is_not() -> None:
+    rng = np.random.default_rng(9)
+    watch = ResidualWatch(1.0)
+    for k in range(100):
+        x = SD * rng.normal(size=(133, 6))
+        x[:, 3] += 0.4 * SD * np.sin(2.0 * np.pi * 40.0 * (k + np.arange(133) / 133.0))
+        watch.take(k + 1.0, x, np.full(133, np.nan))
+    found = only(watch.told)
+    assert (found.kind, found.channel) == ("oscillation", 3)
+    assert found.hz is not None
+    assert abs(found.hz - 40.0) < 0.05
+
+
 def test_a_step_and_a_level_are_told_once_with_size_and_time() -> None:
     x = noise(np.random.default_rng(4), 700)
     x[300 * HZ :, 1] += 1.5 * SD

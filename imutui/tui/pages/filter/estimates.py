@@ -54,13 +54,13 @@ class NisLines(TextLines):
         if worst is not None:
             channel, ratio = worst
             said, loud = f"{channel} 10 s means {ratio:.1f} × what noise allows", ratio > NOTICED
-        showing = [one["text"] for one in estimates.get("watched", ()) if one["shows"]]
-        if showing:
-            more = f"; {len(showing) - 1} more" if len(showing) > 1 else ""
-            said, loud = f"{self.glyphs.text(showing[0])}{more}", True
-        left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key
+        above = view.shown_verdict.reason if view.shown_verdict is not None else ""
+        showing = [one["text"] for one in estimates.get("watched", ()) if one["shows"] and one["text"] not in above]
+        if showing:
+            said, loud = _cut(self.glyphs.text("; ".join(showing)), width - _LABEL - len(key) - 1), True
+        left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
         return self.spread(left, self.line((key, "dim")), width)
 
 

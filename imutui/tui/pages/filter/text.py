@@ -21,6 +21,7 @@ _RULES = f"""\
 RULES
   GREEN  all observable biases converged, nothing unexplained, T steady
   AMBER  a bias not converged; 10 s means {NOTICED:g} to {TOO_MUCH:g} times what noise allows;
+         an effect that shows beyond {GYRO_TOLERANCE_DPS:g} deg/s or {ACCEL_TOLERANCE_MG:g} mg;
          temperature beyond ±{STEADY_K_PER_MIN:g} K/min; NIS just outside its band; no data
   RED    an alarm; the filter stopped; 10 s means above {TOO_MUCH:g} times what
          noise allows; a bias outside its limit; NIS far outside its band
