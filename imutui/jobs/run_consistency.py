@@ -149,7 +149,8 @@ def _seen(read: LoggedRun) -> _GriddedRun:
     made = average(run, length if run.full_rate is None else max(length, ROWS_A_BLOCK / run.rate_hz))
     # where only the attitude is known the accelerometers are used at rest, and the gyros say whether it fits
     used = made.weight > 0.0
-    used[:, list(run.unread)] = True
+    lost = ~used.any(axis=0)  # a channel that is not there, or is dead, takes nothing from the others
+    used[:, lost] = not lost.all()
     good: NDArray[np.bool_] = np.asarray(used.all(axis=1) if run.attitude is None else used[:, :3].all(axis=1))
     expected = np.empty_like(made.y)
     made.mean([(lambda inputs: inputs.x, slice(0, 6))], expected)
