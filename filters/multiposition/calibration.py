@@ -129,10 +129,17 @@ def calibrate(
             " direction. Lay it down in at least nine; or trace it at rest: --reference gravity."
         )
     progress(0.1, "fitting accelerometers")
-    chosen = _with_own(choice.accelerometers(observed, directions), observed)
+    chosen = choice.accelerometers(observed, directions)
+    if observed.logs > 1 and "bias" not in (differs := _differing(chosen, observed)):
+        # a power-on of few rests says little of its own bias, and nothing more is asked of it
+        chosen = choice.accelerometers(observed, directions, ())
+    elif observed.logs > 1 and len(differs) > 1:
+        chosen = choice.owning(chosen, differs, observed)
     turned = _turned(runs, found, chosen.triad, chosen.own)
     progress(0.2, "fitting gyros")
-    made = None if turned is None else _with_own(choice.gyros(turned), turned)
+    made = None if turned is None else choice.gyros(turned)
+    if made is not None and turned is not None and (differs := _differing(made, turned)):
+        made = choice.owning(made, list(dict.fromkeys(["bias", *differs])), turned)
     apart = [] if heldout is None else [(heldout, _rests_of(heldout))]
     progress(0.7, "judging")
     judge, judge_turned = None, None
@@ -237,10 +244,9 @@ def _judged(sensors: Sensors, left_out: Array | None, how: HeldOut, seed: int) -
     return replace(sensors, figure=figure)
 
 
-def _with_own(chosen: Choice, observed: Rests | Turns) -> Choice:
-    """The choice with whatever differs from power-on to power-on fitted to each by itself."""
-    differs = [one.effects[0].effect for one in spreads(chosen, observed, None) if one.matters]
-    return choice.owning(chosen, differs, observed) if {*differs} - {"bias"} else chosen
+def _differing(chosen: Choice, observed: Rests | Turns) -> list[str]:
+    """Kinds of effects that differ from power-on to power-on, of those that are fitted to."""
+    return [one.effects[0].effect for one in spreads(chosen, observed, None) if one.matters]
 
 
 def _compared(sensors: Sensors, how: HeldOut) -> Sensors:

@@ -109,7 +109,7 @@ def _spread(chosen: Choice, made: Sequence[Fit], effects: Sequence[Hypothesis]) 
     # errors that a deviation of 1 makes, in the standard deviations of what a fit leaves
     weight = max(_weight(fit, at) for fit in made)
     matters = None
-    if between.low > 0.0 and between.sd * weight > _MATTERS:
+    if between.low * weight > 1.0 and between.sd * weight > _MATTERS:
         matters = True
     elif expected * weight < _MATTERS or between.high * weight < _MATTERS:
         matters = False

@@ -75,16 +75,20 @@ class Choice:
         return self.gain(effect) - self.places(effect).size * float(np.log(max(2, self.count)))
 
 
-def accelerometers(rests: Rests, directions: int) -> Choice:
-    """Effects of the accelerometers that the rests, of all logs that are fitted to, in so many directions, ask for."""
+def accelerometers(rests: Rests, directions: int, own: Sequence[str] = ("bias",)) -> Choice:
+    """Effects of the accelerometers that the rests, of all logs that are fitted to, in so many directions, ask for.
+
+    `own`: kinds of effects that each power-on has its own of.
+    """
     groups = accelerometer.FORMS if directions >= accelerometer.FEWEST else accelerometer.FORMS[:2]
     count = len(rests.mean)
-    widest = accelerometer.triad_of(*groups)
+    widest = accelerometer.triad_of(*groups).owning(own)
     full = _determined(Choice(widest, rests.fit(widest), (), count, rests.logs), rests.fit)
     price = float(np.log(max(2, count)))
-    best, least = accelerometer.triad_of(), float("inf")
+    best, least = widest, float("inf")
     for k in range(len(groups) + 1):
         triad = accelerometer.triad_of([e for group in groups[:k] for e in group if e in full.triad.effects])
+        triad = triad.owning(own)
         made = rests.fit(triad, None, full.fit.excess)
         cost = made.chi2 + price * made.theta.size
         if cost < least:

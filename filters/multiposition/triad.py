@@ -50,9 +50,8 @@ class Triad:
         return sum(len(e.parameters) for e in self.effects if e.effect in self.own)
 
     def owning(self, kinds: Sequence[str]) -> "Triad":
-        """The triad with these kinds, and biases, each power-on's own."""
-        own = tuple(dict.fromkeys(["bias", *kinds]))
-        return Triad(self.channels, tuple(sorted(self.effects, key=lambda e: e.effect not in own)), own)
+        """The triad with these kinds of effects each power-on's own, and all else shared."""
+        return Triad(self.channels, tuple(sorted(self.effects, key=lambda e: e.effect not in kinds)), tuple(kinds))
 
     def of_power_on(self, theta: Array, log: int, logs: int) -> Array:
         """Parameters of one power-on among those of `logs`, shape (p,)."""

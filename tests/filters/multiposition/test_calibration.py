@@ -305,3 +305,12 @@ def test_one_power_on_cannot_say_what_carries_over() -> None:
     assert "Of one power-on" in document["sentence"]
     parts = [replace(each, power_on="a") for each in (run, turned_run(*ACCELEROMETERS, seed=74))]
     assert "Of one power-on" in told(calibrate(parts[:1], parts[1]))["sentence"]
+
+
+def test_a_power_on_of_few_rests_spoils_nothing() -> None:
+    """Where nothing differs biases are shared, so that four rests need not tell a bias of their own."""
+    runs = [turned_run(*ACCELEROMETERS, *GYROS, seed=75 + k, rests=rests) for k, rests in enumerate((20, 4, 20))]
+    document = told(calibrate(runs, None))
+    assert error(document, "gravity_norm")["after"] < 0.1
+    assert len(by_channel(document)["ax", "bias"]["params"]) == 1
+    assert not [e for e in document["carries_over"] if e["measure_again"]]
