@@ -2,7 +2,7 @@
 
     python benchmarks/watch.py [--units 400] [--recordings]
 
-Cost: the filter over 20 minutes of simulated samples at 133 Hz, one by one as they come live, with the watch and
+Cost: the filter over 12 minutes of simulated samples at 133 Hz, one by one as they come live, with the watch and
 without, by turns in one process; what they take of a processor. Odds: units of 12 minutes with
 noise that is white with flicker noise or a random walk, half of them with one effect in one channel, whose size goes
 from far too small to be seen to large. What is told is right if kind and channel are. Each unit counts as often as the
@@ -34,7 +34,7 @@ AT_REST = ("adis16405_static_a", "mpu6050_static_host_stamps", "aceinna_imu381_s
 BINS = (9.0, 30.0, 100.0, 1e3, 1e7)
 
 
-def cost(minutes: float = 20.0) -> None:
+def cost(minutes: float = 12.0) -> None:
     """CPU time of the filter, one sample at a time, with the watch and without."""
     rng = np.random.default_rng(1)
     rate, force = reference.level(PAPER_SITE).rates_and_forces()
@@ -43,7 +43,7 @@ def cost(minutes: float = 20.0) -> None:
     gyro, accel = rate + rng.normal(size=(n, 3)) * 0.015, force + rng.normal(size=(n, 3)) * 0.2
     series_evidence.prepare()
     spent: dict[bool, list[float]] = {True: [], False: []}
-    for turn in range(6):
+    for turn in range(4):
         watches = turn % 2 == 0
         estimator = Estimator(Settings(1.0 / RATE), every=np.inf)
         if not watches:
@@ -55,7 +55,7 @@ def cost(minutes: float = 20.0) -> None:
     with_it, without = min(spent[True]), min(spent[False])
     share = (with_it - without) / (60.0 * minutes)
     print(f"cost at {RATE} Hz: filter {without / minutes / 0.6:.3f} % of a processor, watch {100.0 * share:.3f} %,")
-    print(f"{with_it / without:.2f} times the filter without it (least of three runs each, by turns)")
+    print(f"{with_it / without:.2f} times the filter without it (least of two runs each, by turns)")
 
 
 @dataclass(frozen=True)

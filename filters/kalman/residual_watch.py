@@ -27,6 +27,7 @@ TOLD_ODDS = 9.0
 """Odds, against all else that is considered, from which an effect is told."""
 MOST_TOLD = 200
 _SCALES = ((1, 8), (4, 16))  # blocks in a mean; blocks between two looks
+_MOST = SIZES[-1] * _SCALES[-1][0]
 _SHORTEST = 64  # means of several blocks before they are looked at
 _LEAST_KELVIN, _LEAST_RATE = 0.5, 0.3  # K; K/min: less of it tells nothing
 _SPECTRUM_BLOCKS, _SPECTRUM_MOST = 64, 8192
@@ -62,8 +63,9 @@ class ResidualWatch:
 
     def __init__(self, block: float) -> None:
         self._block = block
-        most = SIZES[-1] * _SCALES[-1][0]
-        self._means: deque[Array] = deque(maxlen=most)
+        # a row a block: means of the residual, its variances, temperature; the last `_MOST` are kept, at the place that
+        # `_kept` says
+        self._rows, self._kept = np.zeros((2 * _MOST, 13)), 0
         self._samples: deque[Array] = deque(maxlen=_SPECTRUM_BLOCKS)
         self._end = -np.inf
         self._count = 0
@@ -103,17 +105,17 @@ class ResidualWatch:
 
     def take(self, end: float, residual: Array, temperature: Array) -> None:
         """Take a block that ends at `end` s: residual (n, 6), n > 0, and temperature (n,), degC or NaN."""
-        missing = round((end - self._end) / self._block) - 1 if self._means else 0
+        missing = round((end - self._end) / self._block) - 1 if self._kept else 0
         if missing > 2:
-            self._means.clear()
+            self._kept = 0
             self._samples.clear()
             self._now.clear()
             self._before.clear()
-        elif missing > 0:
-            self._means.extend([self._means[-1]] * missing)
+        for _ in range(missing if 0 < missing <= 2 else 0):
+            self._keep(self._rows[self._kept - 1])
         self._end = end
         variance = residual.var(axis=0) if len(residual) >= _FEWEST else np.full(6, np.nan)
-        self._means.append(np.concatenate([residual.mean(axis=0), variance, [temperature.mean()]]))
+        self._keep(np.concatenate([residual.mean(axis=0), variance, [temperature.mean()]]))
         self._samples.append(residual)
         self._count += 1
         for scale, every in _SCALES:
@@ -122,11 +124,17 @@ class ResidualWatch:
         if self._count % 8 == 4:
             self._spectra()
 
+    def _keep(self, row: Array) -> None:
+        if self._kept == len(self._rows):
+            self._rows[:_MOST], self._kept = self._rows[_MOST:].copy(), _MOST
+        self._rows[self._kept] = row
+        self._kept += 1
+
     def _look(self, scale: int) -> None:
-        n = next((n for n in reversed(SIZES) if n * scale <= len(self._means)), 0)
+        n = next((n for n in reversed(SIZES) if n * scale <= min(self._kept, _MOST)), 0)
         if n < (_SHORTEST if scale > 1 else SIZES[0]):
             return
-        values = np.array(self._means)[-n * scale :].reshape(n, scale, -1).mean(axis=1)
+        values = self._rows[self._kept - n * scale : self._kept].reshape(n, scale, -1).mean(axis=1)
         found = [one for c in range(6) for one in self._of_channel(values[:, c], values[:, 12], scale, c)]
         if scale == 1:
             noise = [self._of_noise(values[:, 6 + c], values[:, c], c) for c in range(6)]

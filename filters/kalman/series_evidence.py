@@ -115,17 +115,20 @@ def _metric(P: Array, H: Array) -> tuple[Array, Array]:
     G = np.einsum("irk,mirl->mrkl", H, PH, optimize=True)
     least = 1e-12 * np.trace(G, axis1=2, axis2=3)[..., None, None] * np.eye(H.shape[2])
     Li = np.linalg.inv(np.linalg.cholesky(G + least))
-    rows = np.einsum("mrkl,mirl->mrki", Li, PH, optimize=True)
+    rows = np.ascontiguousarray(np.einsum("mrkl,mirl->mrki", Li, PH, optimize=True))
     return rows, np.sqrt(np.trace(G, axis1=2, axis2=3) / H.shape[2])
 
 
 def log_factor(share: Array, columns: int, n: int) -> Array:
     """Logarithm of the Bayes factor of candidates that explain a share of yᵀPy, mean over g."""
-    each = [
-        -0.5 * columns * np.log1p(g) - 0.5 * (n - 1) * np.log1p(-g / (1.0 + g) * np.minimum(share, 1.0 - 1e-12))
-        for g in _G
-    ]
-    return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(_G.size))
+    share = np.minimum(share, 1.0 - 1e-12)
+    total = np.full(share.shape, -np.inf)
+    for g in _G.tolist():
+        one = np.log1p(-g / (1.0 + g) * share)
+        one *= -0.5 * (n - 1)
+        one -= 0.5 * columns * np.log1p(g) + np.log(_G.size)
+        np.logaddexp(total, one, out=total)
+    return total
 
 
 class Look:
