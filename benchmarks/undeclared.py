@@ -1,7 +1,7 @@
 """Effects that nobody declared, over the wire: recorded power-on by power-on, traced from the logs, judged.
 
     python benchmarks/undeclared.py --check tests/undeclared/NAME.py
-    python benchmarks/undeclared.py --set tests/undeclared/NAME.py -o RESULT.json [--case NAME ...] [--real-time NAME]
+    python benchmarks/undeclared.py --set tests/undeclared/NAME.py -o RESULT.json [--recording NAME] [--case NAME ...]
 
 A set is a Python file of functions with a table (tests/undeclared/README.md). Each effect is added to a virtual unit by
 `imutui virtual --spoil`: three power-ons to fit and one held out, each with another temperature history, on made noise
@@ -158,8 +158,10 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--case", nargs="*")
     parser.add_argument("--real-time", metavar="NAME")
+    parser.add_argument("--recording", default=sets.RECORDING.stem, help="measured noise, of ../shared/data")
     parser.add_argument("--keep", type=Path, help="folder that keeps the logs")
     chosen = parser.parse_args()
+    sets.RECORDING = bench.DATA / f"{chosen.recording}.npz"
     with tempfile.TemporaryDirectory() as scratch:
         if chosen.check is not None:
             for line in sets.check(chosen.check, Path(scratch)):

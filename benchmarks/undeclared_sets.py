@@ -22,7 +22,7 @@ from imutui.cli.spoil import Spoiled, load
 from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line, scenario_of
 from imutui.instrument.virtual_instrument import Reading
 
-RECORDING = DATA / "adis16405_static_a.npz"
+RECORDING = DATA / "adis16405_static_a.npz"  # `undeclared --recording` says another, as long
 
 SCENARIO = "unit.toml"
 SEED = 20
