@@ -67,13 +67,10 @@ def judged(case: Case) -> list[Judged]:
 
 def share(flags: list[bool]) -> str:
     """Count, of how many, and the 95 % Wilson interval."""
-    n, k = len(flags), sum(flags)
-    if not n:
+    if not flags:
         return "  0 of   0"
-    z, p = 1.96, k / n
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
-    return f"{k:3d} of {n:3d}   {low:.2f}..{high:.2f}"
+    low, high = bench.wilson(sum(flags), len(flags))
+    return f"{sum(flags):3d} of {len(flags):3d}   {low:.2f}..{high:.2f}"
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 HERE = Path(__file__).parent
-SETS = ("first", "second")
+SETS = ("first", "second", "third")
 
 
 def kept(name: str) -> dict[str, Any]:
@@ -39,18 +39,22 @@ def test_a_kept_output_is_judged_as_it_says(name: str) -> None:
     assert json.loads(json.dumps(score.summary(pairs))) == document["summary"]
 
 
-def test_sets_have_what_was_asked_of_them() -> None:
-    """Twelve each: three or more with a cause outside the log, memory, several channels, two that nobody could see."""
+# effects, and of them least with a cause outside the log, with memory, on several channels, too weak; on measured noise
+ASKED = {"first": (12, 3, 2, 2, 2, 6), "second": (12, 3, 2, 2, 2, 6), "third": (16, 2, 2, 2, 1, 8)}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_sets_have_what_was_asked_of_them(name: str) -> None:
     import undeclared_sets as sets
 
-    for name in SETS:
-        effects = sets.load_set(HERE / f"{name}.py")
-        assert len(effects) == 12
-        assert sum(not e.in_log for e in effects) >= 3
-        assert sum(e.memory for e in effects) >= 2
-        assert sum(len(e.channels) > 1 for e in effects) >= 2
-        assert sum(e.wanted_d is None for e in effects) == 2
-        assert sum(e.measured for e in effects) == 6
+    effects = sets.load_set(HERE / f"{name}.py")
+    count, hidden, memory, several, weak, measured = ASKED[name]
+    assert len(effects) == count
+    assert sum(not e.in_log for e in effects) >= hidden
+    assert sum(e.memory for e in effects) >= memory
+    assert sum(len(e.channels) > 1 for e in effects) >= several
+    assert sum(e.wanted_d is None for e in effects) == weak
+    assert sum(e.measured for e in effects) == measured
 
 
 def test_no_kept_output_explains_what_the_log_does_not_hold() -> None:
