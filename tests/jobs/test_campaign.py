@@ -103,7 +103,7 @@ def test_a_trace_of_each_log_is_in_its_row(few: Path) -> None:
     row = rows_of(few / "results")[-1]
     assert row["error"] is None
     assert row["findings"] is None
-    assert "tracing needs at least" in row["trace_error"]
+    assert "in less than 20 means" in row["trace_error"]
 
 
 def test_a_log_that_vanishes_is_tried_again(few: Path) -> None:
