@@ -64,8 +64,10 @@ def main(units: int) -> None:
     for key, counts in sorted(said.items()):
         print(f"  {key[0]:16} {key[1]:8} " + ", ".join(f"{word} {n}" for word, n in sorted(counts.items())))
     print("error of the effects file at the held-out power-on over its standard deviation: rms, within 2, n")
-    for kind, own in sorted(z.items()):
-        print(f"  {kind:24} {np.sqrt(np.mean(np.square(own))):5.2f} {np.mean(np.abs(own) < 2.0):5.2f} {len(own)}")
+    for kind, off_sd in sorted(z.items()):
+        print(
+            f"  {kind:24} {np.sqrt(np.mean(np.square(off_sd))):5.2f} {np.mean(np.abs(off_sd) < 2.0):5.2f} {len(off_sd)}"
+        )
     median = np.nanmedian(np.array(errors), axis=0)
     print("magnitude of gravity, mg, median: before {:.3g}, after {:.2g}, again {:.2g}, floor {:.2g}".format(*median))
 

@@ -102,7 +102,7 @@ def of_legs(count: int) -> None:
             X, y = (x[hold:] - x[:hold].mean(axis=0) for x in (X, y))
             mean, share = X @ found.weights, carried_over(*there_and_back(rows), found)
             sd = np.sqrt(np.einsum("ij,jk,ik->i", X, found.covariance, X) + made.sd**2)
-            errors = (np.linalg.norm(y - a * mean) / np.linalg.norm(y) for a in (1.0, share))
+            errors = [float(np.linalg.norm(y - a * mean) / np.linalg.norm(y)) for a in (1.0, share)]
             legs.setdefault(name, []).append([*errors, float(np.sqrt(np.mean(((y - mean) / sd) ** 2)))])
     print(f"{'':20s} all: mean, above 1.1   carried over: mean, above 1.1   error over sd")
     for name, rows_of in legs.items():

@@ -4,8 +4,8 @@
 
 The cases are those of `tracing.py --cases slow` whose units stand still: an effect and its temperature are simulated,
 the noise and its drift are measured, and five channels of six have no effect. Each channel is judged by its evidence
-alone (`filters/tracing/evidence.py`), beside nothing that was selected. Told is what is more probable than drift; it is
-named when the leading family is an effect that the truth is. d counts white noise, as in `tracing_real_cases`.
+alone (`filters/tracing/evidence.py`), beside nothing that was selected. Told is what has odds of
+9:1; it is named when the leading family is an effect that the truth is. d counts white noise, as in `tracing_real_cases`.
 """
 
 import itertools
@@ -23,6 +23,7 @@ from filters.tracing.design_matrix import Design
 from filters.tracing.evidence import SlowEffects
 from filters.tracing.stack import Stack
 
+TOLD = 0.9
 _BLOCK_S = 0.25
 _BINS = (0.0, 0.03, 0.1, 0.5, 0.9, 1.0)
 _OF_ONE_RUN = {"step", "telegraph"}  # part of drift here
@@ -87,7 +88,7 @@ def main() -> None:
         mean = f"{np.mean([x.told for x in own]):.3f}" if own else "-"
         print(f"told with {low:.2f} to {high:.2f}, mean {mean}: an effect acts {share([x.acts for x in own])}")
     print()
-    print(f"nothing acts, told: {share([x.told > 0.5 for x in found if not x.acts])}")
+    print(f"nothing acts, told: {share([x.told > TOLD for x in found if not x.acts])}")
     for d in SIZES:
         own = [x for x in found if x.acts and abs(x.d / d - 1.0) < 0.2]
         told, named, listed = ([flag(x) for x in own] for flag in (_told, _named, _listed))
@@ -96,11 +97,11 @@ def main() -> None:
 
 
 def _told(x: Judged) -> bool:
-    return x.told > 0.5
+    return x.told > TOLD
 
 
 def _named(x: Judged) -> bool:
-    return x.told > 0.5 and x.named
+    return x.told > TOLD and x.named
 
 
 def _listed(x: Judged) -> bool:

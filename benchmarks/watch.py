@@ -134,8 +134,8 @@ def odds(units: int) -> None:
         share = sum(one.weight for one in of if one.right) / weight if weight else float("nan")
         plain = f"{sum(one.right for one in of)} of {len(of)}"
         print(f"  odds {low:g} to {high:g}: {plain} right; weighted by the priors {share:.3f}")
-    for kind, (found, count) in seen.items():
-        print(f"  {kind}: {found} of {count} larger than the noise of a reading are told")
+    for kind, (known, count) in seen.items():
+        print(f"  {kind}: {known} of {count} larger than the noise of a reading are told")
 
 
 def recordings() -> None:

@@ -18,8 +18,8 @@ _IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")  # paramete
 _FEW = 3
 _RULE = (
     "± is one standard deviation. A cause joins where its score, beside drift too, is above 9; of a channel that"
-    " drifts, a step, or what channels share, needs more than 30. A slow effect joins where it is more probable than"
-    " drift alone. It leaves where its score falls below 4.5, because others explain it."
+    " drifts, a step, or what channels share, needs more than 30. A slow effect joins where its odds over drift"
+    " alone are 9:1. It leaves where its score falls below 4.5, because others explain it."
 )
 _RULE_BY_HAND = (
     "± is one standard deviation. Scale factors, cross-axis terms and the gyros' sensitivity to specific force join as"
