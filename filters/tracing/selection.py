@@ -40,6 +40,7 @@ _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _PROBABLE = 0.9  # that some slow effect acts, from which the most probable is taken: odds of 9:1
+_LIKELIER = 0.5
 _ONCE = 0.7  # share of what an effect explains in 40 s from which on it is an event
 _LISTED = 0.03  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
@@ -300,9 +301,10 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
         gain, drift = likeliest_drift(design, chosen.terms, channel)
         found.append(_Candidate(gain - drift_price(design, channel), gain, (), channel, drift))
     rivals = chosen.slow.rivals(chosen.terms, channel) if drifts or slow > ACCEPT else []
-    if sum(r.probability for r in rivals) > _PROBABLE:
-        # drift with its steps and levels has been weighed against it
-        events = [x.score for x in found if x.terms and not isinstance(x.terms[0].hypothesis, Tone)]
+    # drift with its steps and levels has been weighed against it; a cause of levels that would join needs no more
+    events = [x.score for x in found if x.terms and not isinstance(x.terms[0].hypothesis, Tone)]
+    levels = any(x.score > ACCEPT and x.terms and isinstance(x.terms[0].hypothesis, Telegraph) for x in found)
+    if sum(r.probability for r in rivals) > (_LIKELIER if levels else _PROBABLE):
         score = max(ACCEPT + rivals[0].gain, slow, *(x + _RANK for x in events))
         found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel))
     known.found = found
