@@ -51,7 +51,12 @@ class NoiseSnapshot(TypedDict):
 
 
 class WatchedSnapshot(TypedDict):
-    """An effect that the residual of a unit at rest shows, or showed; see `imutui.logbook.departures.WatchedField`."""
+    """An effect that the residual of a unit at rest showed while it was filtered, instrument axes.
+
+    `size` and `sd` are in `unit`; `extent` is how far it took the reading from its mean, in deg/s or mg, 0 of a noise
+    that changes. `odds` are against all else that was considered. `t` is when it was last seen, of what does not show
+    any more when it was told, `at` when it began, s since the first sample. `shows`: whether it shows at the end.
+    """
 
     kind: str
     channel: str

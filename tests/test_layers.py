@@ -54,7 +54,7 @@ FLOORS = {
     "filters.fleet": GROUND,
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
-    "imutui.logbook": {"filters"},
+    "imutui.logbook": {"filters", "imutui.filter_snapshot"},
     "imutui.session": {"imutui.filter_snapshot", "imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},
     "imutui.session.snapshot": {"imutui.filter_snapshot"},
     "imutui.filter_snapshot": set(),

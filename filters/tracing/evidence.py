@@ -65,8 +65,8 @@ class Candidates:
         for part in whitening.parts:
             own[part] -= own[part].mean(axis=0)
         size, whole = np.linalg.norm(own, axis=0), np.linalg.norm(columns, axis=0)
-        self.columns = own / np.where(size > _VARIES * whole, size, 1.0)
-        seen = size > np.maximum(_VARIES * whole, 0.0)
+        seen = size > _VARIES * whole
+        self.columns = own / np.where(seen, size, 1.0)
         kept, bases = [], []
         for number, group in enumerate(groups):
             if seen[group].all():
@@ -155,7 +155,7 @@ class Judge:
 
     def __init__(self, candidates: Candidates, y: Array, beside: Array) -> None:
         self._all, self._beside = candidates, beside
-        self._y = y / np.sqrt(candidates.whitening.unit)
+        self._y = y
         w = candidates.whitening
         self._places = np.concatenate([np.arange(p.start, p.stop - 1) for p in w.parts])
         self._known: dict[int, tuple[Array, Array, Array, Array, float]] = {}
@@ -374,7 +374,7 @@ class SlowEffects:
         beside = rows.values[used, 1:]
         size = np.linalg.norm(beside, axis=0)
         beside = beside[:, size > _VARIES * float(size.max(initial=0.0))]
-        found = Judge(candidates, rows.values[used, 0] / np.sqrt(candidates.whitening.unit), beside).rivals()
+        found = Judge(candidates, rows.values[used, 0], beside).rivals()
         named = [(tuple(a for a in groups[r.best].terms if a.key not in taken), r) for r in found]
         return [SlowRival(group, r.probability, r.gain) for group, r in named]
 
@@ -399,7 +399,7 @@ class SlowEffects:
             for k in (k for k, g in enumerate(groups) if g.is_sum):
                 columns = np.column_stack([columns, columns[:, own[k]].sum(axis=1)])
                 own[k] = np.array([columns.shape[1] - 1])
-            whitening = Whitening(rows.t, rows.starts, rows.variance / unit, self._row_s)
+            whitening = Whitening(rows.t, rows.starts, rows.variance, self._row_s)
             families = [_family(g.terms[-1]) for g in groups]
             self._made[key] = Candidates(whitening, columns[whitening.used], own, families)
         return self._made[key]

@@ -4,8 +4,8 @@
 
 A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_gain`), and if
 it still does so when both models have their own best drift process (`guarded_score`). Slow effects of a channel are
-judged as rivals of its drift (`evidence`) and join when one is more probable than drift alone. What scores and does not
-join is weak, with its size and the size that would have joined.
+judged as rivals of its drift (`evidence`) and join at odds of 9:1. What scores and does not join is weak, with its size
+and the size that would have joined.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,7 +40,7 @@ _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _PROBABLE = 0.9  # that some slow effect acts, from which the most probable is taken: odds of 9:1
-_LIKELIER = 0.5
+_LIKELIER = 0.5  # the same where two levels would join otherwise, of which nothing is known
 _ONCE = 0.7  # share of what an effect explains in 40 s from which on it is an event
 _LISTED = 0.03  # probability of a slow effect below which it is not listed
 _EVENT_CELLS = 4
@@ -218,15 +218,18 @@ def _by_evidence(term: Term) -> bool:
 def _prune(chosen: Selection, least: float) -> None:
     """Drop terms whose own score has fallen: others explain it now."""
     while chosen.terms:
-        drifts = [_by_evidence(a) and chosen.design.drift[next(iter(a.places))].level > 0.0 for a in chosen.terms]
-        # of what was judged by its evidence beside drift the gain under one drift says little
-        scores = [
-            np.inf if d else chosen.own_gain(a) - chosen.price(a) for a, d in zip(chosen.terms, drifts, strict=True)
-        ]
+        scores = [_own_score(chosen, a) for a in chosen.terms]
         worst = int(np.argmin(scores))
         if scores[worst] >= least:
             return
         chosen.terms.pop(worst)
+
+
+def _own_score(chosen: Selection, term: Term) -> float:
+    """Score of an accepted term beside the others; of one told beside drift the gain under one drift says little."""
+    if _by_evidence(term) and chosen.design.drift[term.hypothesis.channel].level > 0.0:
+        return np.inf
+    return chosen.own_gain(term) - chosen.price(term)
 
 
 def _drop_untransferred(chosen: Selection) -> Term | None:

@@ -63,11 +63,11 @@ class Whitening:
         counts = np.bincount(power_on)[np.unique(power_on)]
         ends = np.cumsum(counts)
         self.parts = [slice(int(b - a), int(b)) for a, b in zip(counts, ends, strict=True)]
-        self.unit = float(np.median(variance[self.used]))
+        unit = float(np.median(variance[self.used]))
         own = t[self.used]
         self.spectra = spectra(row_s, max(float(np.ptp(own[p])) for p in self.parts))
         drifts = [covariances(own[p], row_s) for p in self.parts]
-        white = [np.diag(variance[self.used][p] / self.unit) for p in self.parts]
+        white = [np.diag(variance[self.used][p] / unit) for p in self.parts]
         self._factors: list[list[Array]] = []
         for s in self.spectra:
             if not s.slope:

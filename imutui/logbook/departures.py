@@ -1,11 +1,12 @@
 """Where in a profile readings depart from the model, and what shows in the residual at rest, in sentences."""
 
 import math
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from filters.imu import AxisMap
+from imutui.filter_snapshot import WatchedSnapshot
 
 if TYPE_CHECKING:
     from filters.kalman.alarms import Departure
@@ -66,29 +67,7 @@ def _suspicion(found: "Departure", name: str) -> str:
             return f"{degrees:.0f} deg off. It speaks against the profile, the mounting or the sign, not the unit"
 
 
-class WatchedField(TypedDict):
-    """An effect that the residual of a unit at rest showed while it was filtered, instrument axes.
-
-    `size` and `sd` are in `unit`; `extent` is how far it took the reading from its mean, in deg/s or mg, 0 of a noise
-    that changes. `odds` are against all else that was considered. `t` is when it was last seen, of what does not show
-    any more when it was told, `at` when it began, s since the first sample. `shows`: whether it shows at the end.
-    """
-
-    kind: str
-    channel: str
-    size: float
-    sd: float
-    unit: str
-    extent: float
-    odds: float
-    t: float
-    at: float | None
-    hz: float | None
-    shows: bool
-    text: str
-
-
-def watched(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[WatchedField]:
+def watched(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[WatchedSnapshot]:
     """What shows now, the most certain first, then what was told before; empty of a unit that is not at rest."""
     if estimator.watch is None:
         return []
@@ -96,7 +75,7 @@ def watched(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[Watche
     return [watched_field(one, axes, g_unit, shows=shows) for one, shows in told]
 
 
-def watched_field(found: "Finding", axes: AxisMap, g_unit: float, *, shows: bool = True) -> WatchedField:
+def watched_field(found: "Finding", axes: AxisMap, g_unit: float, *, shows: bool = True) -> WatchedSnapshot:
     """One of them."""
     of_channel = np.eye(6)[found.channel]
     name, sign, unit, digits = _reading(found.channel, of_channel, axes, g_unit)

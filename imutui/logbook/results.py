@@ -14,6 +14,7 @@ from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.estimate_history import HistoryRows
+from imutui.filter_snapshot import WatchedSnapshot
 from imutui.logbook import departures
 from imutui.logbook.session_info import SessionInfo
 
@@ -199,7 +200,7 @@ class ResultDocument(TypedDict):
     temperature_k_per_min: NotRequired[float | None]
     held_since_s: NotRequired[float | None]
     """When the reference ended: from then on biases are held, and navigation states are those of then."""
-    watched: NotRequired[list[departures.WatchedField]]
+    watched: NotRequired[list[WatchedSnapshot]]
     """Of a unit at rest: effects that its residual showed while it was filtered."""
     departure: NotRequired[str | None]
     """With a table profile: where the readings depart from the model most certainly, in a sentence."""

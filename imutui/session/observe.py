@@ -176,7 +176,7 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo) -
     out["temperature_k_per_min"] = estimator.temperature.k_per_min()
     out["held_since"] = estimator.held_since
     out["departure"] = departures.sentence(estimator, axes, info.g_unit)
-    out["watched"] = [{**one} for one in departures.watched(estimator, axes, info.g_unit)[:_MOST_WATCHED]]
+    out["watched"] = departures.watched(estimator, axes, info.g_unit)[:_MOST_WATCHED]
     out["alarms"] = estimator.alarms()
     out["rejected"] = estimator.rejected
     out["confounded"] = estimator.confounded()

@@ -54,7 +54,7 @@ def of_document(d: "ResultDocument") -> Verdict:
             confounded=d.get("confounded", ()),
             slope_k_per_min=d.get("temperature_k_per_min"),
             departure=d.get("departure"),
-            watched=[{**one} for one in d.get("watched", ())],
+            watched=d.get("watched", ()),
             held_since=d.get("held_since_s"),
             over=True,
             own_limits=_is_known(d),

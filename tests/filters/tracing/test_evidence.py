@@ -57,7 +57,7 @@ class Case:
 
 
 def case(whitening: Whitening, seed: int) -> Case:
-    """One in ten of an effect's sizes and of drifts is drawn as the prior has it, but every second has an effect."""
+    """Drift and an effect's size are drawn as the prior has them, but every second channel has an effect."""
     rng = np.random.default_rng([seed, 31])
     y = drift(rng, float(rng.choice(SLOPES[1:4])), float(rng.uniform(20.0, 300.0)))
     columns = inputs(rng)
