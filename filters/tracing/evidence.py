@@ -2,10 +2,11 @@
 
     y = X θ + steps + e,   e ~ N(0, σ² C),   θ ~ N(0, σ² s² I) for orthonormal X,   p(σ²) = 1 / σ²
 
-over all power-ons together, each with a bias of its own. θ and σ are integrated in closed form; spectra C (`spectrum`),
-sizes s, and shapes within a family are summed, evenly. Steps at unknown times belong to drift, for real drift has turns
-that no Gaussian process has: each rival takes those it needs, one after the other, and pays for their places. What
-repeats with its input from power-on to power-on is told from drift by what drift would have to do by chance.
+over all power-ons together, each with a bias of its own. θ and σ are integrated in closed form; spectra C (`spectrum`;
+half of what is plausible is white noise alone), sizes s and shapes within a family are summed. Steps at unknown times
+belong to drift, for real drift has turns that no Gaussian process has: each rival takes those it needs, one after the
+other, and pays for their places. What repeats with its input from power-on to power-on is told from drift by what drift
+would have to do by chance.
 """
 
 from collections.abc import Sequence
@@ -121,7 +122,7 @@ class Candidates:
             A = X.T @ Q
             G = G - A @ A.T
         yy, b = np.sum(Y**2, axis=0), X.T @ Y
-        base = -0.5 * log_det - half * np.log(yy)
+        base = whitening.log_prior[k] - 0.5 * log_det - half * np.log(yy)
         out = np.empty((1 + len(self.groups), y.shape[1]))
         out[0] = base
         for own, at, M in self._by_size:
@@ -232,7 +233,7 @@ class Judge:
             y = W[:, q] - Q @ (Q.T @ W[:, q])
             log_det = w.log_det(k) + 2.0 * float(np.sum(np.log(np.abs(np.diag(R)) + 1e-300)))
             U = self._in_steps(k, Q)
-            self._known[k] = y, Q, U, self._in_steps(k, y[:, None])[:, 0], -0.5 * log_det
+            self._known[k] = y, Q, U, self._in_steps(k, y[:, None])[:, 0], w.log_prior[k] - 0.5 * log_det
         return self._known[k]
 
     def _in_steps(self, k: int, W: Array) -> Array:

@@ -138,6 +138,7 @@ class _Candidate:
     terms: tuple[Term, ...]
     channel: int
     drift: Drift | None = None
+    told: bool = False  # by its evidence beside drift
 
 
 @dataclass
@@ -267,25 +268,24 @@ def _candidates(
     # what is slow is judged beside drift, which may be taken for it
     found = [x for x in scored if not is_judged(x.terms[0])]
     for c in channels:
-        slow = max((x.score for x in scored if x.channel == c and is_judged(x.terms[0])), default=0.0)
-        found += _of_channel(chosen, c, memory, slow)
-    return iter(sorted(_laws_first(found), key=lambda candidate: -candidate.score))
+        slow = [x for x in scored if x.channel == c and is_judged(x.terms[0])]
+        own = _of_channel(chosen, c, memory, max((x.score for x in slow), default=0.0))
+        found += _laws_first(own, [x for x in slow if x.terms[0].hypothesis.source == "temperature"])
+    return iter(sorted(found, key=lambda candidate: -candidate.score))
 
 
-def _laws_first(found: list[_Candidate]) -> list[_Candidate]:
-    """Steps after what follows temperature and gains nearly as much: its rate steps where heating is turned on."""
-    best: dict[int, _Candidate] = {}
-    for x in found:
-        known = x.terms and x.terms[0].hypothesis.source == "temperature"
-        if known and (x.channel not in best or x.gain > best[x.channel].gain):
-            best[x.channel] = x
-    out = []
-    for x in found:
-        law = best.get(x.channel)
-        if law and x.terms and isinstance(x.terms[0].hypothesis, Step) and law.gain > _TEMPERATURE_SHARE * x.gain:
-            x = replace(x, score=min(x.score, law.score - _RANK))
-        out.append(x)
-    return out
+def _laws_first(found: list[_Candidate], laws: list[_Candidate]) -> list[_Candidate]:
+    """Candidates of a channel, steps after what follows temperature and gains nearly as much.
+
+    Its rate steps where heating is turned on, and a step is sharper there than what is known of that rate.
+    """
+    most = max((x.gain for x in laws), default=0.0)
+    alike = [x for x in laws if x.gain > _TEMPERATURE_SHARE * most]
+    law = min(alike, key=lambda x: x.terms[0].hypothesis.rank, default=None)
+    steps = [x for x in found if x.terms and isinstance(x.terms[0].hypothesis, Step)]
+    if law is None or not any(law.gain > _TEMPERATURE_SHARE * x.gain for x in steps):
+        return found
+    return [law, *(replace(x, score=min(x.score, law.score - _RANK)) if x in steps else x for x in found)]
 
 
 def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -> list[_Candidate]:
@@ -309,7 +309,7 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
     levels = any(x.score > ACCEPT and x.terms and isinstance(x.terms[0].hypothesis, Telegraph) for x in found)
     if sum(r.probability for r in rivals) > (_LIKELIER if levels else _PROBABLE):
         score = max(ACCEPT + rivals[0].gain, slow, *(x + _RANK for x in events))
-        found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel))
+        found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel, told=True))
     known.found = found
     return found
 
@@ -317,7 +317,7 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, term = chosen.design, candidate.terms[0]
-    if _by_evidence(term):
+    if candidate.told:
         return _is_law(chosen, candidate)
     h = term.hypothesis
     made = h.made if isinstance(h, RunSpecific) else None

@@ -16,6 +16,7 @@ from filters.types import Array
 
 SLOPES = (0.8, 1.1, 1.4, 1.7, 2.0)
 _PERIODS = 8
+_WHITE = 0.5  # probability that a channel has no drift, before the data are seen
 _SHORTEST = 2.4  # period, in rows
 _TAUS: Array = 0.6 * np.exp2(np.arange(14.0))  # in rows
 
@@ -66,6 +67,8 @@ class Whitening:
         unit = float(np.median(variance[self.used]))
         own = t[self.used]
         self.spectra = spectra(row_s, max(float(np.ptp(own[p])) for p in self.parts))
+        drifting = len(self.spectra) - 1
+        self.log_prior: Array = np.log(np.append(_WHITE, np.full(drifting, (1.0 - _WHITE) / drifting)))
         drifts = [covariances(own[p], row_s) for p in self.parts]
         white = [np.diag(variance[self.used][p] / unit) for p in self.parts]
         self._factors: list[list[Array]] = []
