@@ -98,8 +98,10 @@ class SessionInfo:
     continues: str = ""
     continues_id: str = ""
     continues_sha256: str = ""
-    # acquisition, boot_id: name of the acquisition, and which run of the computer it was recorded in
+    # acquisition, batch, boot_id: name of the acquisition, of the batch that it is one of, and which run of the
+    # computer it was recorded in
     acquisition: str = ""
+    batch: str = ""
     boot_id: str = ""
     # previous, previous_id, previous_end, restart: name and id of the recording before it that it takes up after,
     # "finished" or "unfinished", and what was started anew since, "process" or "computer": see

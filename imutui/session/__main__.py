@@ -12,9 +12,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from filters.errors import InputError
 from imutui import defects
@@ -30,8 +30,11 @@ from imutui.session.engine import Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
-from imutui.session.requests import Reply, Request, StartReport
+from imutui.session.requests import EndFinding, Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
 
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
@@ -62,6 +65,7 @@ def main() -> int:
             DiskGuard(plan.min_free_mb).refuse(folder)
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, ipc.lock(plan.name))
+            end_report.forget(plan.name)
             # the stream before the port: what it can't have is said before the unit is touched
             stream, name, turner = None, plan.port, None
             if plan.foxglove_port:
@@ -78,18 +82,11 @@ def main() -> int:
             f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
             f" `imutui stop{name}` ends it; --name starts another beside it.",
         )
-    except (PortError, InstrumentError, StreamError) as error:
-        return _refuse(lifecycle.INSTRUMENT, str(error))
-    except EndedEarlyError as error:
-        return _refuse(lifecycle.INSTRUMENT, f"ended by {error} before the first packet came: nothing was recorded.")
-    except FileExistsError as error:
-        return _refuse(lifecycle.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
-    except InputError as error:
-        return _refuse(lifecycle.USAGE, str(error))
-    except OSError as error:
-        return _refuse(lifecycle.DISK, disk_message(None, error))
     except Exception as error:  # noqa: BLE001 - whoever started this must hear of it, and nobody see a traceback
-        return _refuse(lifecycle.OWN_ERROR, defects.told(error))
+        code, message = _in_words(error)
+        # whoever asks later for the units of a batch must hear why this one is not there
+        end_report.write(plan.name, _report("", message))
+        return _refuse(code, message)
 
 
 class EndedEarlyError(Exception):
@@ -150,7 +147,8 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTur
     while not engine.lifecycle.ended.wait(0.5):
         if limit_s is not None and server.unwatched_s > limit_s:
             engine.request_stop(f"itself: nobody had looked on for {limit_s:g} s, and its unit is a virtual one")
-    end_report.write(plan.name, _report(engine))
+    stands = engine.lifecycle
+    end_report.write(plan.name, _report(stands.ended_by, stands.error, stands.findings, engine.result))
     # who started it may not have asked yet how it goes; it must hear how it went
     report_by = begun + _START_GRACE_S
     asked_ns = engine.lifecycle.stopping_since_ns
@@ -231,15 +229,16 @@ def _ending(engine: Engine) -> Reply:
     }
 
 
-def _report(engine: Engine) -> EndReport:
-    stands = engine.lifecycle
+def _report(
+    ended_by: str, error: str | None, findings: Sequence[EndFinding] = (), result: "ResultDocument | None" = None
+) -> EndReport:
     return {
         "pid": os.getpid(),
         "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "ended_by": stands.ended_by,
-        "error": stands.error,
-        "findings": stands.findings,
-        "result": engine.result,
+        "ended_by": ended_by,
+        "error": error,
+        "findings": [*findings],
+        "result": result,
     }
 
 
@@ -259,6 +258,23 @@ def _virtual(plan: Plan) -> Iterator[tuple[str, TableTurner]]:
         with contextlib.suppress(OSError):
             unit.stdin.close()
         unit.wait()
+
+
+def _in_words(error: Exception) -> tuple[int, str]:
+    """Exit code and message of what an acquisition did not begin for."""
+    match error:
+        case PortError() | InstrumentError() | StreamError():
+            return lifecycle.INSTRUMENT, str(error)
+        case EndedEarlyError():
+            said = f"ended by {error} before the first packet came: nothing was recorded."
+            return lifecycle.INSTRUMENT, said
+        case FileExistsError():
+            return lifecycle.USAGE, f"{error.filename} exists; --force replaces it, or choose another name."
+        case InputError():
+            return lifecycle.USAGE, str(error)
+        case OSError():
+            return lifecycle.DISK, disk_message(None, error)
+    return lifecycle.OWN_ERROR, defects.told(error)
 
 
 def _refuse(code: int, message: str) -> int:

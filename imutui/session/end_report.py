@@ -45,13 +45,19 @@ def write(name: str, report: EndReport) -> None:
         part.replace(path)
 
 
-def read(name: str, pid: int) -> EndReport | None:
-    """Report that the process of that number left; None if it left none, or another one came since."""
+def read(name: str, pid: int | None = None) -> EndReport | None:
+    """Report that the process of that number, or the last one, left; None if it left none, or another came since."""
     for folder in ipc.folders():
         report = _read(folder / f"{name}{_SUFFIX}")
-        if report is not None and report["pid"] == pid:
+        if report is not None and pid in (None, report["pid"]):
             return report
     return None
+
+
+def forget(name: str) -> None:
+    """Take away what an earlier acquisition of that name left: a process that is killed leaves nothing."""
+    for folder in ipc.folders():
+        (folder / f"{name}{_SUFFIX}").unlink(missing_ok=True)
 
 
 def _read(path: Path) -> EndReport | None:

@@ -37,6 +37,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
     turns_s = None if of.turner is None else of.turner.left_s(now) or 0.0
     return {
         "name": plan.name,
+        "batch": plan.batch,
         "pid": os.getpid(),
         "state": stands.state,
         "error": stands.error,

@@ -98,6 +98,7 @@ class Plan:
     filter: str = "spkf"
     reference: str = "level"
     name: str = "default"  # of the acquisition; one of a name a user
+    batch: str = ""  # of which it is one, in one word; its name then begins so: see `imutui.session.batch`
     logs: str = "logs"  # folder of recordings, absolute
     file_mode: str = FILE_MODE  # permissions of files, octal, as "0640"
     # megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit

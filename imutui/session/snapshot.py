@@ -130,6 +130,7 @@ class Snapshot(TypedDict):
     """
 
     name: str
+    batch: NotRequired[str]
     pid: int
     state: SessionState
     error: str | None

@@ -1,0 +1,154 @@
+"""Files that say which units are recorded at once (TOML): the table of a batch.
+
+What is for all of them stands at the top, a unit each in a table `unit`; a unit has a port or a serial number, the rest
+may be absent::
+
+    rate = 100.0                       # Hz
+    filter = "spkf"
+    note = "acceptance, second lot"
+    operator = "ana"
+    table = "T1"
+    place = "room 2"
+    profile = "six.toml"               # beside this file, or a ready-made one's name: one motion for all
+
+    [[unit]]
+    serial = "9911750"                 # on whichever port it answers
+
+    [[unit]]
+    port = "/dev/ttyUSB3"
+    name = "left"                      # default: the serial number, else the number of the table in the file
+    instrument = "IMU381"              # default: the unit is asked
+    mount = "x,-y,-z"
+    effects = "left.toml"              # beside this file
+
+The batch is called as its file is, without the suffix. No unit's acquisition is known here: see `imutui.session.batch`.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filters.errors import InputError
+from filters.imu import parse_mount
+from imutui import outside_file, toml_text
+from imutui.instrument.names import NAMES
+from imutui.toml_text import Table, tables_of
+
+_TEXTS = ("filter", "note", "operator", "table", "place", "profile")
+_OF_UNIT = ("port", "serial", "name", "instrument", "mount", "effects")
+_WORD = re.compile(r"[\w-][\w.-]*")
+_FIND = "`imutui devices --probe` lists the units that answer, with port and serial number"
+
+
+class BatchError(InputError):
+    """A batch is not what it should be; the message says which file, table, key, and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit of a batch; what is empty is as it is configured, or asked of the unit."""
+
+    name: str  # one word, of one unit of the batch
+    port: str = ""  # port, serial: one of them
+    serial: str = ""
+    instrument: str = ""
+    mount: str = ""
+    effects: str = ""  # path of the effects file
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Units that are recorded at once, and what is the same for all; None where it is as it is configured."""
+
+    name: str  # one word
+    units: tuple[Unit, ...]
+    rate: float | None = None  # Hz
+    filter: str | None = None
+    note: str | None = None
+    operator: str | None = None
+    table: str | None = None
+    place: str | None = None
+    profile: str | None = None  # path of a profile's file, or the name of a ready-made one
+
+
+def read(path: Path) -> Batch:
+    """Batch of a file; raises BatchError if it can't be read, or is none."""
+    try:
+        return _batch(toml_text.parse(outside_file.read(path, toml_text.LIMIT)), path)
+    except OSError as error:
+        words = (
+            f"{path}: {error.strerror or error}. --batch names a TOML file; `imutui devices --probe -o FILE` writes it."
+        )
+        raise BatchError(words) from error
+    except InputError as error:
+        raise BatchError(f"{path}: {error}. Nothing was started; correct the file, then the same again.") from error
+
+
+def name_of(path: Path) -> str:
+    """What the batch of a file is called."""
+    return re.sub(r"[^\w.-]+", "-", path.stem).strip("-.") or "batch"
+
+
+def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
+    """Text of a batch's file, with a comment for each unit."""
+    head = [(key, getattr(batch, key)) for key in ("rate", *_TEXTS)]
+    lines = [f"{key} = {toml_text.value(value)}" for key, value in head if value is not None]
+    for unit, said in zip(batch.units, about or ("",) * len(batch.units), strict=True):
+        lines += ["", *([f"# {said}"] if said else []), "[[unit]]"]
+        lines += [f"{key} = {toml_text.value(value)}" for key in _OF_UNIT if (value := getattr(unit, key))]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _batch(document: dict[str, Any], path: Path) -> Batch:
+    top = Table(document, ("rate", *_TEXTS, "unit"), "a batch", where="")
+    tables = tables_of(document, "unit")
+    if not tables:
+        raise InputError(f"it has no [[unit]]. {_FIND}")
+    units = tuple(_unit(table, number, path.parent) for number, table in enumerate(tables, 1))
+    for key in ("name", "port", "serial"):
+        seen: dict[str, int] = {}
+        for number, unit in enumerate(units, 1):
+            value = getattr(unit, key)
+            if value and value in seen:
+                raise InputError(f'[[unit]] {number}: `{key}` is "{value}", as that of [[unit]] {seen[value]}')
+            seen[value] = number
+    texts = {key: top.text(key, None) for key in _TEXTS}
+    if texts["profile"]:
+        texts["profile"] = _beside(texts["profile"], path.parent)
+    return Batch(name_of(path), units, top.number("rate") if "rate" in top else None, **texts)
+
+
+def _unit(values: dict[str, Any], number: int, folder: Path) -> Unit:
+    which = f"[[unit]] {number}"
+    table = Table(values, _OF_UNIT, which)
+    texts = {key: table.text(key, "") or "" for key in _OF_UNIT if key != "serial"}
+    # a number without quotes is what people write
+    serial = values.get("serial", "")
+    texts["serial"] = str(serial) if isinstance(serial, int) and not isinstance(serial, bool) else serial
+    if not isinstance(texts["serial"], str):
+        raise table.wrong("serial", "no serial number")
+    if bool(texts["port"]) == bool(texts["serial"]):
+        which_of = (
+            "both `port` and `serial`; keep the one that is to count" if texts["port"] else "no `port` or `serial`"
+        )
+        raise InputError(f"{which} has {which_of}. {_FIND}")
+    texts["name"] = texts["name"] or re.sub(r"[^\w.-]+", "-", texts["serial"]) or str(number)
+    if not _WORD.fullmatch(texts["name"]):
+        raise table.wrong("name", "not one word of letters, digits, . _ and -")
+    texts["instrument"] = texts["instrument"].lower()
+    if texts["instrument"] and texts["instrument"] not in NAMES:
+        raise table.wrong("instrument", f"not one of: {', '.join(NAMES)}")
+    if texts["mount"]:
+        try:
+            parse_mount(texts["mount"])
+        except InputError as error:
+            raise InputError(f"{which}: {error}") from error
+    if texts["effects"]:
+        texts["effects"] = str(folder / texts["effects"])
+    return Unit(**texts)
+
+
+def _beside(name: str, folder: Path) -> str:
+    """A profile's file beside that of the batch; the name of a ready-made one as it is."""
+    return str(folder / name) if Path(name).suffix.lower() in (".csv", ".toml") else name

@@ -1,0 +1,130 @@
+"""The acquisitions of a batch, each a process with a log of its own: which there are, how they are, one request to all.
+
+The acquisition of a unit is called `BATCH:UNIT`. Beside the sockets a link leads from the batch's name to its file, so
+that viewers know of units that are not there, too.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from imutui import batch_file
+from imutui.batch_file import Batch, BatchError, Unit
+from imutui.session import client, end_report, ipc, lifecycle
+from imutui.session.client import Client, SessionError
+from imutui.session.end_report import EndReport
+from imutui.session.snapshot import NO_SERIES, Snapshot
+
+CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
+_SEPARATOR, _SUFFIX = ":", ".batch"
+_AT_ONCE = 32
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """How an acquisition is."""
+
+    name: str
+    snapshot: Snapshot | None  # without series; None if there is none to be had
+    missing: str = ""  # why there is none: CONNECTING, SILENT or ENDED
+    unit: Unit | None = None  # of the batch's file, if it is in there
+    report: EndReport | None = None  # of one that has ended, if it left one
+
+    @property
+    def why(self) -> str:
+        """Why it has ended, in words; empty of one that runs."""
+        if self.missing != ENDED:
+            return ""
+        if self.report is None:
+            return "it is not running and left no word: not started yet, or killed. What was recorded is on the disk"
+        ended_by = self.report["ended_by"]
+        return self.report["error"] or (f"ended by {ended_by}" if ended_by else "it ended by itself")
+
+
+def acquisition_of(batch: str, unit: str) -> str:
+    """Name of the acquisition of a unit; of one that is named so already, itself."""
+    return unit if unit.startswith(batch + _SEPARATOR) else f"{batch}{_SEPARATOR}{unit}"
+
+
+def begin(batch: Batch, path: Path) -> None:
+    """Have viewers find the file of a batch, from now on."""
+    link = ipc.folder() / f"{batch.name}{_SUFFIX}"
+    part = link.with_name(f"{link.name}.part")
+    part.unlink(missing_ok=True)
+    part.symlink_to(path.resolve())
+    part.replace(link)
+
+
+def file_of(name: str) -> Path | None:
+    """File of the batch of that name that was begun last; None if there is none, or it has gone."""
+    links = [folder / f"{name}{_SUFFIX}" for folder in ipc.folders()]
+    return next((link.resolve() for link in links if link.exists()), None)
+
+
+def running() -> list[str]:
+    """Names of the batches of which a unit is being acquired."""
+    return sorted({name.partition(_SEPARATOR)[0] for name in client.running() if _SEPARATOR in name})
+
+
+def names(batch: str) -> list[str]:
+    """Names of a batch's acquisitions that run; raises SessionError if none does."""
+    found = [name for name in client.running() if name.startswith(batch + _SEPARATOR)]
+    if not found:
+        others = f" Running: {', '.join(running())}." if running() else ""
+        said = f'no unit of a batch "{batch}" is running.{others} `imutui record --batch FILE` starts one.'
+        raise SessionError(said, lifecycle.INSTRUMENT)
+    return found
+
+
+def units(batch: str) -> list[Answer]:
+    """How the units of a batch are: those of its file in its order, running or not, then others that run."""
+    path, rows = file_of(batch), dict[str, Unit]()
+    with contextlib.suppress(BatchError):  # it is being changed; what runs is known without it
+        found = batch_file.read(path) if path is not None else None
+        rows = {acquisition_of(batch, unit.name): unit for unit in found.units} if found is not None else {}
+    others = [name for name in client.running() if name.startswith(batch + _SEPARATOR) and name not in rows]
+    return [
+        Answer(each.name, each.snapshot, each.missing, rows.get(each.name), each.report)
+        for each in ask([*rows, *others])
+    ]
+
+
+def ask(acquisitions: Iterable[str]) -> list[Answer]:
+    """Ask acquisitions, all at once, how they are; one that hangs or connects costs no other's answer."""
+    return [found for _, found in _at_once(list(acquisitions), _ask)]
+
+
+def each(acquisitions: Sequence[str], do: Callable[[Client], R]) -> dict[str, R | SessionError]:
+    """Have acquisitions do something, all at once: what each replies, or what is wrong with it."""
+
+    def done(name: str) -> R | SessionError:
+        try:
+            with contextlib.closing(client.attach(name)) as connection:
+                return do(connection)
+        except SessionError as error:
+            return error
+
+    return dict(_at_once(acquisitions, done))
+
+
+def _at_once(acquisitions: Sequence[str], do: Callable[[str], R]) -> list[tuple[str, R]]:
+    if not acquisitions:
+        return []
+    with ThreadPoolExecutor(min(_AT_ONCE, len(acquisitions))) as pool:
+        return list(zip(acquisitions, pool.map(do, acquisitions), strict=True))
+
+
+def _ask(name: str) -> Answer:
+    try:
+        with contextlib.closing(client.attach(name)) as connection:
+            return Answer(name, connection.snapshot(since=NO_SERIES))
+    except client.SessionConnectingError:
+        return Answer(name, None, CONNECTING)
+    except SessionError:
+        if name in client.running():
+            return Answer(name, None, SILENT)
+        return Answer(name, None, ENDED, report=end_report.read(name))
