@@ -7,7 +7,7 @@ that viewers know of units that are not there, too.
 import contextlib
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -80,17 +80,20 @@ def names(batch: str) -> list[str]:
     return found
 
 
-def units(batch: str) -> list[Answer]:
-    """How the units of a batch are: those of its file in its order, running or not, then others that run."""
-    path, rows = file_of(batch), dict[str, Unit]()
+def rows(batch: str) -> dict[str, Unit | None]:
+    """Names of a batch's acquisitions: those of its file in its order, running or not, then others that run."""
+    path, found = file_of(batch), dict[str, Unit | None]()
     with contextlib.suppress(BatchError):  # it is being changed; what runs is known without it
-        found = batch_file.read(path) if path is not None else None
-        rows = {acquisition_of(batch, unit.name): unit for unit in found.units} if found is not None else {}
-    others = [name for name in client.running() if name.startswith(batch + _SEPARATOR) and name not in rows]
-    return [
-        Answer(each.name, each.snapshot, each.missing, rows.get(each.name), each.report)
-        for each in ask([*rows, *others])
-    ]
+        read = batch_file.read(path) if path is not None else None
+        found = {acquisition_of(batch, unit.name): unit for unit in read.units} if read is not None else {}
+    others = [name for name in client.running() if name.startswith(batch + _SEPARATOR) and name not in found]
+    return found | dict.fromkeys(others)
+
+
+def units(batch: str) -> list[Answer]:
+    """How the units of a batch are, in the order of `rows`."""
+    found = rows(batch)
+    return [replace(each, unit=found[each.name]) for each in ask(found)]
 
 
 def ask(acquisitions: Iterable[str]) -> list[Answer]:
@@ -119,9 +122,17 @@ def _at_once(acquisitions: Sequence[str], do: Callable[[str], R]) -> list[tuple[
 
 
 def _ask(name: str) -> Answer:
-    try:
+    def look() -> Snapshot:
         with contextlib.closing(client.attach(name)) as connection:
-            return Answer(name, connection.snapshot(since=NO_SERIES))
+            return connection.snapshot(since=NO_SERIES)
+
+    return answer_of(name, look)
+
+
+def answer_of(name: str, look: Callable[[], Snapshot]) -> Answer:
+    """How an acquisition is, from what looks at it."""
+    try:
+        return Answer(name, look())
     except client.SessionConnectingError:
         return Answer(name, None, CONNECTING)
     except SessionError:
