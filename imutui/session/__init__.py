@@ -10,7 +10,8 @@ From packets to a file: `sample_pipeline` a run of samples, means of packets · 
 what was before it · `disk_space` room, and whether a file is there still · `timebase` UTC that no clock step moves.
 For viewers: `snapshot` what they see, records only · `requests` what they ask · `observe` fills the snapshot, with
 `recent_packets`, `event_log` · `channel_statistics` · `operator_guide` through a table profile, `table_turner` · `ipc`
-the socket · `client` how they start an acquisition and talk to it · `end_report` how one ended.
+the socket · `client` how they start an acquisition and talk to it, `preloaded` several that share memory · `end_report`
+how one ended.
 For Foxglove: `live_stream` hands on what is recorded to a process of its own, `foxglove_server`.
 `python -m imutui.session` is the process itself.
 """

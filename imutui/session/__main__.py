@@ -1,13 +1,16 @@
 """The acquisition process: `python -m imutui.session`, with a plan on its stdin, answers on a Unix socket.
 
-Its first line on stdout says whether it runs, as JSON; started by `client.start`, in a session of its own.
+Its first line on stdout says whether it runs, as JSON; started by `client.start`, in a session of its own. With a
+socket's descriptor as its argument it is the process that others are forked from: see `preloaded`.
 """
 
+import array
 import contextlib
 import gc
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -30,6 +33,7 @@ from imutui.session.engine import Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
+from imutui.session.preloaded import PLAN_LIMIT
 from imutui.session.requests import EndFinding, Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
 
@@ -47,15 +51,25 @@ _SIGNALS = {
 _NOBODY_SAID = "a viewer that did not say who it is"
 
 
-def main() -> int:
-    """Run one acquisition; returns the exit code."""
+def run(text: str) -> NoReturn:
+    """Run one acquisition, of the plan in a text, and end the process."""
+    code = main(text)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    # everything is closed; an interpreter that ends would wait for a compiler in another thread to let it
+    os._exit(code)
+
+
+def main(text: str) -> int:
+    """Run one acquisition, of the plan in a text; returns the exit code."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
     # and what is loaded stays: a search through all of it for garbage would hold everything up
     gc.freeze()
     gc.set_threshold(10_000, 5, 5)
-    plan = Plan.loads(sys.stdin.readline())
+    plan = Plan.loads(text)
     # until here there is nothing to be left in order
     for number in _SIGNALS:
         signal.signal(number, _end_early)
@@ -289,10 +303,56 @@ def _say(message: StartReport) -> None:
         print(json.dumps(message), flush=True)
 
 
+def _load(steps: int) -> None:
+    """Load all that an acquisition does at some time, and run the filter's compiled steps, as many as are wanted."""
+    from imutui.logbook import schemas
+
+    for name in schemas.TYPES.values():
+        schemas.definition(name)
+    if steps:
+        from filters.kalman import runner
+        from imutui.session import live_filter
+
+        live_filter.load()
+        for effects in (False, True)[:steps]:
+            runner.warm_up(effects=effects)
+
+
+def fork(descriptor: int, steps: int) -> None:
+    """Fork an acquisition for each plan that comes over a socket, with stdout and stderr; ends when that is closed."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asked = socket.socket(fileno=descriptor)
+    _load(steps)
+    gc.collect()
+    gc.freeze()  # no search for garbage writes to what is shared
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them here
+    while True:
+        plan, descriptors, _, _ = socket.recv_fds(asked, PLAN_LIMIT, 2)
+        if not plan:
+            return
+        pid = os.fork()
+        if not pid:
+            _become(asked, descriptors)
+            run(plan.decode())
+        for descriptor in descriptors:
+            os.close(descriptor)
+        asked.send(str(pid).encode())
+
+
+def _become(asked: socket.socket, descriptors: "list[int] | array.array[int]") -> None:
+    """Be a process of its own, as one that was started alone."""
+    asked.close()
+    os.setsid()
+    for number, descriptor in enumerate(descriptors, 1):
+        os.dup2(descriptor, number)
+        os.close(descriptor)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 if __name__ == "__main__":
-    code = main()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):
-            stream.flush()
-    # everything is closed; an interpreter that ends would wait for a compiler in another thread to let it
-    os._exit(code)
+    if sys.argv[1:]:
+        fork(*map(int, sys.argv[1:]))
+    else:
+        run(sys.stdin.readline())

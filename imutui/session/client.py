@@ -10,12 +10,13 @@ import sys
 import threading
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 
 from imutui.estimate_history import HistorySnapshot
-from imutui.session import end_report, ipc, lifecycle
+from imutui.session import end_report, ipc, lifecycle, preloaded
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
+from imutui.session.preloaded import Forked, Parent
 from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
@@ -216,31 +217,20 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     return found
 
 
-def start(plan: Plan, timeout: float = 30.0) -> Client:
+def start(plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> Client:
     """Start an acquisition in a process and session of its own; returns when its first packet has come.
 
+    `parent`: a process that it is forked from, so that several share what they have loaded; None to load it anew.
     Raises SessionError if it could not start; the message says why and what to do next.
     """
     missing = end_report.missing_folders(plan)
-    with ipc.log_path(plan.name).open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "imutui.session"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1"},
-        )
-    assert process.stdin is not None
-    assert process.stdout is not None
+    process, output = _begun(plan, parent)
     try:
-        process.stdin.write(plan.dumps().encode() + b"\n")
-        process.stdin.close()
-        answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
-        if answer is None:
-            end_report.end_unbegun(process, missing)
-            answer = _did_not_begin(plan.name, process.pid, timeout)
-        process.stdout.close()
+        with output:
+            answer = _first_line(process, output, timeout + 1.0 / plan.rate_hz)
+            if answer is None:
+                end_report.end_unbegun(process, missing)
+                answer = _did_not_begin(plan.name, process.pid, timeout)
         # the process outlives this one by design; a thread takes its exit status so that no zombie stays
         threading.Thread(target=process.wait, daemon=True).start()
         if answer["ok"]:
@@ -253,6 +243,28 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     name = _holder(plan.port) if answer["exit_code"] == lifecycle.INSTRUMENT else None
     held = name is not None and name != plan.name
     raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
+
+
+def _begun(plan: Plan, parent: Parent | None) -> tuple["subprocess.Popen[bytes] | Forked", BinaryIO]:
+    """The process of an acquisition, which has its plan, and what it says."""
+    log = ipc.log_path(plan.name).open("ab")
+    if parent is not None:
+        ours, theirs = os.pipe()
+        return parent.fork(plan.dumps(), os.fdopen(theirs, "wb"), log), os.fdopen(ours, "rb")
+    with log:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "imutui.session"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            start_new_session=True,
+            env=preloaded.environment(),
+        )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process.stdin:
+        process.stdin.write(plan.dumps().encode() + b"\n")
+    return process, cast("BinaryIO", process.stdout)
 
 
 def ports() -> list[tuple[str, str]]:
@@ -299,16 +311,15 @@ def _did_not_begin(name: str, pid: int, timeout: float) -> StartReport:
     return {"ok": False, "error": error, "exit_code": lifecycle.INSTRUMENT}
 
 
-def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport | None:
+def _first_line(process: "subprocess.Popen[bytes] | Forked", output: BinaryIO, timeout: float) -> StartReport | None:
     """What the process says of its start; None if it says nothing for so long."""
-    assert process.stdout is not None
     deadline = time.monotonic() + timeout
     text = b""
     while not text.endswith(b"\n"):
-        ready, _, _ = select.select([process.stdout], [], [], max(0.0, deadline - time.monotonic()))
+        ready, _, _ = select.select([output], [], [], max(0.0, deadline - time.monotonic()))
         if not ready:
             return None
-        part = os.read(process.stdout.fileno(), 65536)
+        part = os.read(output.fileno(), 65536)
         if not part:
             process.kill()
             error = f"the acquisition process ended before it began; see {ipc.folder()}."

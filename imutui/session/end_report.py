@@ -18,6 +18,7 @@ from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
+    from imutui.session.preloaded import Forked
     from imutui.session.requests import EndFinding
 
 
@@ -99,7 +100,7 @@ def missing_folders(plan: Plan) -> list[Path]:
     return [one for one in (folder, *folder.parents) if not one.exists()]
 
 
-def end_unbegun(process: "subprocess.Popen[Any]", missing: list[Path]) -> None:
+def end_unbegun(process: "subprocess.Popen[Any] | Forked", missing: list[Path]) -> None:
     """End a process that nobody was told of: asked to, it leaves unit and file in order, else it is killed.
 
     `missing` are folders that were not there before it.
