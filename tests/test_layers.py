@@ -92,7 +92,7 @@ DOORS = {
     "serial": {"imutui.instrument.port"},
     "mcap": {"imutui.logbook"},
     "rosbags": {"imutui.logbook"},
-    "zstandard": {"imutui.logbook.mcap_format"},
+    "zstandard": {"imutui.logbook.mcap_format", "imutui.logbook.mcap_writer"},
     "lz4": {"imutui.logbook.mcap_format"},
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},

@@ -1,7 +1,8 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
-and its index · `mcap_stream` its records in order, `scan` those of a damaged one, `summary` its ends ·
+and its index, `mcap_writer` writes them · `mcap_stream` its records in order, `scan` those of a damaged one,
+`summary` its ends ·
 `columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
 bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
 `parquet` the library of the last · `recover` a whole file made of what is left · `importer` recordings made elsewhere,

@@ -9,10 +9,10 @@ from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -30,7 +30,6 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.writer import Writer
 
 Record = TypeVar("Record", bound=McapRecord)
 MAGIC = b"\x89MCAP0\r\n"
@@ -193,47 +192,6 @@ def _from_lz4(chunk: Chunk) -> bytes:
     # the library's own raises these for bytes that are no frame, or one that is cut or asks for what it must not
     except (RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
         raise McapError("a chunk cannot be decompressed") from error
-
-
-# -------------------------------------------------------------------------------------------------------- chunk index
-# The index of a log that is being written, as the bytes that it will be.
-#
-# mcap's writer keeps an object of dictionaries for each chunk until the end: with a chunk a second that is 3 MB an
-# hour, and half a gigabyte a week. The bytes are a sixth of it, and written at once.
-
-_LIST = "_Writer__chunk_indices"
-
-
-class PackedIndex:
-    """Stands for the writer's list: takes an entry a chunk, and is, at the end, its only item."""
-
-    def __init__(self) -> None:
-        self._records = bytearray()
-
-    def append(self, entry: ChunkIndex) -> None:
-        """Take the entry of a chunk that has been written."""
-        builder = RecordBuilder()
-        entry.write(builder)
-        self._records += builder.end()  # type: ignore[no-untyped-call]
-
-    def __iter__(self) -> Iterator["PackedIndex"]:
-        yield self
-
-    def write(self, builder: RecordBuilder) -> None:
-        """Write all entries."""
-        builder.write(self._records)
-
-
-def keep_packed(writer: Writer) -> bool:
-    """Have a writer, before its first chunk, keep its index so; whether it does.
-
-    The list has no public name. A version of mcap that calls it otherwise writes the same file and takes more memory.
-    """
-    kept: Any = getattr(writer, _LIST, None)
-    if kept != []:
-        return False
-    setattr(writer, _LIST, PackedIndex())
-    return True
 
 
 # --------------------------------------------------------------------------------------------------------- file index

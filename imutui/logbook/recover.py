@@ -9,16 +9,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Schema
-from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
 from imutui.logbook import mcap_format, mcap_stream, schemas
 from imutui.logbook.columns import S1_SIZE
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
+from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.scan import RECOVERED, Scan
 from imutui.logbook.session_info import METADATA
 from imutui.plain_text import in_line
@@ -62,9 +63,8 @@ def rebuild(
     `progress`: told the share done, 0 to 1.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
-    attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
     with found.path.open("rb") as source, part.open("wb") as stream:
-        copy = _Copy(found, _writer(stream, attachments=attached))
+        copy = _Copy(found, stream)
         for number, piece in enumerate(found.pieces):
             source.seek(piece.at)
             copy.take(piece.opcode, source.read(piece.length))
@@ -75,20 +75,11 @@ def rebuild(
     return kept
 
 
-def _writer(stream: object, *, attachments: bool) -> Writer:
-    # an index of no attachments is an error to a validator
-    index = IndexType.ALL if attachments else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
-    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True, index_types=index)  # type: ignore[arg-type]
-    mcap_format.keep_packed(writer)
-    return writer
-
-
 class _Copy:
     """Records of a file into a writer, channels by their new numbers."""
 
-    def __init__(self, found: Scan, writer: Writer) -> None:
+    def __init__(self, found: Scan, stream: IO[bytes]) -> None:
         self.kept = RebuiltContent()
-        self._writer = writer
         self._inflater = mcap_format.Inflater(found.size)
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
         self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
@@ -98,9 +89,8 @@ class _Copy:
         self._sequences: dict[int, int] = {}
         self._own = False
         self._digest = hashlib.blake2b()
-        writer.start(
-            profile=_PROFILE if found.profile is None else found.profile, library=f"imutui {imutui.__version__}"
-        )
+        profile = _PROFILE if found.profile is None else found.profile
+        self._writer = McapWriter(stream, profile, f"imutui {imutui.__version__}")
 
     def take(self, opcode: int, body: bytes) -> None:
         """Copy one whole record of the source, a chunk message by message."""
@@ -109,7 +99,7 @@ class _Copy:
             inside = self._inflater.content(mcap_format.chunk_of(body))
             for kind, at, length in mcap_format.records(inside):
                 self._record(kind, inside[at : at + length])
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
         elif opcode == Opcode.METADATA:
             record = parse(Metadata, body)
             self._own = self._own or record.name == METADATA
@@ -213,7 +203,7 @@ class _Copy:
             if channel.id not in self._numbers:
                 self._register(channel)
         self._writer.add_metadata(RECOVERED, note(self.kept))
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
         return self.kept
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 import imutui
-from imutui.logbook import checksum_file, log_stream, mcap_format, schemas
+from imutui.logbook import checksum_file, log_stream, schemas
 from imutui.logbook.log_stream import Whereabouts
+from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
@@ -64,10 +64,8 @@ class LogWriter:
         self._channels: dict[str, int] = {}
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        mcap_format.keep_packed(self._writer)
         with self._or_abandoned():
-            self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
+            self._writer = McapWriter(self._file, "ros2", f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
             for topic, typename in (schemas.TYPES | {schemas.RAW: raw_type}).items():
@@ -109,7 +107,7 @@ class LogWriter:
         count = self._counts[topic]
         self._counts[topic] = count + 1
         try:
-            self._writer.add_message(self._channels[topic], log_ns, data, stamp_ns, sequence=count & 0xFFFFFFFF)
+            self._writer.add_message(self._channels[topic], log_ns, data, stamp_ns, count & 0xFFFFFFFF)
         except OSError as error:
             self._abandon(error)
             raise
@@ -129,8 +127,7 @@ class LogWriter:
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
         with self._or_abandoned():
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._file.flush()
+            self._writer.flush()
             os.fdatasync(self._file.fileno())
         self._take_note()
 
@@ -146,7 +143,7 @@ class LogWriter:
         with self._or_abandoned():
             text = json.dumps(summary, indent=1, allow_nan=False)
             self.attach(SUMMARY, "application/json", text.encode(), now_ns)
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self.flush_file()
         self.sha256 = self._raw_file.sha256()
         # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
