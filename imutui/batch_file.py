@@ -32,6 +32,7 @@ from typing import Any
 from filters.errors import InputError
 from filters.imu import parse_mount
 from imutui import outside_file, toml_text
+from imutui.config import ALLOWED
 from imutui.instrument.names import NAMES
 from imutui.toml_text import Table, tables_of
 
@@ -61,7 +62,7 @@ class Unit:
 class Batch:
     """Units that are recorded at once, and what is the same for all; None where it is as it is configured."""
 
-    name: str  # one word
+    path: Path  # of its file
     units: tuple[Unit, ...]
     rate: float | None = None  # Hz
     filter: str | None = None
@@ -70,6 +71,17 @@ class Batch:
     table: str | None = None
     place: str | None = None
     profile: str | None = None  # path of a profile's file, or the name of a ready-made one
+
+    def wrong(self, what: str) -> BatchError:
+        """That something in its file cannot be."""
+        return BatchError(
+            f"{self.path}: {what.rstrip('.')}. Nothing was started; correct the file, then the same again."
+        )
+
+    @property
+    def name(self) -> str:
+        """What it is called: as its file, in one word."""
+        return re.sub(r"[^\w.-]+", "-", self.path.stem).strip("-.") or "batch"
 
 
 def read(path: Path) -> Batch:
@@ -82,12 +94,7 @@ def read(path: Path) -> Batch:
         )
         raise BatchError(words) from error
     except InputError as error:
-        raise BatchError(f"{path}: {error}. Nothing was started; correct the file, then the same again.") from error
-
-
-def name_of(path: Path) -> str:
-    """What the batch of a file is called."""
-    return re.sub(r"[^\w.-]+", "-", path.stem).strip("-.") or "batch"
+        raise Batch(path, ()).wrong(str(error)) from error
 
 
 def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
@@ -96,7 +103,8 @@ def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
     lines = [f"{key} = {toml_text.value(value)}" for key, value in head if value is not None]
     for unit, said in zip(batch.units, about or ("",) * len(batch.units), strict=True):
         lines += ["", *([f"# {said}"] if said else []), "[[unit]]"]
-        lines += [f"{key} = {toml_text.value(value)}" for key in _OF_UNIT if (value := getattr(unit, key))]
+        own = {key: getattr(unit, key) for key in _OF_UNIT if key != "name" or unit.name != unit.serial}
+        lines += [f"{key} = {toml_text.value(value)}" for key, value in own.items() if value]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
@@ -116,7 +124,10 @@ def _batch(document: dict[str, Any], path: Path) -> Batch:
     texts = {key: top.text(key, None) for key in _TEXTS}
     if texts["profile"]:
         texts["profile"] = _beside(texts["profile"], path.parent)
-    return Batch(name_of(path), units, top.number("rate") if "rate" in top else None, **texts)
+    filters = ALLOWED["filter.name"]
+    if texts["filter"] is not None and texts["filter"] not in filters:
+        raise top.wrong("filter", f"not one of: {', '.join(map(str, filters))}")
+    return Batch(path, units, top.number("rate") if "rate" in top else None, **texts)
 
 
 def _unit(values: dict[str, Any], number: int, folder: Path) -> Unit:

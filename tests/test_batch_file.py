@@ -16,10 +16,11 @@ def read(folder: Path, text: str) -> Batch:
 
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
     units = (Unit("9911750", serial="9911750"), Unit("left", "/dev/ttyUSB3", "", "imu381", "x,-y,-z", "/a/left.toml"))
-    batch = Batch("ten-units", units, 20.0, "none", 'say "so"', "ana", "T1", "room 2", "/a/six.toml")
+    batch = Batch(tmp_path / "ten units.toml", units, 20.0, "none", 'say "so"', "ana", "T1", "room 2", "/a/six.toml")
     text = batch_file.to_toml(batch, ("IMU400CD-200 at /dev/ttyUSB0", ""))
     assert "# IMU400CD-200 at /dev/ttyUSB0" in text
     assert read(tmp_path, text) == batch
+    assert batch.name == "ten-units"
 
 
 def test_names_and_files_that_are_not_said(tmp_path: Path) -> None:
@@ -48,6 +49,7 @@ def test_names_and_files_that_are_not_said(tmp_path: Path) -> None:
         ("[[unit]]\nport = 7\n", "`port` is 7, not a text"),
         ("[[unit]]\nserial = true\n", "`serial` is True, no serial number"),
         ('rate = "fast"\n[[unit]]\nport = "/a"\n', "`rate` is 'fast', not a finite number"),
+        ('filter = "kalman"\n[[unit]]\nport = "/a"\n', "`filter` is 'kalman', not one of: spkf,"),
         ('hurry = 1\n[[unit]]\nport = "/a"\n', "`hurry` is unknown in a batch"),
         ("[[unit]\n", "ten units.toml: "),
     ],

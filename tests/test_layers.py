@@ -64,7 +64,7 @@ FLOORS = {
         "filters",
     },
     "imutui.session.snapshot": {"imutui.filter_snapshot"},
-    "imutui.batch_file": {"filters.imu", "imutui.instrument.names"},
+    "imutui.batch_file": {"filters.imu", "imutui.config", "imutui.instrument.names"},
     "imutui.filter_snapshot": set(),
     "imutui.verdict": {"filters.channels", "filters.specification", "imutui.filter_snapshot", "imutui.logbook.results"},
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.registry"},
@@ -230,7 +230,15 @@ def test_text_and_verdicts_never_load_textual() -> None:
 def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
     assert not imports("imutui.instrument.names")
     # helpers that commands import when they run
-    names = ("virtual_readings", "virtual_units", "played_recording", "spoil", "follow_acquisition", "session_options")
+    names = (
+        "virtual_readings",
+        "virtual_units",
+        "played_recording",
+        "spoil",
+        "follow_acquisition",
+        "follow_batch",
+        "session_options",
+    )
     late = tuple(f"imutui.cli.{name}" for name in names)
     wrong = [
         f"{module} imports {name} at its top"

@@ -230,6 +230,7 @@ def in_words(error: Exception) -> tuple[int, str]:
 _CODES = {
     INSTRUMENT: ("imutui.session.client.SessionError", "imutui.jobs.campaign.cluster.ClusterError"),
     UNREADABLE: (
+        "imutui.batch_file.BatchError",
         "imutui.logbook.reader.UnreadableLogError",
         "imutui.logbook.importer.ImportDataError",
         "imutui.scenario.ScenarioError",

@@ -51,7 +51,7 @@ def follow(
     connection = _started(plan)
     with _leave_on_hangup(connection, terminated):
         try:
-            _say_begun(plan, connection)
+            say_begun(plan, connection)
             result = _watch(connection)
         except KeyboardInterrupt:
             interrupted = True
@@ -75,7 +75,7 @@ def follow(
     if interrupted:
         say_findings(connection)
         raise typer.Exit(INTERRUPTED)
-    raise typer.Exit(_exit_code(plan, result, connection, terminated.is_set()))
+    raise typer.Exit(exit_code(plan, result, connection, terminated.is_set()))
 
 
 def _started(plan: Plan) -> Client:
@@ -97,7 +97,8 @@ def _started(plan: Plan) -> Client:
         signal.signal(signal.SIGTERM, before)
 
 
-def _say_begun(plan: Plan, connection: Client) -> None:
+def say_begun(plan: Plan, connection: Client) -> None:
+    """Say which unit is recorded into which file."""
     seen = connection.snapshot(since=NO_SERIES)
     unit, rec = unit_in_words(seen["instrument"], seen["serial_number"]), seen["recording"]
     to = rec["path"] if rec else "nothing"
@@ -107,7 +108,7 @@ def _say_begun(plan: Plan, connection: Client) -> None:
         say(unsaid)
 
 
-def _exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:
+def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:
     """Exit code of an acquisition that has ended well; says on stderr what is to be said of it."""
     if plan.unattended:
         # whoever starts it again after an error must not do so because a bias has not converged
@@ -150,7 +151,7 @@ def _watch(connection: Client) -> "ResultDocument | None":
         while True:
             with contextlib.suppress(TimeoutError):
                 return connection.wait(_REFRESH_S)
-            live.update(Text(in_line(_line(connection.snapshot(since=NO_SERIES)))))
+            live.update(Text(f"{in_line(line(connection.snapshot(since=NO_SERIES)))}   (Ctrl+C finishes)"))
 
 
 def _stop(connection: Client) -> None:
@@ -158,7 +159,8 @@ def _stop(connection: Client) -> None:
         connection.stop("SIGTERM to imutui record")
 
 
-def _line(s: Snapshot) -> str:
+def line(s: Snapshot) -> str:
+    """How an acquisition is, in a line."""
     rec, fit = s["recording"], s["filter"]
     parts = [f"{s['measured_hz']:.2f} Hz" if s["measured_hz"] else "– Hz"]
     if rec is not None:
@@ -174,7 +176,7 @@ def _line(s: Snapshot) -> str:
         done = sum(b["converged_s"] is not None for b in fit["biases"])
         seen = sum(b["observable"] for b in fit["biases"])
         parts.append(fit["waiting"] or f"{done} of {seen} biases converged")
-    return " · ".join(parts) + "   (Ctrl+C finishes)"
+    return " · ".join(parts)
 
 
 @contextlib.contextmanager

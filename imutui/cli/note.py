@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from imutui.cli.exit_codes import USAGE, fail, tell
-from imutui.cli.options import Name, Operator
+from imutui.cli.options import Name, OfBatch, Operator, ask_each
 
 
 def command(
@@ -17,8 +17,9 @@ def command(
         typer.Option("--log", metavar="LOG", help="A finished log instead; the note goes into a file beside it."),
     ] = None,
     name: Name = None,
+    batch: OfBatch = None,
 ) -> None:
-    """Say or change the note of the running recording, or add one to a log.
+    """Say or change the note of the running recording, or of those of a batch, or add one to a log.
 
     Of a recording that runs, note and operator go into its file. Of a log that is there, they go into
     LOG.mcap.notes.toml beside it, with the time and your user name: the log and its SHA-256 stay as they are.
@@ -28,11 +29,8 @@ def command(
     if text is None and operator is None:
         raise fail(USAGE, 'nothing to write: say a note, --operator, or both, such as: imutui note "cold start".')
     if log is None:
-        from imutui.session import client
-
-        acquisition = client.attach(name)
-        acquisition.describe(text, operator)
-        tell(f"written into the file that {acquisition.name} is recording")
+        wanted = "written into the file that {} is recording"
+        ask_each(name, batch, lambda acquisition: acquisition.describe(text, operator), wanted)
         return
     from imutui.jobs import log_files
 

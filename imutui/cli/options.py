@@ -5,13 +5,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imutui.cli.exit_codes import FINE, say, tell
+
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from imutui.logbook.reference_file import ReferenceFile
     from imutui.logbook.session_info import Overrides
+    from imutui.session.client import Client
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Name = Annotated[str | None, typer.Option("--name", help="Name of the acquisition, if several run.")]
+OfBatch = Annotated[
+    str | None,
+    typer.Option("--batch", metavar="NAME", help="All units of a batch; with --name those, with commas between them."),
+]
 Reference = Annotated[
     str | None,
     typer.Option(
@@ -63,6 +72,37 @@ RotateMb = Annotated[
 Start = Annotated[float | None, typer.Option("--start", metavar="S", help="First second to take.")]
 End = Annotated[float | None, typer.Option("--end", metavar="S", help="Last second to take.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.")]
+
+
+def acquisitions_of(name: str | None, batch: str | None) -> list[str]:
+    """Names of the acquisitions that --name and --batch choose.
+
+    Raises SessionError if none of that name runs, or several run and none is named.
+    """
+    from imutui.session import client
+    from imutui.session.batch import acquisition_of, names
+
+    if batch is None:
+        return [client.attach(name).name]
+    running = names(batch)
+    return running if name is None else [acquisition_of(batch, unit) for unit in name.split(",")]
+
+
+def ask_each(name: str | None, batch: str | None, do: "Callable[[Client], object]", said: str) -> None:
+    """Have the chosen acquisitions do something, and end: `said`, with `{}` for its name, of each, or what is wrong."""
+    from imutui.session.batch import each
+    from imutui.session.client import SessionError
+
+    chosen, code = acquisitions_of(name, batch), FINE
+    for one, outcome in each(chosen, do).items():
+        if not isinstance(outcome, SessionError):
+            tell(said.replace("{}", one, 1))
+        elif len(chosen) == 1:
+            raise outcome
+        else:
+            say(f"imutui: {one}: {outcome}")
+            code = max(code, outcome.exit_code)
+    raise typer.Exit(code)
 
 
 def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from imutui.cli.exit_codes import check_output
+from imutui.cli.exit_codes import USAGE, check_output, fail
 from imutui.cli.options import (
     AccelSign,
     Effects,
@@ -33,8 +33,17 @@ from imutui.instrument.names import DEFAULT, NAMES
 
 def command(
     port: Annotated[
-        str, typer.Option("--port", help='Path such as /dev/ttyUSB0, stable id, pyserial URL, or "virtual".')
-    ],
+        str | None, typer.Option("--port", help='Path such as /dev/ttyUSB0, stable id, pyserial URL, or "virtual".')
+    ] = None,
+    batch: Annotated[
+        Path | None,
+        typer.Option(
+            "--batch",
+            metavar="FILE",
+            help="Units of a table, all at once; with --name those only, with commas between them, and with --port"
+            " that one there.",
+        ),
+    ] = None,
     rate: Rate = None,
     sampling: Annotated[
         str | None,
@@ -100,13 +109,23 @@ def command(
     code 4. A recording in several files loses no packet between them; the filter begins anew with
     each, so that each replays by itself. `imutui service` has it run without anybody.
 
+    Of a batch each unit has its own acquisition, named BATCH:UNIT, and its own log: one that fails keeps no other from
+    its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on.
+
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
     from imutui import config
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import check_stream, plan_from
+    from imutui.logbook import import_reference
     from imutui.session.plan import VIRTUAL_PORT
 
+    if batch is None and port is None:
+        raise fail(USAGE, "say which unit: --port; or --batch FILE for several. `imutui devices --probe` lists both.")
+    if batch is not None and port is not None and (name is None or "," in name):
+        raise fail(USAGE, "--port is of one unit: of a batch say with --name which one it is that is now there.")
+    if batch is not None and (output is not None or foxglove is not None):
+        raise fail(USAGE, "-o and --foxglove are of one unit; with --batch each file is named in the logs folder.")
     if output is not None:
         check_output(output, force)
     file, kind = reference_of(reference)
@@ -131,27 +150,27 @@ def command(
     plan = plan_from(
         config.load().with_flags(flags),
         parse_site(site),
-        port=port,
+        checked=batch is None,
+        port=port or "",
         instrument=instrument or (DEFAULT if port == VIRTUAL_PORT else ""),
         virtual=("--instrument", instrument) if instrument and port == VIRTUAL_PORT else (),
         record=True,
         duration_s=duration,
         note=note,
-        name=name or "default",
+        name=(None if batch else name) or "default",
         unattended=unattended,
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
-        reference_file=("", "") if file is None else (_name_of(str(reference)), file.content.decode("utf-8-sig")),
+        reference_file=("", "")
+        if file is None
+        else (import_reference.name_of(str(reference)), file.content.decode("utf-8-sig")),
         effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
+    if batch is not None:
+        from imutui.cli import follow_batch
+
+        said = {"rate": rate, "filter": filter_name, "operator": operator, "table": table, "place": place}
+        said |= {"note": note or None, "profile": reference}
+        follow_batch.record(batch, name, port, plan, [key for key in said if said[key] is not None], json=json)
     check_stream(plan)
     follow(plan, json=json)
-
-
-def _name_of(reference: str) -> str:
-    """Name of a file that --reference names; that which a ready-made profile would have."""
-    from imutui.logbook import reference_file
-
-    path = Path(reference)
-    named = None if path.suffix.lower() in (".csv", ".toml") else reference_file.find(reference)
-    return path.name if named is None else named.file

@@ -82,7 +82,8 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
             " file could not use it"
         )
     if checked:
-        _refuse(plan)
+        for remark in refuse(plan):
+            say(remark)
     return plan
 
 
@@ -107,19 +108,23 @@ def _is_loopback(host: str) -> bool:
     return False
 
 
-def _refuse(plan: Plan) -> None:
-    """Refuse what the filter could not run with, before the instrument is touched."""
+def refuse(plan: Plan) -> list[str]:
+    """Refuse what the filter could not run with, before the instrument is touched; returns what is to be said.
+
+    Raises InputError.
+    """
     from imutui.logbook.session_info import SessionInfo
     from imutui.session.metadata import check_live, effects_of, filter_of, motion_of, requested
 
     motion = motion_of(plan)
     filter_name = filter_of(plan, motion)
-    if filter_name != plan.filter:
-        say(
-            "imutui: recorded without the filter: its profile is found in the whole log afterwards, by the gyros."
-            " `imutui trace` and `imutui replay` take the log with it"
-        )
     gravity = SessionInfo().gravity_mps2 if plan.gravity is None else plan.gravity
     probe = replace(requested(plan), filter=filter_name, gravity_mps2=gravity)
     probe.axes()
     check_live(probe, motion, effects_of(plan, probe))
+    if filter_name == plan.filter:
+        return []
+    return [
+        "imutui: recorded without the filter: its profile is found in the whole log afterwards, by the gyros."
+        " `imutui trace` and `imutui replay` take the log with it"
+    ]

@@ -1,34 +1,22 @@
 """`imutui status`."""
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import typer
 
 from imutui.cli.exit_codes import INSTRUMENT, answer
-from imutui.cli.options import Json, Name
+from imutui.cli.options import Json, Name, OfBatch
 
 if TYPE_CHECKING:
+    from imutui.session.batch import Answer
     from imutui.session.snapshot import GuideSnapshot, Snapshot
 
 _HOUR_S = 3600.0
-_CONNECTING, _SILENT = "connecting", "does not answer"
-_AT_ONCE = 16
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What an acquisition says of itself."""
-
-    name: str  # of the acquisition
-    snapshot: "Snapshot | None"  # without series; None if there is none to be had
-    missing: str = ""  # why there is none: "connecting" or "does not answer"
-
-
-def command(name: Name = None, json: Json = False) -> None:
-    """Say which acquisitions run: all of them, or the one that is named.
+def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> None:
+    """Say which acquisitions run: all of them, the one that is named, or the units of a batch, running or not.
 
     For each: instrument, state, rate, losses, the file it records to, the room on its disk, what its filter takes, and
     how far the operator has been guided.
@@ -36,49 +24,39 @@ def command(name: Name = None, json: Json = False) -> None:
     Example: imutui status
     """
     from imutui.session import client
+    from imutui.session.batch import ENDED, SILENT, acquisition_of, ask, names, units
 
-    names = client.running()
-    if name is not None and name not in names:
-        client.attach(name)  # says what runs instead
-    answers = _ask_all(names if name is None else [name])
+    if batch is not None:
+        answers = units(batch) or ask(names(batch))  # which says what runs instead
+        wanted = None if name is None else [acquisition_of(batch, unit) for unit in name.split(",")]
+        answers = [one for one in answers if wanted is None or one.name in wanted]
+    else:
+        running = client.running()
+        if name is not None and name not in running:
+            client.attach(name)  # says what runs instead
+        answers = [one for one in ask(running if name is None else [name]) if one.missing != ENDED]
     documents = [_document(one) for one in answers]
     answer(documents, lambda: "\n".join(map(_text, answers)) or "no acquisition is running", json=json)
-    if any(one.missing == _SILENT for one in answers):
+    if any(one.missing in (SILENT, ENDED) for one in answers):
         raise typer.Exit(INSTRUMENT)
 
 
-def _ask_all(names: Sequence[str]) -> list[Answer]:
-    """Ask acquisitions, all at once, how they are; one that hangs, connects or has just ended costs no other's line."""
-    if not names:
-        return []
-    with ThreadPoolExecutor(min(_AT_ONCE, len(names))) as pool:
-        return [one for one in pool.map(_ask, names) if one is not None]
-
-
-def _ask(name: str) -> Answer | None:
-    from imutui.session import client
-    from imutui.session.snapshot import NO_SERIES
-
-    try:
-        return Answer(name, client.attach(name).snapshot(since=NO_SERIES))
-    except client.SessionConnectingError:
-        return Answer(name, None, _CONNECTING)
-    except client.SessionGoneError:
-        return None
-    except client.SessionError:
-        return Answer(name, None, _SILENT) if name in client.running() else None
-
-
-def _document(answer: Answer) -> Mapping[str, object]:
+def _document(answer: "Answer") -> Mapping[str, object]:
     if answer.snapshot is None:
-        return {"name": answer.name, "state": answer.missing}
+        of_batch = {"batch": answer.name.partition(":")[0]} if ":" in answer.name else {}
+        error = {"error": answer.why} if answer.why else {}
+        return {"name": answer.name, **of_batch, "state": answer.missing, **error}
     return {key: value for key, value in answer.snapshot.items() if key != "series"}
 
 
-def _text(answer: Answer) -> str:
+def _text(answer: "Answer") -> str:
+    from imutui.session.batch import CONNECTING, ENDED
+
     if answer.snapshot is not None:
         return "\n  ".join([_line(answer.snapshot), *_more(answer.snapshot)])
-    if answer.missing == _CONNECTING:
+    if answer.missing == ENDED:
+        return f"{answer.name}: not running. {answer.why}"
+    if answer.missing == CONNECTING:
         return f"{answer.name}: connecting to its instrument"
     return f"{answer.name}: its process lives, but does not answer; it may be busy. Try again in a few seconds."
 

@@ -4,11 +4,11 @@ import typer
 
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import answer, say
-from imutui.cli.options import Json, Name
+from imutui.cli.options import Json, Name, OfBatch, acquisitions_of
 
 
-def command(name: Name = None, json: Json = False) -> None:
-    """End the running acquisition and finish its file.
+def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> None:
+    """End the running acquisition, or those of a batch, and finish its file.
 
     Exit code 0, or 1 if something must be said of the recording: the verdict is RED, not every bias has converged, or
     the unit was silent.
@@ -18,8 +18,15 @@ def command(name: Name = None, json: Json = False) -> None:
     from imutui.report import replay_text
     from imutui.session import client
 
+    by = "the command imutui stop"
+    if batch is not None:
+        from imutui.cli.follow_batch import end_of, tell_ends
+        from imutui.session.batch import each
+
+        ended = each(acquisitions_of(name, batch), lambda one: (one.stop(by), one))
+        raise typer.Exit(tell_ends([end_of(one, outcome) for one, outcome in ended.items()], json=json))
     connection = client.attach(name)
-    result = connection.stop("the command imutui stop")
+    result = connection.stop(by)
     if result is None and not json:
         say("stopped; nothing was being recorded")
     else:

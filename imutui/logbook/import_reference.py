@@ -60,6 +60,13 @@ def from_text(text: str) -> ReferenceFile | None:
     return None
 
 
+def name_of(text: str) -> str:
+    """Name of the file that `from_text` takes; that which a ready-made profile would have."""
+    path = Path(text)
+    named = None if path.suffix.lower() in (".csv", ".toml") else reference_file.find(text)
+    return path.name if named is None else named.file
+
+
 def _content(path: Path) -> bytes:
     try:
         return outside_file.read(path, outside_file.TEXT_LIMIT)

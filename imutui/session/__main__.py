@@ -15,9 +15,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from filters.errors import InputError
 from imutui import defects
@@ -28,17 +28,13 @@ from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answer
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
 from imutui.session.disk_space import DiskGuard, disk_message
-from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
 from imutui.session.preloaded import PLAN_LIMIT
-from imutui.session.requests import EndFinding, Reply, Request, StartReport
+from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
-
-if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
 
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
@@ -99,7 +95,7 @@ def main(text: str) -> int:
     except Exception as error:  # noqa: BLE001 - whoever started this must hear of it, and nobody see a traceback
         code, message = _in_words(error)
         # whoever asks later for the units of a batch must hear why this one is not there
-        end_report.write(plan.name, _report("", message))
+        end_report.write(plan.name, "", message)
         return _refuse(code, message)
 
 
@@ -162,7 +158,7 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTur
         if limit_s is not None and server.unwatched_s > limit_s:
             engine.request_stop(f"itself: nobody had looked on for {limit_s:g} s, and its unit is a virtual one")
     stands = engine.lifecycle
-    end_report.write(plan.name, _report(stands.ended_by, stands.error, stands.findings, engine.result))
+    end_report.write(plan.name, stands.ended_by, stands.error, stands.findings, engine.result)
     # who started it may not have asked yet how it goes; it must hear how it went
     report_by = begun + _START_GRACE_S
     asked_ns = engine.lifecycle.stopping_since_ns
@@ -240,19 +236,6 @@ def _ending(engine: Engine) -> Reply:
         "findings": stands.findings,
         "by_itself": engine.ended_by_itself,
         "ended_by": stands.ended_by,
-    }
-
-
-def _report(
-    ended_by: str, error: str | None, findings: Sequence[EndFinding] = (), result: "ResultDocument | None" = None
-) -> EndReport:
-    return {
-        "pid": os.getpid(),
-        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "ended_by": ended_by,
-        "error": error,
-        "findings": [*findings],
-        "result": result,
     }
 
 

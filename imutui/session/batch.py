@@ -5,22 +5,29 @@ that viewers know of units that are not there, too.
 """
 
 import contextlib
+import os
+import select
+import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from filters.errors import InputError
 from imutui import batch_file
 from imutui.batch_file import Batch, BatchError, Unit
+from imutui.instrument.names import DEFAULT
 from imutui.session import client, end_report, ipc, lifecycle
-from imutui.session.client import Client, SessionError
+from imutui.session.client import Client, SessionError, Starting
 from imutui.session.end_report import EndReport
-from imutui.session.snapshot import NO_SERIES, Snapshot
+from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
 _SEPARATOR, _SUFFIX = ":", ".batch"
 _AT_ONCE = 32
+_STARTING = max(4, os.cpu_count() or 1)
 R = TypeVar("R")
 
 
@@ -50,12 +57,101 @@ def acquisition_of(batch: str, unit: str) -> str:
     return unit if unit.startswith(batch + _SEPARATOR) else f"{batch}{_SEPARATOR}{unit}"
 
 
-def begin(batch: Batch, path: Path) -> None:
+def plans(batch: Batch, base: Plan) -> list[Plan]:
+    """Plans of the units' acquisitions, in their order; one that is known by its serial number has no port yet.
+
+    `base`: what the file does not say.
+    Raises BatchError with file, unit and key if a plan cannot be, or a file that it names can't be read.
+    """
+    from imutui.logbook import effects_file, import_reference
+
+    said = {key: getattr(batch, key) for key in ("filter", "note", "operator", "table", "place")}
+    common = {key: value for key, value in said.items() if value is not None}
+    which, found = "", []
+    try:
+        if batch.rate is not None:
+            common |= {"rate_hz": batch.rate, "explicit": (*base.explicit, "rate_hz")}
+        if batch.profile is not None:
+            file = import_reference.from_text(batch.profile)
+            if file is None:
+                raise InputError(f'`profile` is "{batch.profile}", no .toml or .csv file nor a ready-made profile')
+            name = import_reference.name_of(batch.profile)
+            common |= {"reference": file.kind, "reference_file": (name, file.content.decode("utf-8-sig"))}
+        for number, unit in enumerate(batch.units, 1):
+            which = f"[[unit]] {number}: "
+            own: dict[str, Any] = {"name": acquisition_of(batch.name, unit.name), "port": unit.port}
+            if unit.instrument or unit.port == VIRTUAL_PORT:
+                own["instrument"] = unit.instrument or DEFAULT
+            if unit.port == VIRTUAL_PORT:
+                own["virtual"] = ("--instrument", own["instrument"])
+            if unit.mount:
+                own["mount"] = unit.mount
+            if unit.effects:
+                own["effects"] = effects_file.from_file(Path(unit.effects)).decode("utf-8-sig")
+            found.append(replace(base, batch=batch.name, **(common | own)))
+    except InputError as error:
+        raise batch.wrong(f"{which}{error}") from error
+    return found
+
+
+def find(serials: Sequence[str]) -> dict[str, str | SessionError]:
+    """Where units are, by their serial numbers: the ports of this machine that no acquisition has are asked at once.
+
+    Returns port, or what is wrong with it, of each. It takes some seconds where a port does not answer.
+    """
+    answers = [answer for _, answer in _at_once([port for port, _ in client.ports()], client.probe)]
+    has = [one.snapshot for one in ask(client.running()) if one.snapshot is not None]
+    out: dict[str, str | SessionError] = {}
+    for serial in serials:
+        at = [answer["port"] for answer in answers if answer["answers"] and answer["serial_number"] == serial]
+        owner = next((seen["name"] for seen in has if seen["serial_number"] == serial), None)
+        if owner is not None:
+            out[serial] = SessionError(f'the unit {serial} is recorded already, by the acquisition "{owner}"')
+        elif len(at) == 1:
+            out[serial] = at[0]
+        elif at:
+            out[serial] = SessionError(f"{serial} answers on {' and on '.join(at)}; write `port` instead of `serial`")
+        else:
+            told = ", ".join(f"{answer['port']} ({_told(answer)})" for answer in answers) or "there is no port to ask"
+            out[serial] = SessionError(f"no unit with the serial number {serial} answers: {told}")
+    return out
+
+
+def _told(answer: ProbeAnswer) -> str:
+    return answer["serial_number"] or "a unit without a number" if answer["answers"] else "no answer"
+
+
+def start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None]) -> None:
+    """Start acquisitions, some at a time, each when it is its turn; `begun` hears of each: it, or what is wrong.
+
+    One that does not start keeps no other from it. Whatever `begun` raises gives up those on their way up.
+    """
+    waiting, coming = [*asked], list[Starting]()
+    try:
+        while waiting or coming:
+            while waiting and len(coming) < _STARTING:
+                coming.append(Starting(waiting.pop(0)))
+            left_s = min(one.deadline for one in coming) - time.monotonic()
+            ready, _, _ = select.select(coming, [], [], max(0.0, left_s))
+            first = ready[0] if ready else min(coming, key=lambda one: one.deadline)
+            outcome: Client | SessionError
+            try:
+                outcome = first.client()
+            except SessionError as error:
+                outcome = error
+            begun(first.plan, outcome)
+            coming.remove(first)
+    finally:
+        for one in coming:
+            one.give_up()
+
+
+def begin(batch: Batch) -> None:
     """Have viewers find the file of a batch, from now on."""
     link = ipc.folder() / f"{batch.name}{_SUFFIX}"
     part = link.with_name(f"{link.name}.part")
     part.unlink(missing_ok=True)
-    part.symlink_to(path.resolve())
+    part.symlink_to(batch.path.resolve())
     part.replace(link)
 
 
@@ -110,6 +206,8 @@ def each(acquisitions: Sequence[str], do: Callable[[Client], R]) -> dict[str, R 
                 return do(connection)
         except SessionError as error:
             return error
+        except TimeoutError:
+            return SessionError(f'the acquisition "{name}" does not answer')
 
     return dict(_at_once(acquisitions, done))
 

@@ -202,9 +202,10 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     """
     names = running()
     if name is None and len(names) > 1:
-        raise SessionError(
-            f"several acquisitions are running: {', '.join(names)}. Say which with --name.", lifecycle.USAGE
-        )
+        batches = sorted({each.partition(":")[0] for each in names if ":" in each})
+        one = f" --batch {batches[0]} takes all of one batch." if batches else ""
+        said = f"several acquisitions are running: {', '.join(names)}. Say which with --name.{one}"
+        raise SessionError(said, lifecycle.USAGE)
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
         others = f" Running: {', '.join(names)}." if names else ""
@@ -217,32 +218,55 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     return found
 
 
+class Starting:
+    """An acquisition on its way up, in a process and session of its own; `select` finds it when it has said how it is.
+
+    It has `timeout` seconds, and its first packet's period. `parent`: see `start`.
+    """
+
+    def __init__(self, plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> None:
+        self.plan, self._timeout = plan, timeout
+        self._missing = end_report.missing_folders(plan)
+        self._process, self._output = _begun(plan, parent)
+        self.deadline = time.monotonic() + timeout + 1.0 / plan.rate_hz
+
+    def fileno(self) -> int:
+        """Of what it says."""
+        return self._output.fileno()
+
+    def client(self) -> Client:
+        """Wait for its first packet; raises SessionError as `start` does."""
+        plan, process = self.plan, self._process
+        try:
+            with self._output:
+                answer = _first_line(process, self._output, self.deadline)
+                if answer is None:
+                    end_report.end_unbegun(process, self._missing)
+                    answer = _did_not_begin(plan.name, process.pid, self._timeout)
+            # the process outlives this one by design; a thread takes its exit status so that no zombie stays
+            threading.Thread(target=process.wait, daemon=True).start()
+            if answer["ok"]:
+                return Client(plan.name)
+        except BaseException:
+            self.give_up()
+            raise
+        name = _holder(plan.port) if answer["exit_code"] == lifecycle.INSTRUMENT else None
+        held = name is not None and name != plan.name
+        raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
+
+    def give_up(self) -> None:
+        """End it: whoever gives up (Ctrl+C) has not seen it begin, and must not leave it behind."""
+        self._process.terminate()
+        self._process.wait()
+
+
 def start(plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> Client:
     """Start an acquisition in a process and session of its own; returns when its first packet has come.
 
     `parent`: a process that it is forked from, so that several share what they have loaded; None to load it anew.
     Raises SessionError if it could not start; the message says why and what to do next.
     """
-    missing = end_report.missing_folders(plan)
-    process, output = _begun(plan, parent)
-    try:
-        with output:
-            answer = _first_line(process, output, timeout + 1.0 / plan.rate_hz)
-            if answer is None:
-                end_report.end_unbegun(process, missing)
-                answer = _did_not_begin(plan.name, process.pid, timeout)
-        # the process outlives this one by design; a thread takes its exit status so that no zombie stays
-        threading.Thread(target=process.wait, daemon=True).start()
-        if answer["ok"]:
-            return Client(plan.name)
-    except BaseException:
-        # whoever gives up now (Ctrl+C) has not seen it begin, and must not leave it behind
-        process.terminate()
-        process.wait()
-        raise
-    name = _holder(plan.port) if answer["exit_code"] == lifecycle.INSTRUMENT else None
-    held = name is not None and name != plan.name
-    raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
+    return Starting(plan, timeout, parent).client()
 
 
 def _begun(plan: Plan, parent: Parent | None) -> tuple["subprocess.Popen[bytes] | Forked", BinaryIO]:
@@ -311,9 +335,8 @@ def _did_not_begin(name: str, pid: int, timeout: float) -> StartReport:
     return {"ok": False, "error": error, "exit_code": lifecycle.INSTRUMENT}
 
 
-def _first_line(process: "subprocess.Popen[bytes] | Forked", output: BinaryIO, timeout: float) -> StartReport | None:
-    """What the process says of its start; None if it says nothing for so long."""
-    deadline = time.monotonic() + timeout
+def _first_line(process: "subprocess.Popen[bytes] | Forked", output: BinaryIO, deadline: float) -> StartReport | None:
+    """What the process says of its start; None if it says nothing by then."""
     text = b""
     while not text.endswith(b"\n"):
         ready, _, _ = select.select([output], [], [], max(0.0, deadline - time.monotonic()))

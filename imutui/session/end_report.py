@@ -9,6 +9,8 @@ import getpass
 import json
 import os
 import subprocess
+import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -37,8 +39,22 @@ class EndReport(TypedDict):
     result: "ResultDocument | None"
 
 
-def write(name: str, report: EndReport) -> None:
+def write(
+    name: str,
+    ended_by: str,
+    error: str | None,
+    findings: "Sequence[EndFinding]" = (),
+    result: "ResultDocument | None" = None,
+) -> None:
     """Leave the report of the acquisition of that name, which this process is, if the disk takes it."""
+    report: EndReport = {
+        "pid": os.getpid(),
+        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "ended_by": ended_by,
+        "error": error,
+        "findings": [*findings],
+        "result": result,
+    }
     path = ipc.socket_path(name).with_suffix(_SUFFIX)
     part = path.with_name(f"{path.name}.part")
     with contextlib.suppress(OSError):

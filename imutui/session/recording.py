@@ -6,6 +6,7 @@ what effects remember of temperature is in the next file's metadata, as are the 
 they are parts of.
 """
 
+import contextlib
 import time
 import uuid
 from dataclasses import replace
@@ -55,20 +56,28 @@ class Recording:
         path: Path | None,
         stream: LiveStream | None = None,
     ) -> None:
-        path = path or default_path(Path(plan.logs), plan.instrument, info.serial_number, note)
         self.guard = DiskGuard(plan.min_free_mb)
-        self.guard.refuse(path.parent)
+        self.guard.refuse(Path(plan.logs) if path is None else path.parent)
         own = uuid.uuid4().hex[:16]
         self.info = replace(info, note=note, log_id=own, power_on=own)
         self._next_info = self.info
         self._plan = plan
         self._stream = stream
-        self.writer = _open(path, self.info, plan, stream, overwrite=plan.overwrite)
-        self._first = path
+        self._first, self.writer = self._begin(path)
         self.part = 1  # number of the present file
         # of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran
         self._finished: list[PartResult] = []
         self.vanished: VanishedFile | None = None
+
+    def _begin(self, path: Path | None) -> tuple[Path, LogWriter]:
+        """Make the first file."""
+        plan = self._plan
+        if path is not None:
+            return path, _open(path, self.info, plan, self._stream, overwrite=plan.overwrite)
+        while True:
+            path = default_path(Path(plan.logs), plan.instrument, self.info.serial_number, self.info.note)
+            with contextlib.suppress(FileExistsError):  # another unit without a number of its own began just now
+                return path, _open(path, self.info, plan, self._stream, overwrite=False)
 
     def is_full(self, seconds: float) -> bool:
         """See the function; `seconds` of the present file, by a clock that nobody sets."""

@@ -20,6 +20,7 @@ from imutui.cli import COMMANDS, each_log, exit_codes, status
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields, encode
 from imutui.logbook import schemas
+from imutui.session.batch import Answer
 
 ACEINNA = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
 ADIS = ("--accel-sign", "+1", "--reference", "gravity")
@@ -57,7 +58,7 @@ def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) ->
     snapshot = fake.snapshot()
     assert snapshot["recording"] is not None
     snapshot["recording"]["to_full_s"] = left_s
-    assert f"full in {said} at 6.1 kB/s" in status._text(status.Answer(fake.name, snapshot))
+    assert f"full in {said} at 6.1 kB/s" in status._text(Answer(fake.name, snapshot))
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])

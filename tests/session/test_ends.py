@@ -239,7 +239,7 @@ def test_a_service_is_not_started_again_for_what_a_filter_found(
     finding = {"text": "the unit was silent at the end", "exit_code": 4}
     connection: Any = SimpleNamespace(findings=[finding], ended_by_itself=by_itself)
     asked = Plan("p", unattended=unattended)
-    assert follow_acquisition._exit_code(asked, result, connection, terminated) == code
+    assert follow_acquisition.exit_code(asked, result, connection, terminated) == code
 
 
 def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:

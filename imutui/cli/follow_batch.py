@@ -1,0 +1,295 @@
+"""Following the acquisitions of a batch from a terminal, all at once: what `record --batch` does while they run."""
+
+import contextlib
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from filters.errors import InputError
+from imutui import batch_file
+from imutui.batch_file import Batch, Unit
+from imutui.cli import follow_acquisition
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    INSTRUMENT,
+    INTERRUPTED,
+    USAGE,
+    fail,
+    print_json,
+    say,
+    show_progress,
+    tell,
+)
+from imutui.cli.follow_acquisition import HungUpError, TerminatedError
+from imutui.cli.session_options import refuse
+from imutui.plain_text import in_line
+from imutui.session import batch as batches
+from imutui.session import client, end_report
+from imutui.session.client import Client, SessionError, SessionGoneError
+from imutui.session.plan import Plan
+from imutui.verdict import sources
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
+_LOOK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """How the acquisition of a unit ended, or that it did not begin."""
+
+    name: str
+    code: int
+    result: "ResultDocument | None" = None
+    error: str | None = None
+
+    def document(self) -> Mapping[str, object]:
+        """For JSON."""
+        return {"name": self.name, "error": self.error, "result": self.result}
+
+    def text(self) -> str:
+        """In a line or two."""
+        if self.result is None:
+            return f"{self.name}: {self.error or 'nothing was recorded'}"
+        lost = f", {self.result['lost_packets']} lost" if self.result["lost_packets"] else ""
+        return f"{self.name}: {sources.headline(self.result)}, {self.result['samples']} samples{lost}"
+
+
+def end_of(name: str, stopped: "tuple[ResultDocument | None, Client] | SessionError") -> End:
+    """End of an acquisition that was asked to stop."""
+    if isinstance(stopped, SessionError):
+        say(f"imutui: {name}: {stopped}")
+        return End(name, stopped.exit_code, error=str(stopped))
+    result, connection = stopped
+    return End(name, follow_acquisition.verdict(result, connection), result)
+
+
+def tell_ends(ends: Sequence[End], *, json: bool) -> int:
+    """Print how units ended; returns the worst exit code."""
+    if json:
+        print_json([end.document() for end in ends])
+    else:
+        tell("\n".join(end.text() for end in ends))
+    return max((end.code for end in ends), default=FINE)
+
+
+class Follower:
+    """Starts units and waits for their ends, and for those of units that are started beside them in the batch."""
+
+    def __init__(self, batch: Batch, base: Plan) -> None:
+        self.batch, self._base = batch, base
+        self.ends: list[End] = []
+        self.terminated = False
+        self._over = queue.SimpleQueue[tuple[Client, Any]]()
+        self._here: dict[str, Client] = {}  # those that run, by their names
+
+    def start(self, plans: Mapping[str, tuple[Unit, Plan]]) -> None:
+        """Start units, those first whose port is known; say of each whether it runs."""
+        batches.start([plan for _, plan in plans.values() if plan.port], self._begun)
+        sought = {name: unit.serial for name, (unit, plan) in plans.items() if not plan.port}
+        if not sought:
+            return
+        show_progress(f"asking ports for {', '.join(sought.values())}")
+        found = batches.find([*sought.values()])
+        at = {name: port for name, serial in sought.items() if isinstance(port := found[serial], str)}
+        for name, serial in sought.items():
+            if isinstance(error := found[serial], SessionError):
+                end_report.write(name, "", str(error))
+                self._did_not_begin(name, error)
+        batches.start([replace(plans[name][1], port=port) for name, port in at.items()], self._begun)
+
+    def _begun(self, plan: Plan, outcome: Client | SessionError) -> None:
+        if isinstance(outcome, SessionError):
+            self._did_not_begin(plan.name, outcome)
+            return
+        self._join(outcome)
+        with contextlib.suppress(SessionError):  # it ended at once: its end is told
+            follow_acquisition.say_begun(plan, outcome)
+
+    def _did_not_begin(self, name: str, error: SessionError) -> None:
+        say(f"imutui: {name}: {error} {self._again(name)}")
+        self.ends.append(End(name, error.exit_code, error=str(error)))
+
+    def _again(self, name: str) -> str:
+        unit = name.removeprefix(batches.acquisition_of(self.batch.name, ""))
+        again = f"imutui record --batch {quote(str(self.batch.path))} --name {unit}"
+        return f"When it is put right: `{again}`, with --port if it is at another port by then."
+
+    def _join(self, connection: Client) -> None:
+        self._here[connection.name] = connection
+        threading.Thread(target=self._wait, args=(connection,), daemon=True).start()
+
+    def _wait(self, connection: Client) -> None:
+        try:
+            self._over.put((connection, connection.wait()))
+        except (SessionError, OSError) as error:
+            self._over.put((connection, error))
+
+    def follow(self) -> None:
+        """Wait until all have ended."""
+        with _shown(self._lines) as show:
+            while self._here:
+                try:
+                    self._ended(*self._over.get(timeout=_LOOK_S))
+                except queue.Empty:
+                    self._find_others()
+                show()
+
+    def _find_others(self) -> None:
+        """Follow what was started in the batch since: a unit that is there again, or another in its place."""
+        prefix = batches.acquisition_of(self.batch.name, "")
+        for name in client.running():
+            if name.startswith(prefix) and name not in self._here:
+                with contextlib.suppress(SessionError):  # it is connecting; soon it is not
+                    self._join(Client(name))
+                    say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")
+
+    def _ended(self, connection: Client, outcome: "ResultDocument | SessionError | OSError | None") -> None:
+        name = connection.name
+        del self._here[name]
+        if isinstance(outcome, Exception):
+            code = FINDINGS if isinstance(outcome, SessionGoneError) else getattr(outcome, "exit_code", FINDINGS)
+            end = End(name, code, error=str(outcome))
+            say(f"imutui: {name}: {outcome} {self._again(name)}")
+        else:
+            code = FINDINGS
+            if outcome is not None:
+                code = follow_acquisition.exit_code(self._base, outcome, connection, self.terminated)
+            end = End(name, code, outcome, None if outcome is not None else "it ended without a recording")
+            by = "" if self.terminated or connection.ended_by_itself else f", ended by {connection.ended_by}"
+            say(f"{name} has ended{by}; {len(self._here)} running")
+        self.ends.append(end)
+
+    def stop(self, by: str) -> None:
+        """Have all of them finish their files, all at once, and wait for that."""
+        for name, outcome in batches.each(list(self._here), lambda connection: connection.stop(by)).items():
+            if isinstance(outcome, SessionError) and name in client.running():
+                self._did_not_end(name)
+        while self._here:
+            self._ended(*self._over.get())
+
+    def _did_not_end(self, name: str) -> None:
+        said = f"it does not end; `kill -9 {self._here.pop(name).pid}` does. What was recorded is on the disk"
+        say(f"imutui: {name}: {said}")
+        self.ends.append(End(name, INSTRUMENT, error=said))
+
+    def left(self) -> str:
+        """What is said of those that do not end."""
+        pids = " ".join(str(connection.pid) for connection in self._here.values())
+        return f"{', '.join(self._here)} do not end; `kill -9 {pids}` does"
+
+    def _lines(self) -> str:
+        answers = batches.ask(list(self._here))
+        return "\n".join(
+            in_line(f"{one.name}  {follow_acquisition.line(one.snapshot) if one.snapshot else one.missing}")
+            for one in answers
+        )
+
+
+@contextlib.contextmanager
+def _shown(lines: Any) -> Iterator[Any]:
+    """What shows the units on a terminal that is one."""
+    if not sys.stderr.isatty():
+        yield lambda: None
+        return
+    with Live(console=Console(stderr=True), auto_refresh=False, transient=True) as live:
+        yield lambda: live.update(Text(f"{lines()}\n(Ctrl+C finishes all)"), refresh=True)
+
+
+class _Signals:
+    """SIGTERM ends all, SIGHUP leaves them to themselves, once what is on its way up is up."""
+
+    def __init__(self) -> None:
+        self._hung_up, self._may_leave = False, False
+
+    def terminate(self, *_: object) -> None:
+        raise TerminatedError
+
+    def hang_up(self, *_: object) -> None:
+        self._hung_up = True
+        if self._may_leave:
+            raise HungUpError
+
+    def may_leave(self) -> None:
+        self._may_leave = True
+        if self._hung_up:
+            raise HungUpError
+
+
+def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, json: bool) -> NoReturn:
+    """Start the acquisitions of a batch, show them until all have ended, print their results, and exit.
+
+    `base`: of which the plans are made.
+    `plans`: by the names of the acquisitions; those of units known by their numbers have no port.
+    """
+    follower, signals, interrupted = Follower(batch, base), _Signals(), False
+    handlers = {signal.SIGTERM: signals.terminate, signal.SIGHUP: signals.hang_up}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        try:
+            follower.start(plans)
+            signals.may_leave()
+            follower.follow()
+        except (KeyboardInterrupt, TerminatedError) as error:
+            interrupted = isinstance(error, KeyboardInterrupt)
+            follower.terminated = True
+            follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
+    except TerminatedError:
+        raise SessionError(follower.left()) from None
+    except HungUpError:
+        raise typer.Exit(FINE) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    order = [*plans]
+    ends = sorted(follower.ends, key=lambda end: order.index(end.name) if end.name in order else len(order))
+    code = tell_ends(ends, json=json)
+    raise typer.Exit(INTERRUPTED if interrupted else code)
+
+
+def record(path: Path, name: str | None, port: str | None, base: Plan, given: Sequence[str], *, json: bool) -> NoReturn:
+    """Record the units of a batch's file that are chosen and do not run yet, and exit.
+
+    `name`, `port`: units that are chosen, with commas between them, None for all; where the one that is chosen is now.
+    `given`: keys of the file that the command line says, which is in `base`.
+    """
+    unsaid: dict[str, Any] = dict.fromkeys(given)
+    batch = replace(batch_file.read(path), **unsaid)
+    plans = batches.plans(batch, replace(base, foxglove_port=0))
+    remarks = dict[str, None]()
+    for number, plan in enumerate(plans, 1):
+        try:
+            remarks |= dict.fromkeys(refuse(plan))
+        except InputError as error:
+            raise batch.wrong(f"[[unit]] {number}: {error}") from error
+    of = {plan.name: (unit, plan) for unit, plan in zip(batch.units, plans, strict=True)}
+    wanted = [*of] if name is None else [batches.acquisition_of(batch.name, each) for each in name.split(",")]
+    for each in wanted:
+        if each not in of:
+            known = ", ".join(unit.name for unit in batch.units)
+            raise fail(USAGE, f'{path} has no unit "{each.partition(":")[2]}"; it has: {known}.')
+    runs = [each for each in wanted if each in client.running()]
+    for each in runs:
+        say(f"{each} runs already and is left alone; `imutui stop --name {each}` ends it")
+    asked = {each: of[each] for each in wanted if each not in runs}
+    if not asked:
+        raise fail(INSTRUMENT, f"all of it runs already; `imutui stop --batch {batch.name}` ends it.")
+    if port is not None:
+        asked = {each: (unit, replace(plan, port=port)) for each, (unit, plan) in asked.items()}
+    for remark in remarks:
+        say(remark)
+    batches.begin(batch)
+    follow(batch, base, asked, json=json)
