@@ -245,6 +245,12 @@ def test_what_is_of_one_unit_is_refused_for_all(home: Path, more: list[str], sai
     assert said in imutui("record", "--batch", table(home), *more, check=2).stderr
 
 
+def test_whoever_names_no_unit_is_told_how() -> None:
+    said = imutui("record", check=2).stderr
+    assert "--port" in said
+    assert "--batch FILE" in said
+
+
 def test_a_table_is_made_of_what_answers_and_units_are_found_by_their_numbers(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
