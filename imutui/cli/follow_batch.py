@@ -98,18 +98,19 @@ class Follower:
 
     def start(self, plans: Mapping[str, tuple[Unit, Plan]]) -> None:
         """Start units, those first whose port is known; say of each whether it runs."""
-        batches.start([plan for _, plan in plans.values() if plan.port], self._begun)
         sought = {name: unit.serial for name, (unit, plan) in plans.items() if not plan.port}
-        if not sought:
-            return
-        show_progress(f"asking ports for {', '.join(sought.values())}")
-        found = batches.find([*sought.values()])
-        at = {name: port for name, serial in sought.items() if isinstance(port := found[serial], str)}
-        for name, serial in sought.items():
-            if isinstance(error := found[serial], SessionError):
-                end_report.write(name, "", str(error))
-                self._did_not_begin(name, error)
-        batches.start([replace(plans[name][1], port=port) for name, port in at.items()], self._begun)
+        with batches.parent_of([plan for _, plan in plans.values()]) as parent:
+            batches.start([plan for _, plan in plans.values() if plan.port], self._begun, parent)
+            if not sought:
+                return
+            show_progress(f"asking ports for {', '.join(sought.values())}")
+            found = batches.find([*sought.values()])
+            at = {name: port for name, serial in sought.items() if isinstance(port := found[serial], str)}
+            for name, serial in sought.items():
+                if isinstance(error := found[serial], SessionError):
+                    end_report.write(name, "", str(error))
+                    self._did_not_begin(name, error)
+            batches.start([replace(plans[name][1], port=port) for name, port in at.items()], self._begun, parent)
 
     def _begun(self, plan: Plan, outcome: Client | SessionError) -> None:
         if isinstance(outcome, SessionError):

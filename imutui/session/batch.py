@@ -22,6 +22,7 @@ from imutui.session import client, end_report, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
 from imutui.session.end_report import EndReport
 from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.preloaded import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
@@ -121,7 +122,16 @@ def _told(answer: ProbeAnswer) -> str:
     return answer["serial_number"] or "a unit without a number" if answer["answers"] else "no answer"
 
 
-def start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None]) -> None:
+def parent_of(plans: Sequence[Plan]) -> contextlib.AbstractContextManager[Parent | None]:
+    """The process that acquisitions are forked from, so that several share what they load; None for a single one."""
+    if len(plans) < 2:
+        return contextlib.nullcontext()
+    return Parent(filters=any(plan.filter != "none" for plan in plans), effects=any(plan.effects for plan in plans))
+
+
+def start(
+    asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None], parent: Parent | None = None
+) -> None:
     """Start acquisitions, some at a time, each when it is its turn; `begun` hears of each: it, or what is wrong.
 
     One that does not start keeps no other from it. Whatever `begun` raises gives up those on their way up.
@@ -130,7 +140,7 @@ def start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], 
     try:
         while waiting or coming:
             while waiting and len(coming) < _STARTING:
-                coming.append(Starting(waiting.pop(0)))
+                coming.append(Starting(waiting.pop(0), parent=parent))
             left_s = min(one.deadline for one in coming) - time.monotonic()
             ready, _, _ = select.select(coming, [], [], max(0.0, left_s))
             first = ready[0] if ready else min(coming, key=lambda one: one.deadline)
