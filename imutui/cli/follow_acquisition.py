@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
 _REFRESH_S = 0.25
-_ENDED_EARLY = "ended before the first packet came: nothing was recorded"
+ENDED_EARLY = "ended before the first packet came: nothing was recorded"
 
 
 class TerminatedError(Exception):
@@ -88,10 +88,10 @@ def _started(plan: Plan) -> Client:
     try:
         return client.start(plan)
     except TerminatedError:
-        say(_ENDED_EARLY)
+        say(ENDED_EARLY)
         raise typer.Exit(FINE) from None
     except KeyboardInterrupt:
-        say(_ENDED_EARLY)
+        say(ENDED_EARLY)
         raise
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -4,6 +4,7 @@ import contextlib
 import queue
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from filters.errors import InputError
 from imutui import batch_file
 from imutui.batch_file import Batch, Unit
 from imutui.cli import follow_acquisition
+from imutui.cli.each_log import width
 from imutui.cli.exit_codes import (
     FINDINGS,
     FINE,
@@ -61,11 +63,12 @@ class End:
         return {"name": self.name, "error": self.error, "result": self.result}
 
     def text(self) -> str:
-        """In a line or two."""
-        if self.result is None:
-            return f"{self.name}: {self.error or 'nothing was recorded'}"
-        lost = f", {self.result['lost_packets']} lost" if self.result["lost_packets"] else ""
-        return f"{self.name}: {sources.headline(self.result)}, {self.result['samples']} samples{lost}"
+        """The unit, what is to be said, and its file on a line of its own, left whole so that it can be copied."""
+        result, said = self.result, self.error or "nothing was recorded"
+        if result is not None:
+            said = f"{sources.hence(result)}; {result['samples']} samples, {result['lost_packets']} lost"
+        lines = textwrap.wrap(f"{self.name}: {said}", width(), subsequent_indent="    ")
+        return "\n".join([*lines, *([f"    {result['log']}"] if result is not None else [])])
 
 
 def end_of(name: str, stopped: "tuple[ResultDocument | None, Client] | SessionError") -> End:
@@ -91,6 +94,7 @@ class Follower:
 
     def __init__(self, batch: Batch, base: Plan) -> None:
         self.batch, self._base = batch, base
+        self._prefix = batches.acquisition_of(batch.name, "")
         self.ends: list[End] = []
         self.terminated = False
         self._over = queue.SimpleQueue[tuple[Client, Any]]()
@@ -125,7 +129,7 @@ class Follower:
         self.ends.append(End(name, error.exit_code, error=str(error)))
 
     def _again(self, name: str) -> str:
-        unit = name.removeprefix(batches.acquisition_of(self.batch.name, ""))
+        unit = name.removeprefix(self._prefix)
         again = f"imutui record --batch {quote(str(self.batch.path))} --name {unit}"
         return f"When it is put right: `{again}`, with --port if it is at another port by then."
 
@@ -151,9 +155,8 @@ class Follower:
 
     def _find_others(self) -> None:
         """Follow what was started in the batch since: a unit that is there again, or another in its place."""
-        prefix = batches.acquisition_of(self.batch.name, "")
         for name in client.running():
-            if name.startswith(prefix) and name not in self._here:
+            if name.startswith(self._prefix) and name not in self._here:
                 with contextlib.suppress(SessionError):  # it is connecting; soon it is not
                     self._join(Client(name))
                     say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")
@@ -193,11 +196,16 @@ class Follower:
         return f"{', '.join(self._here)} do not end; `kill -9 {pids}` does"
 
     def _lines(self) -> str:
-        answers = batches.ask(list(self._here))
-        return "\n".join(
-            in_line(f"{one.name}  {follow_acquisition.line(one.snapshot) if one.snapshot else one.missing}")
-            for one in answers
-        )
+        """A unit a line."""
+        order = [unit.name for unit in self.batch.units]
+        units = {one.name.removeprefix(self._prefix): one for one in batches.ask(list(self._here))}
+        units = dict(sorted(units.items(), key=lambda row: order.index(row[0]) if row[0] in order else len(order)))
+        widest = max(map(len, units), default=0)
+        rows = [
+            f"{unit:<{widest}}  {follow_acquisition.line(one.snapshot) if one.snapshot else one.missing}"
+            for unit, one in units.items()
+        ]
+        return "\n".join(map(in_line, [f"{self.batch.name}: {len(rows)} running   (Ctrl+C finishes all)", *rows]))
 
 
 @contextlib.contextmanager
@@ -207,7 +215,7 @@ def _shown(lines: Any) -> Iterator[Any]:
         yield lambda: None
         return
     with Live(console=Console(stderr=True), auto_refresh=False, transient=True) as live:
-        yield lambda: live.update(Text(f"{lines()}\n(Ctrl+C finishes all)"), refresh=True)
+        yield lambda: live.update(Text(lines(), no_wrap=True, overflow="ellipsis"), refresh=True)
 
 
 class _Signals:
@@ -248,6 +256,10 @@ def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, 
             interrupted = isinstance(error, KeyboardInterrupt)
             follower.terminated = True
             follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
+            told = {end.name for end in follower.ends}
+            follower.ends += [
+                End(name, FINE, error=follow_acquisition.ENDED_EARLY) for name in plans if name not in told
+            ]
     except TerminatedError:
         raise SessionError(follower.left()) from None
     except HungUpError:

@@ -178,7 +178,8 @@ def running() -> list[str]:
 
 def names(batch: str) -> list[str]:
     """Names of a batch's acquisitions that run; raises SessionError if none does."""
-    found = [name for name in client.running() if name.startswith(batch + _SEPARATOR)]
+    here = client.running()
+    found = [name for name in rows(batch) if name in here]
     if not found:
         others = f" Running: {', '.join(running())}." if running() else ""
         said = f'no unit of a batch "{batch}" is running.{others} `imutui record --batch FILE` starts one.'

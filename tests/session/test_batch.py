@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml
+from helpers.fake_devices import Device, Habits, answers
 from helpers.processes import LIMIT_S, command_line, has_ended, started, wait_until
 from helpers.units import Still, served
 
@@ -120,6 +121,23 @@ def test_a_signal_finishes_all_files(home: Path, number: signal.Signals, code: i
     assert [log_of(end).finished for end in ends.values()] == [True, True]
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_a_signal_while_one_of_them_connects_ends_all(home: Path, number: signal.Signals, code: int) -> None:
+    """What runs has its file finished; what is on its way up is given up; what waits for its turn is not begun."""
+    with two_units(home), Device(Habits(answers(), streams=None)) as device:
+        device.hold(b"S")
+        text = TEXT + f'[[unit]]\nport = "{device.port}"\n'
+        with recording(home, text) as record:
+            device.wait_until_held()
+            record.send(number)
+            device.release()
+            ends = record.ended(code)
+    assert ipc.names() == []
+    assert [log_of(ends[f"ten-units:{name}"]).finished for name in ("1", "left")] == [True, True]
+    assert "nothing was recorded" in str(ends["ten-units:3"]["error"])
+    assert len(list((home / "logs").glob("*.mcap"))) == 2
+
+
 def test_a_terminal_that_goes_away_leaves_all_running(home: Path) -> None:
     with two_units(home), recording(home) as record:
         record.send(signal.SIGHUP)
@@ -179,7 +197,8 @@ def test_marks_and_notes_go_to_all_or_to_those_that_are_chosen(home: Path) -> No
             ("ten-units:left", "ten-units", "second"),
         ]
         text = imutui("stop", "--batch", "ten-units").stdout
-        assert [line.partition(": ")[0] for line in text.splitlines()] == ["ten-units:1", "ten-units:left"]
+        named = [line.partition(": ")[0] for line in text.splitlines() if not line.startswith(" ")]
+        assert named == ["ten-units:1", "ten-units:left"]
         ends = record.ended(0)
         assert "ended by the command imutui stop" in record.said()
     marks = {name: [event.text for event in log_of(ends[name]).events if event.name == "mark"] for name in ends}
