@@ -5,7 +5,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.exit_codes import USAGE, fail, lacking, print_json, refuse_existing, say, show_progress
+from imutui.cli.each_log import width
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    USAGE,
+    answer,
+    fail,
+    lacking,
+    print_json,
+    refuse_existing,
+    say,
+    show_progress,
+)
 from imutui.cli.options import Force, Json
 
 if TYPE_CHECKING:
@@ -16,9 +28,19 @@ if TYPE_CHECKING:
 
 def command(
     results: Annotated[
-        list[Path], typer.Argument(metavar="RESULT...", help="JSON of `imutui trace --json` or `imutui replay --json`.")
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its figures.")],
+        list[Path] | None,
+        typer.Argument(
+            metavar="RESULT...",
+            help="JSON of `imutui trace --json` or `imutui replay --json`. With --batch logs, or folders of them.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its figures.")
+    ] = None,
+    batch: Annotated[
+        str | None,
+        typer.Option("--batch", metavar="NAME", help="Result of a batch, of the logs in `paths.logs` unless named."),
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -28,10 +50,23 @@ def command(
     HTML in one file that requests nothing, as JSON, as PDF where chromium or chrome is at hand, with the
     figures as SVG and PNG. Figures over time need the logs, where the results say that they are, unchanged.
 
+    --batch: filters the logs of a batch and tells on one page which units pass, which fail and why, and what is the
+    table's or the room's because all units show it; behind it a page a unit. DIR holds rows for `imutui campaign
+    --summary DIR` and `imutui collect` too. Exit code 0: all units pass, 1: else.
+
     Example: imutui report before.json after.json -o page
+
+    Example: imutui report --batch july -o july
     """
+    if output is None or not (results or batch):
+        raise fail(USAGE, "what is asked for? Name results, or --batch NAME, and a folder with -o. imutui report -h")
     check_folder(output, force, "-o")
+    if batch is not None:
+        _batch(batch, results or [], output, json=json)
+        return
     from imutui.jobs import result_files
+
+    assert results is not None
 
     documents = []
     for path in results:
@@ -67,6 +102,48 @@ def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path],
         say(f"imutui: {note}")
     say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
     return written, notes
+
+
+def _batch(name: str, logs: "Sequence[Path]", output: Path, *, json: bool) -> None:
+    """Write the pages of a batch, print its result, and end with the exit code that it has."""
+    import os
+
+    from imutui import config
+    from imutui.jobs.campaign import batch, local, log_list, run, stored_rows
+    from imutui.jobs.campaign.one_log import CampaignSettings
+    from imutui.report import batch_report
+
+    effective = config.load()
+    found = batch.logs_of(name, log_list.find([str(log) for log in logs] or [effective.text("paths.logs")]))
+    head = stored_rows.head_of(output)
+    found = found if head is None else found.below(head["root"])
+    campaign = run.Campaign(found, CampaignSettings(), output, again=True, mode=effective.file_mode)
+    workers = local.Processes(len(os.sched_getaffinity(0)))
+    run.run(campaign, workers, lambda pace: show_progress(f"{pace.done} of {pace.wanted} logs"))
+    rows = stored_rows.read(output).rows
+    document = batch.result(name, [rows[log] for log in found.logs], found.root, str(output), show_progress)
+    for unit in document["units"]:
+        if unit["verdict"] is not None:
+            _unit_page(output / batch.folder_of(unit), batch.paths_of(document, unit))
+    say(f"imutui: {batch_report.write(output, document)[0]}: page of the batch")
+    answer(document, lambda: batch_report.text(document, width()), json=json)
+    raise typer.Exit(FINE if batch.is_fine(document) else FINDINGS)
+
+
+def _unit_page(folder: Path, logs: "Sequence[Path]") -> None:
+    """Write the page of a unit: of its logs those that can be filtered."""
+    from filters.errors import InputError
+    from imutui.jobs import replay
+
+    documents: list[Result] = []
+    for log in logs:
+        show_progress(f"filtering {log.name}")
+        try:
+            documents.append(replay.replay(log, replay.ReplayOptions()))
+        except InputError:  # the batch's page says it
+            continue
+    folder.mkdir(exist_ok=True)
+    write_page(folder, documents)
 
 
 def check_folder(folder: Path, force: bool, option: str) -> None:

@@ -7,5 +7,6 @@
 `data_quality` sections of them · `trace_figures`, `filter_figures`, `comparison_figures`, `axes` what figures show ·
 `figures` the only user of matplotlib · `html` a page as one file · `page` the folder to hand over, JSON and PDF in it
 
-A fleet: `fleet_sentences` what its summary says · `fleet_figures`, `fleet_report` its page
+A fleet: `fleet_sentences` what its summary says · `fleet_figures`, `fleet_report` its page · `batch_report` the
+page of a batch
 """

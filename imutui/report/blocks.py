@@ -43,7 +43,7 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its heading, and what its cells are: "text", "number", "code" (a short name), "file", "hash"."""
+    """A column: its heading, and what cells are: "text", "number", "code" (a short name), "file", "hash", "link"."""
 
     heading: str
     kind: str = "text"

@@ -71,12 +71,12 @@ def limits(group: GroupField) -> list[str]:
     told += [_vague([one for one in vague if _who(one) == who]) for who in dict.fromkeys(map(_who, vague))]
     if failed:
         return told
-    return [f"No unit fails a limit of {_limits_of(group)}.", *told]
+    return [f"No unit fails a limit of {limits_of(group['instrument'])}.", *told]
 
 
-def _limits_of(group: GroupField) -> str:
+def limits_of(instrument: str) -> str:
     """Where limits are from, and what they are."""
-    spec = specification.of_model(group["instrument"])
+    spec = specification.of_model(instrument)
     bias = f"bias {spec.gyro_bias_limit / DPS:g} deg/s and {spec.accel_bias_limit / MG:g} mg"
     noise = f"noise {spec.gyro_arw / DPS * 60.0:g} deg/√h and {spec.accel_vrw * 60.0:g} m/s/√h"
     return f"{spec.source} ({bias}, {noise})"

@@ -98,9 +98,13 @@ def _table(block: Table) -> str:
 
 def _cells(block: Table, row: tuple[str, ...]) -> str:
     return "".join(
-        f'<td class="{column.kind}" data-label="{escape(column.heading)}">{text(cell)}</td>'
+        f'<td class="{column.kind}" data-label="{escape(column.heading)}">{_cell(cell, column.kind)}</td>'
         for column, cell in zip(block.columns, row, strict=True)
     )
+
+
+def _cell(cell: str, kind: str) -> str:
+    return f'<a href="{escape(cell)}">{escape(cell)}</a>' if kind == "link" else text(cell)
 
 
 def _figure(block: Figure, number: int) -> str:

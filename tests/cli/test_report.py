@@ -7,13 +7,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from helpers import traces
+from helpers import batches, traces
 from helpers.commands import Done, imutui
 from helpers.paths import ROOT
 from helpers.traces import REPLAY
 
+from filters.types import Array
 from imutui.cli import installed_from
+from imutui.jobs import document_shape
+from imutui.jobs.campaign import batch
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import added_notes
 from imutui.report import figures, page
@@ -134,3 +138,36 @@ def test_an_extra_is_installed_from_where_the_program_came(home: Path, monkeypat
     for origin, what in cases:
         monkeypatch.setattr(metadata, "distribution", lambda name, origin=origin: Installed(origin))
         assert installed_from.command_for("report") == f"{sys.executable} -m pip install {what}"
+
+
+def test_a_batch_on_one_page_names_the_bad_unit_and_what_is_the_tables(home: Path, undrawn: None) -> None:
+    """The folder has rows for a campaign's summary too, and is taken by `imutui collect`."""
+
+    def step(t: Array) -> Array:
+        return batches.along(3, 0.12 * (t > 60.0))
+
+    def bad(t: Array) -> Array:
+        return batches.along(1, np.full(t.size, np.deg2rad(-2.5)))
+
+    (home / "logs").mkdir()
+    batches.batch(home / "logs", common=step, own={1: bad})
+    done = report("--batch", "B7", "-o", "b7", check=1)
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    words = " ".join(done.stdout.split())
+    assert "Batch B7: 0 of 4 units pass" in words
+    assert "U2 FAIL Bias of gy -" in words
+    assert "U1 table RED: ax 10 s means" in words
+    assert "Step at 2026-11-21T10:31:00.000Z and stays, in all units: fx 1" in words
+    assert "It is the table's, its supply's or the room's, no unit's" in words
+    page_text = (home / "b7" / "index.html").read_text()
+    assert '<a href="U2/index.html">U2/index.html</a>' in page_text
+    assert "<dd>U2</dd>" in (home / "b7" / "U2" / "index.html").read_text()
+    document = json.loads((home / "b7" / "batch.json").read_text())
+    assert document_shape.problem(document, batch.BatchDocument, "batch") == ""
+    assert [unit["outcome"] for unit in document["units"]] == ["fail", "table", "table", "table"]
+    assert "Unit U2 FAILS: bias of gy" in imutui("campaign", "--summary", "b7").stdout
+    imutui("collect", "b7", "-o", "all", check=1)
+    assert {row["batch"] for row in json.loads((home / "all" / "results.json").read_text())["rows"]} == {"B7"}
+    assert "There are logs of: B7." in report("--batch", "B8", "-o", "b8", check=3).stderr
+    report("-o", "none", check=2)
+    report("--batch", "B7", "-o", "b7", check=2)

@@ -7,4 +7,7 @@ again · `collect` folders joined.
 
 A fleet: `summary` rows as a summary, its units' limits and effects · `summary_document` its shape · `fleet_values`
 biases with unit, power-on and time · `summary_channels` what is told of them
+
+A batch, units of one table: `unit_at_rest` what each shows while it rests · `common_errors` what all show, which is the
+table's · `batch` which of them pass
 """

@@ -129,6 +129,7 @@ class Row(TypedDict):
     bad_checksums: int | None
     alarms: list[str]
     verdict: VerdictField | None
+    batch: NotRequired[str | None]  # which batch its unit was recorded in; None for none
     findings: NotRequired[list[FindingField] | None]  # with a trace only; None where the log cannot be traced
     trace_error: NotRequired[str | None]  # with a trace only: why the log could not be traced
     wall_s: float

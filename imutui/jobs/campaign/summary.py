@@ -257,11 +257,12 @@ def _limits(rows: Sequence[Row]) -> list[LimitField]:
     for row in rows:
         serial = row.get("serial_number") or ""
         units.setdefault((serial, "" if serial else row["log"]), []).append(row)
-    found = [one for key in sorted(units) for one in _of_unit(units[key])]
+    found = [one for key in sorted(units) for one in limits_of(units[key])]
     return sorted(found, key=lambda one: one["verdict"] != "fails")
 
 
-def _of_unit(rows: Sequence[Row]) -> Iterator[LimitField]:
+def limits_of(rows: Sequence[Row]) -> Iterator[LimitField]:
+    """What one unit fails, or is too near to tell; every row has a result."""
     spec = specification.of_model(rows[0].get("instrument") or "")
     limits = {"deg/s": spec.gyro_bias_limit / DPS, "mg": spec.accel_bias_limit / MG}
     for told in fleet_values.channels(rows):
