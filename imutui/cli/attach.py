@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -14,22 +14,36 @@ if TYPE_CHECKING:
     from imutui.tui.terminal.appearance import Appearance
 
 
-def command(name: Name = None) -> None:
-    """Open the terminal UI on the running acquisition.
+def command(
+    name: Name = None,
+    batch: Annotated[str | None, typer.Option("--batch", metavar="NAME", help="All units of a batch.")] = None,
+) -> None:
+    """Open the terminal UI on the running acquisition, or on the units of a batch.
 
-    Example: imutui attach
+    Example: imutui attach --batch lot2
     """
+    from imutui.session import batch as session_batch
     from imutui.session import client
 
+    if batch is not None:
+        session_batch.names(batch)  # says what runs instead
+        show_batch(batch)
     _show(client.attach(name, stays=True))
 
 
 def open_ui() -> None:
-    """Attach to the running acquisition, else offer to connect."""
-    from imutui.session import client
+    """Attach to the running acquisition, or the batch that is all that runs, else offer to connect."""
+    from imutui.session import batch, client
 
-    names = client.running()
+    names, batches = client.running(), batch.running()
+    if len(names) > 1 and len(batches) == 1 and batch.names(batches[0]) == names:
+        show_batch(batches[0])
     _show(client.attach(names[0], stays=True) if len(names) == 1 else None)
+
+
+def show_batch(name: str) -> NoReturn:
+    """Open the terminal UI on the units of a batch."""
+    _show(None, name)
 
 
 def appearance() -> "Appearance":
@@ -51,7 +65,7 @@ def has_screen() -> bool:
     return bool(os.environ.get("TEXTUAL_DRIVER")) or (sys.stdin.isatty() and sys.stderr.isatty())
 
 
-def _show(connection: "Client | None") -> None:
+def _show(connection: "Client | None", batch: str = "") -> NoReturn:
     from imutui import config
     from imutui.cli.session_options import plan_from
 
@@ -63,4 +77,4 @@ def _show(connection: "Client | None") -> None:
     from imutui.tui import app
 
     defaults = plan_from(config.load(), None, checked=False, port="virtual")
-    raise typer.Exit(app.run(connection, defaults=defaults, appearance=wanted))
+    raise typer.Exit(app.run(connection, defaults=defaults, appearance=wanted, batch=batch))

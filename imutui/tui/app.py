@@ -27,10 +27,11 @@ from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.tui import messages
 from imutui.tui.connecting import Connector, FromPoller, Leaving
 from imutui.tui.connection.poller import Poller
+from imutui.tui.connection.rack import Rack
 from imutui.tui.context import AppContext
 from imutui.tui.drawing import Drawing
 from imutui.tui.pages import requests
-from imutui.tui.pages.base import PAGES, Page
+from imutui.tui.pages.base import PAGES, RACK, Page
 from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.recording import RecordingControl
@@ -53,12 +54,14 @@ class ImutuiApp(textual_private.WithoutTraceback):
     `logs`: folder of recordings of acquisitions that are started from here.
     `defaults`: what such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the
       configuration's. Its own `logs` counts.
+    `rack`: units of a batch, to begin with.
     """
 
     TITLE = "imutui"
     CSS_PATH = "app.tcss"
     DEFAULT_MODE = "connect"
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding(RACK[0], "rack", "rack", show=False, tooltip="Back to all units of the batch"),
         *(Binding(key, f"page('{title.lower()}')", title, show=False) for key, title in PAGES),
         Binding("r", "record('begin')", "record", tooltip="Start a recording"),
         Binding("r", "record('finish')", "finish", tooltip="Finish the recording's file"),
@@ -84,6 +87,7 @@ class ImutuiApp(textual_private.WithoutTraceback):
         logs: str = "logs",
         defaults: Plan | None = None,
         appearance: Appearance | None = None,
+        rack: Rack | None = None,
     ) -> None:
         super().__init__()
         textual_private.keep_parsed_styles(self)
@@ -91,7 +95,7 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self._control_characters = ControlCharacterFilter()
         self._first_client = client
         self._first_plan = plan
-        self.context = AppContext(self)
+        self.context = AppContext(self, rack)
         self.drawing = Drawing(self.context, self.appearance)
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         usual = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
@@ -114,6 +118,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self.context.connect_page.fill(self._connector.defaults)
         if self._first_plan is not None:
             self._connector.start(self._first_plan)
+        if self.rack is not None:
+            self.switch_mode("rack")
 
     @property
     def logs_folder(self) -> str:
@@ -130,6 +136,11 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return self.context.front
 
     @property
+    def rack(self) -> Rack | None:
+        """Units of the batch that is looked at."""
+        return self.context.rack
+
+    @property
     def terminal_is_gone(self) -> bool:
         """Whether the terminal that this was shown in has gone away."""
         driver = textual_private.driver_of(self)
@@ -139,6 +150,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
         self._connector.give_up()
         self._connector.wait()
+        if self.rack is not None:
+            self.rack.close()
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Textual's, and one that lets no control character of a text through."""
@@ -211,6 +224,10 @@ class ImutuiApp(textual_private.WithoutTraceback):
         typing, connected = isinstance(self.focused, Input), self.context.connection.client is not None
         if action == "record" and (parameters == ("finish",)) != (self.context.recording is not None):
             return False
+        if action == "rack":
+            return self.rack is not None and not typing
+        if action == "detach" and self.rack is not None:
+            return not typing
         if action in _NEEDS_ACQUISITION:
             return connected and not typing
         if action == "missing":
@@ -236,6 +253,12 @@ class ImutuiApp(textual_private.WithoutTraceback):
     def action_page(self, name: str) -> None:
         if not self._connector.connecting:
             self.switch_mode(name)
+
+    def action_rack(self) -> None:
+        if not self._connector.connecting:
+            self._connector.release()
+            self.context.connection.forget()
+            self.action_page("rack")
 
     def action_live(self) -> None:
         if self.context.connection.newest is not None:
@@ -301,11 +324,16 @@ def run(
     logs: str = "logs",
     defaults: Plan | None = None,
     appearance: Appearance | None = None,
+    batch: str = "",
 ) -> int:
-    """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code."""
+    """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code.
+
+    `batch`: name of the batch whose units are looked at, empty for none.
+    """
     if appearance is not None:
         os.environ[glyphs.ASKED] = appearance.glyphs  # every widget chooses its signs when it is made
-    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, appearance=appearance)
+    rack = Rack(batch) if batch else None
+    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, appearance=appearance, rack=rack)
     code = app.run()
     app.finish()
     told = [] if app.unforeseen is None else [f"imutui: {defects.told(app.unforeseen)} The acquisition goes on."]

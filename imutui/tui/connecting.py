@@ -11,6 +11,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from filters.errors import InputError
+from imutui.session import batch as session_batch
 from imutui.session import client as session
 from imutui.session.client import Client, EndReport, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
@@ -18,9 +19,10 @@ from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.background import in_thread
 from imutui.tui.connection.poller import Poller
+from imutui.tui.connection.rack import Rack
 from imutui.tui.context import FAULTS, AppContext
 from imutui.tui.pages import requests
-from imutui.tui.pages.dialogs.choice import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.pages.dialogs.choice import ended_dialog, jobs_dialog, quit_dialog, quit_rack_dialog, stop_dialog
 from imutui.tui.pages.record import text
 from imutui.tui.recording import RecordingControl
 
@@ -129,6 +131,10 @@ class Connector:
                 self._start_demo()
             case requests.Resume():
                 self._resume(request.name)
+            case requests.LookAt():
+                self._context.work(self._look_at_unit(request.name, request.page))
+            case requests.OpenRack():
+                self._open_rack(request.batch)
             case requests.Cancel():
                 self.give_up()
                 self._context.connect_page.ready()
@@ -200,12 +206,27 @@ class Connector:
 
     # one that runs
 
-    def look_at(self, client: Client) -> None:
-        """Poll an acquisition from now on and bring its readings to the front."""
+    def _open_rack(self, batch: str) -> None:
+        """Look at the units of a batch."""
+        if self._context.rack is not None:
+            self._context.rack.close()
+        self._context.rack = Rack(batch)
+        self._context.app.call_later(self._context.app.run_action, "rack")
+
+    async def _look_at_unit(self, name: str, page: str) -> None:
+        """Look at a unit of the rack, which goes on if that fails."""
+
+        async def steps() -> None:
+            self.look_at(await in_thread(lambda: session.attach(name, stays=True)), page)
+
+        await self._context.guarded(steps)
+
+    def look_at(self, client: Client, page: str = "live") -> None:
+        """Poll an acquisition from now on and bring its readings, or another page, to the front."""
         app = self._context.app
         self.exit_code = 0
         self._context.connection.attach(client, lambda event: app.post_message(FromPoller(event)))
-        app.switch_mode("live")
+        app.switch_mode(page)
         app.screen.refresh_bindings()
 
     def take(self, event: Poller.Arrived, draw: Callable[[Poller.Arrived], None]) -> None:
@@ -237,11 +258,12 @@ class Connector:
         while isinstance(app.screen, ModalScreen):
             app.pop_screen()
         context.say("the acquisition has ended; 1 connects again", "bad")
-        app.push_screen(ended_dialog(reason, typing=typing), self._after_end)
+        app.push_screen(ended_dialog(reason, typing=typing, rack=context.rack is not None), self._after_end)
 
     def _after_end(self, answer: str | None) -> None:
         if answer == "connect" and not self.connecting:
-            self._context.app.switch_mode("connect")
+            back = "page('connect')" if self._context.rack is None else "rack"
+            self._context.app.call_later(self._context.app.run_action, back)
         elif answer == "quit":
             self._context.app.call_later(self._context.app.action_quit)  # which asks, if a job runs
 
@@ -266,6 +288,8 @@ class Leaving:
         jobs = context.jobs()
         if isinstance(app.screen, ModalScreen):
             app.screen.dismiss(None)
+        elif context.rack is not None:
+            app.push_screen(quit_rack_dialog(context.rack.name, context.rack.running(), jobs), self._after_quit)
         elif context.connection.client is not None:
             app.push_screen(quit_dialog(context.connection.newest, jobs), self._after_quit)
         elif jobs:
@@ -286,15 +310,34 @@ class Leaving:
             self._context.work(self._stop_and_quit())
 
     def detach(self) -> None:
-        if self._context.connected("detach from"):
+        if self._context.rack is not None:
+            self.farewell += messages.left_rack(self._context.rack.name, len(self._context.rack.running()))
+            self._connector.release()
+            self._context.app.exit(0)
+        elif self._context.connected("detach from"):
             self.farewell += messages.left(self._context.connection.newest)
             self._connector.release()
             self._context.app.exit(0)
 
     async def _stop_and_quit(self) -> None:
+        if self._context.rack is not None:
+            await self._stop_rack(self._context.rack)
+            return
         error = await self._stop()
         self.farewell.append(error or self._context.connection.notice_text())
         self._context.app.exit(0 if error is None else 4)
+
+    async def _stop_rack(self, rack: Rack) -> None:
+        self._context.connection.pause()
+        self._context.say("stopping all units: finishing their files", "wait")
+        try:
+            replies = await in_thread(lambda: session_batch.each(rack.running(), lambda unit: unit.stop("the screen")))
+        except FAULTS as error:
+            self._context.say(messages.fault(error), "bad")
+            return
+        said, level = messages.of_several("stopped", replies)
+        self.farewell.append(said)
+        self._context.app.exit(0 if level == "good" else 4)
 
     def ask_to_stop(self) -> None:
         if self._context.connection.client is not None:

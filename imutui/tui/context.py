@@ -10,7 +10,8 @@ from imutui.session.client import SessionError
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.connection.model import ConnectionModel
-from imutui.tui.pages.base import PAGES, Page, page_class
+from imutui.tui.connection.rack import Rack
+from imutui.tui.pages.base import PAGES, RACK, Page, page_class
 
 if TYPE_CHECKING:
     from imutui.tui.pages.connect.page import ConnectPage
@@ -25,12 +26,14 @@ FAULTS = (SessionError, OSError)
 class AppContext:
     """The application, the acquisition, and the pages that were opened so far."""
 
-    def __init__(self, app: App[int]) -> None:
+    def __init__(self, app: App[int], rack: Rack | None = None) -> None:
         self.app = app
+        self.rack = rack
+        """Units of the batch that is looked at; each page of a unit leads back to them."""
         self.connection = ConnectionModel()
         self._opened: dict[str, Page] = {}  # Connect and Logs are asked for only once they are
         self._said_on: Page | None = None
-        for _, title in PAGES:
+        for _, title in [RACK, *PAGES]:
             app.add_mode(title.lower(), partial(self._open, title))
 
     def _open(self, title: str) -> Page:

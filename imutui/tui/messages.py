@@ -128,6 +128,24 @@ def left(snapshot: Snapshot | None) -> list[str]:
     ]
 
 
+def left_rack(batch: str, units: int) -> list[str]:
+    """The same of a batch of which so many units run."""
+    return [
+        f"The batch {batch} goes on: {formatting.plural(units, 'unit')}.",
+        f"Come back: imutui attach --batch {batch}   End it: imutui stop --batch {batch}",
+    ]
+
+
+def of_several(done: str, replies: Mapping[str, object]) -> tuple[str, str]:
+    """What became of a request to several units, and its level: how many did it, and what kept the others from it."""
+    failed = {name: reply for name, reply in replies.items() if isinstance(reply, Exception)}
+    count = formatting.plural(len(replies), "unit")
+    if not failed:
+        return f"{done}: {count}", "good"
+    why = [f"{name.partition(':')[2] or name}: {reply}" for name, reply in failed.items()]
+    return "\n".join([f"{done}: {len(replies) - len(failed)} of {count}", *why]), "bad"
+
+
 def until(snapshot: Snapshot | None) -> str:
     """How long an acquisition goes on that nobody looks at; empty if for ever."""
     seconds = snapshot.get("ends_unwatched_s") if snapshot else None

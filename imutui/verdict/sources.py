@@ -1,11 +1,12 @@
 """Standings of filters, from what a running acquisition shows and from the result of a run that is over."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from filters import specification
 from filters.channels import DPS, MG
 from filters.specification import IMU400CD_200, ImuSpec
-from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
+from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, channel, judge
 
 if TYPE_CHECKING:
     from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
@@ -37,6 +38,32 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         own_limits=estimates.get("own_limits", True),
         limits_of=estimates.get("limits_of", IMU400CD_200.source),
     )
+
+
+def of_biases(standing: Standing) -> list[Verdict]:
+    """Verdicts on the six biases, each by the rules that tell of one: limit, convergence, effects, what is unexplained.
+
+    A bias that cannot be seen is as one that there is no filter for, unless something on its channel is unexplained.
+    """
+    return [_of_bias(standing, bias) for bias in standing.biases]
+
+
+def _of_bias(standing: Standing, bias: "BiasSnapshot") -> Verdict:
+    name, departure = channel(bias["name"]), standing.departure
+    alone = replace(
+        standing,
+        biases=[bias],
+        nis={**standing.nis, "is_test": False},
+        remainder=[one for one in standing.remainder if one["channel"] == name],
+        watched=[one for one in standing.watched if one["channel"] == name],
+        departure=departure if departure is not None and f" {name} reads " in departure else None,
+        alarms=(),
+        confounded=(),
+        noise=None,
+        slope_k_per_min=0.0,
+    )
+    found = judge(alone)
+    return found if bias["observable"] or found.level == "bad" else replace(found, level="none")
 
 
 def of_document(d: "ResultDocument") -> Verdict:

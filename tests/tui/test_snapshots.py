@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.fake_batch import Batch
 from helpers.fake_client import FakeClient, estimates
 from helpers.paths import SAMPLE
 from helpers.pilot import text_of
@@ -140,6 +141,25 @@ async def test_the_first_page_looks_as_it_did(look: str, place: Path, snapshot: 
     async with application(None, look).run_test(size=LOOKS[look][0]) as pilot:
         picture = await _still(pilot, "virtual instrument")
     assert_as_before({"first": picture}, look, place, snapshot)
+
+
+async def test_the_rack_looks_as_it_did(
+    look: str, place: Path, snapshot: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four units at a step of a profile: one is not there, one has a bad axis, one has lost packets."""
+    batch = Batch(monkeypatch, Clock())
+    for unit in batch.units.values():
+        unit.at("go", 3)
+    batch.units["lot:1"].changes |= {"lost_packets": 2, "lost_packets_max": 2}
+    batch.units["lot:4"].gone = "the acquisition has ended."
+    rack = batch.rack()
+    app = ImutuiApp(rack=rack, appearance=Appearance(theme=LOOKS[look][2]))
+    async with app.run_test(size=LOOKS[look][0]) as pilot:
+        await _until(pilot, lambda: len(rack.units()) == 4 and all(unit.answer for unit in rack.units()))
+        await pilot.press("w", "j")
+        picture = await _still(pilot, "worst first")
+    rack.close()
+    assert_as_before({"rack": picture}, look, place, snapshot)
 
 
 def application(client: FakeClient | None, look: str) -> ImutuiApp:

@@ -103,6 +103,11 @@ class ConnectionModel:
         client, self.client = self.client, None
         return client
 
+    def forget(self) -> None:
+        """Let go, and keep nothing of what was seen."""
+        self.leave()
+        self._clear()
+
     def over(self) -> None:
         """The acquisition has ended: its last data stay, no longer as something that runs."""
         if self.newest is not None:

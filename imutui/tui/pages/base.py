@@ -19,6 +19,8 @@ from imutui.tui.widgets.text_lines import TextLines
 
 PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
 """Keys and titles. A page's class stands in `pages/TITLE/page.py`, as TITLEPage."""
+RACK = ("0", "Rack")
+"""The same of the page that is there while a batch is looked at."""
 WIDE = 112
 TALL = 34
 
@@ -90,11 +92,15 @@ class Page(Screen[None]):
     def compose(self) -> ComposeResult:
         yield TooSmall()
         with Vertical(id="page"):
-            yield StatusHeader(PAGES, self.TITLE or "")
+            yield self.header()
             yield from self.body()
             yield DebugLine()
             yield Notice()
         yield KeysLine()
+
+    def header(self) -> StatusHeader:
+        """What stands above the page's own widgets."""
+        return StatusHeader([RACK, *PAGES], self.TITLE or "")
 
     def body(self) -> Iterable[Widget]:
         """Widgets between header and notice."""

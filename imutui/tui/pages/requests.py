@@ -29,6 +29,21 @@ class Resume(ConnectRequest):
     name: str
 
 
+@dataclass
+class LookAt(ConnectRequest):
+    """Look at a unit of the rack, on a page."""
+
+    name: str
+    page: str
+
+
+@dataclass
+class OpenRack(ConnectRequest):
+    """Look at the units of a batch."""
+
+    batch: str
+
+
 class Cancel(ConnectRequest):
     """The operator gives up the connection that is being made."""
 

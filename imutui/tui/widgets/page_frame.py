@@ -16,7 +16,10 @@ _PORT_ROOM = 14
 
 
 class StatusHeader(TextLines):
-    """Two lines: unit, port, recording and time; pages and the filter's badge."""
+    """Two lines: unit, port, recording and time; pages and the filter's badge.
+
+    `pages`: the first is shown while a batch is looked at.
+    """
 
     DEFAULT_CSS = "StatusHeader { height: 2; background: $panel; }"
 
@@ -60,7 +63,8 @@ class StatusHeader(TextLines):
 
     def _tabs(self) -> Content:
         parts = []
-        for key, title in self._pages:
+        rack = getattr(self.app, "rack", None)
+        for key, title in self._pages if rack is not None else self._pages[1:]:
             style = "bold reverse" if title == self._current else ""
             parts.append(Content.assemble(" ", (f"{key} {title}", style)))
         return Content(" ").join(parts)

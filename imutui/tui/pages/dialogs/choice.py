@@ -13,7 +13,7 @@ from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
 from imutui.session.snapshot import Snapshot
-from imutui.tui import messages
+from imutui.tui import formatting, messages
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.widgets.text_lines import WrappedText
@@ -104,6 +104,16 @@ def quit_dialog(snapshot: Snapshot | None, jobs: Sequence[str] = ()) -> ChoiceDi
     return ChoiceDialog("An acquisition is running", body, [Answer("l", "leave", leave), Answer("s", "stop", stop)])
 
 
+def quit_rack_dialog(batch: str, units: Sequence[str], jobs: Sequence[str] = ()) -> ChoiceDialog:
+    """The same of all units of a batch."""
+    count = formatting.plural(len(units), "unit")
+    answers = [
+        Answer("l", "leave", f"leave them running (come back with: imutui attach --batch {batch})"),
+        Answer("s", "stop", "finish the files, stop all units and quit"),
+    ]
+    return ChoiceDialog(f"The batch {batch} is running", "\n".join([f"{count} of it.", *_ending(jobs)]), answers)
+
+
 def jobs_dialog(jobs: Sequence[str]) -> ChoiceDialog:
     """Ask before the jobs of this screen end with it."""
     answers = [Answer("s", "quit", "stop it and quit")]
@@ -127,9 +137,13 @@ def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
     return ChoiceDialog("Stop this acquisition?", body, [Answer("s", "stop", "stop it")], careful=True)
 
 
-def ended_dialog(reason: str, *, typing: bool = False) -> ChoiceDialog:
-    """Say that the acquisition is over; letters of somebody who was typing just then are no answers."""
-    answers = [Answer("c", "connect", "connect again", also="1"), Answer("q", "quit", "quit")]
+def ended_dialog(reason: str, *, typing: bool = False, rack: bool = False) -> ChoiceDialog:
+    """Say that the acquisition is over; letters of somebody who was typing just then are no answers.
+
+    `rack`: whether it is one of a batch, whose other units go on.
+    """
+    again = Answer("c", "connect", "connect again", also="1")
+    answers = [Answer("0", "connect", "back to all units") if rack else again, Answer("q", "quit", "quit")]
     title, stay = "The acquisition has ended", "look at the last data"
     return ChoiceDialog(title, reason, answers, stay=stay, careful=typing, letters=not typing)
 

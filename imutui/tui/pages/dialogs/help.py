@@ -28,6 +28,7 @@ WHAT RUNS WHERE
   gone, with the file finished.
 
 PAGES
+  0  Rack      the units of a batch, if one is looked at
   1  Connect   choose port, rate, sampling, filter; stop; zero the unit
   2  Live      what the instrument reads: table and plots
   3  Record    what is being written, and who, where, which table
@@ -36,7 +37,7 @@ PAGES
   6  Logs      recordings: info, check, recover, replay, trace
 
 KEYS ON EVERY PAGE
-  1 to 6   the pages
+  1 to 6   the pages; 0 goes back to all units of a batch
   r        start a recording; r again finishes the file. The filter begins
            anew with the file, so that a replay gives the same estimates
   m        put a mark with a text into the recording
@@ -46,6 +47,17 @@ KEYS ON EVERY PAGE
   Ctrl+P   all actions by name, with their keys; themes
   Ctrl+Z   back to the shell for a while; `fg` brings the screen back
   Esc      back, cancel, leave a field
+
+ON THE RACK PAGE
+  gxyz     a mark a bias: ● has converged, ▲ has not, or something shows,
+  axyz     × out of its limit or unexplained, – not known or unobservable
+  Enter    the pages of this unit, 2 to 5 that page of it; 0 comes back
+  w        worst first. What is wrong stands in full below the list
+  x        choose units: keys then act on those alone, else on all
+  r m n    start or finish recordings, one mark, one note for all
+  b t c    begin the table profile; t: the table is there, which serves
+           all units that wait for this step; c cancels, b resumes
+  s        stop a unit or the chosen ones, after asking. The others go on
 
 ON THE CONNECT PAGE
   Enter    connect;  Tab next field;  left and right choose in a line

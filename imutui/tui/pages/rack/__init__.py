@@ -1,0 +1,1 @@
+"""Rack: the units of a batch, a line each."""

@@ -1,0 +1,213 @@
+"""What the rack page says of the units of a batch. Pure functions."""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from imutui.session.batch import CONNECTING, ENDED
+from imutui.session.snapshot import GuideSnapshot, ProfileDescription
+from imutui.tui import formatting, messages
+from imutui.tui.connection.rack import UnitView
+from imutui.tui.formatting import StyledText
+from imutui.tui.pages.table.text import guided
+from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
+
+MORE = " also: n note  c cancel the profile  s stop  2 to 5 pages of this unit  d detach"
+TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
+ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
+_NAME, _PLACE, _WIDE = 10, 30, 112
+_STYLES = {"good": "$text-success", "wait": "$text-warning", "bad": "$text-error", "none": "dim"}
+NOTE_HINT = "Enter takes it, for all units that are meant; Esc: not yet."
+AGAIN = "once that is put right, or another unit is there: the same `imutui record --batch FILE` starts it again"
+GUIDED = {"begin": "begun", "next": "the table is there", "cancel": "cancelled", "resume": "resumed"}
+"""What is said once guides have done something."""
+_NOT_GUIDED = "no table profile: the units stand as their reference says"
+
+
+def heading(width: int) -> str:
+    """Names of the columns; x, y and z stand above the marks of gyros and accelerometers."""
+    place = f" {'port':<{_PLACE}}" if width >= _WIDE else ""
+    return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<8} what is wrong"
+
+
+def row(unit: UnitView, chosen: bool, width: int) -> StyledText:
+    """A unit in a line: name, rate, losses, whether it records, a mark a bias, temperature, verdict, what is wrong."""
+    now, found = unit.now, wrong(unit)
+    start = f" {'x' if chosen else ' '} {formatting.shorten(label(unit), _NAME):<{_NAME}}"
+    if width >= _WIDE:
+        start += f" {formatting.port_name(now['port'] if now else _port(unit), _PLACE):<{_PLACE}}"
+    rate = formatting.number(now["measured_hz"] if now else None, 5, 1)
+    lost = formatting.clipped(messages.lost(now) if now else formatting.NOTHING, 5)
+    records = "rec" if now is not None and now["recording"] is not None else f" {formatting.NOTHING} "
+    marks = [(SIGNS[WORDS.get(mark, "OFF")], _STYLES[mark]) for mark in unit.gauges or ("none",) * 6]
+    parts: StyledText = [f"{start} {rate} {lost:>5} {records}  ", *marks[:3], "  ", *marks[3:]]
+    parts += [f" {formatting.number(_degc(unit), 5, 1)}  ", (f"{badge(unit):<8} ", f"bold {_STYLES[found.level]}")]
+    room = width - sum(len(part) if isinstance(part, str) else len(part[0]) for part in parts)
+    return [*parts, formatting.clipped(found.said, max(room, 1))]
+
+
+def label(unit: UnitView) -> str:
+    """What a unit is called: its name in the batch's file, or its serial number where that is a mere number."""
+    name = unit.name.partition(":")[2] or unit.name
+    return unit.serial_number if unit.serial_number and name.isdecimal() else name
+
+
+def _port(unit: UnitView) -> str:
+    return unit.unit.port if unit.unit is not None else ""
+
+
+def _degc(unit: UnitView) -> float | None:
+    return unit.now["channels"][-1]["value"] if unit.now is not None and unit.now["channels"] else None
+
+
+class Wrong(NamedTuple):
+    """What is wrong with a unit, at which level, and what to do about it."""
+
+    said: str
+    level: str
+    todo: str = ""
+
+
+def level(unit: UnitView) -> str:
+    """How bad it is: that of what is wrong with it."""
+    return wrong(unit).level
+
+
+def badge(unit: UnitView) -> str:
+    """Sign and word of the verdict; of a unit that does not answer what it does instead."""
+    if unit.answer is None or unit.answer.missing == CONNECTING:
+        return f"{SIGNS['WAIT']} WAIT"
+    if unit.now is None:
+        return f"{SIGNS['RED']} {'ENDED' if unit.answer.missing == ENDED else 'SILENT'}"
+    if unit.verdict is None or RANK[level(unit)] > RANK[unit.verdict.level]:
+        word = WORDS[level(unit)]
+        return f"{SIGNS[word]} {word}"
+    return unit.verdict.badge
+
+
+def wrong(unit: UnitView) -> Wrong:
+    """What is wrong with a unit: with its acquisition and its line first, then what the verdict on its filter says."""
+    answer, now, verdict = unit.answer, unit.now, unit.verdict
+    if answer is None or answer.missing == CONNECTING:
+        return Wrong("connecting to its instrument", "wait")
+    if now is None and answer.missing == ENDED:
+        return Wrong(answer.why, "bad", AGAIN)
+    if now is None or verdict is None:
+        return Wrong("its process lives, but does not answer", "bad")
+    if now["error"] or now["state"] != "running":
+        return Wrong(now["error"] or now["state"], "bad" if now["error"] else "wait")
+    silent = messages.silence(now)
+    if silent is not None:
+        return Wrong(silent, "bad")
+    todo = verdict.todo.replace(TRACE_KEY, TRACE)
+    if verdict.level == "bad":
+        return Wrong(verdict.reason, "bad", todo)
+    also = [*now["findings"][-1:]]
+    if now["lost_packets_max"] or now["bad_checksums"]:
+        also.append(f"lost {messages.lost(now)}, bad checksums {now['bad_checksums']}: {now['advice']['losses']}")
+    if verdict.level == "wait":
+        return Wrong("; ".join([verdict.reason, *also]), "wait", todo)
+    return Wrong("; ".join(also), "wait" if also else verdict.level)
+
+
+def worst_first(units: Sequence[UnitView]) -> list[UnitView]:
+    """Units by how bad they are; those alike as they were."""
+    return sorted(units, key=lambda unit: -RANK[level(unit)])
+
+
+def summary(units: Sequence[UnitView]) -> str:
+    """How many units there are, and at which level."""
+    counts = Counter(level(unit) for unit in units)
+    said = [f"{counts[one]} {SIGNS[WORDS[one]]} {WORDS[one]}" for one in ("bad", "wait", "good") if counts[one]]
+    return "  ".join([formatting.plural(len(units), "unit"), *said])
+
+
+def detail(unit: UnitView | None) -> tuple[str, str, str]:
+    """Of the unit under the cursor: who it is and what it writes; what is wrong; what to do."""
+    if unit is None:
+        return "", "", ""
+    now = unit.now
+    who = label(unit)
+    if now is not None:
+        recording = now["recording"]
+        file = recording["path"].rpartition("/")[2] if recording else "not recording"
+        port = formatting.port_name(now["port"], _PLACE)
+        who += f": {now['instrument']} #{now['serial_number']} on {port}, {file}"
+    elif unit.unit is not None:
+        who += f": {unit.unit.port or f'serial number {unit.unit.serial}'}"
+    found = wrong(unit)
+    return who, found.said or (unit.verdict.reason if unit.verdict is not None else ""), found.todo
+
+
+# -- the table, which is one for all units ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Where the table is in the profile that units share."""
+
+    can: Mapping[str, Sequence[str]]  # names of units by what can be asked of their guides: begin, next, cancel, resume
+    said: str  # what the operator is to do
+    then: str  # and what happens then
+
+
+def step(units: Sequence[UnitView]) -> Step:
+    """The step that is due: the one that most of the units wait for, when none of them holds one still."""
+    can: dict[str, list[str]] = {}
+    waits: dict[int, list[UnitView]] = {}
+    holds: list[tuple[UnitView, GuideSnapshot]] = []
+    profile: ProfileDescription | None = None
+    for unit in units:
+        now, found = unit.now, unit.profile
+        if now is None or found is None or not guided(found, now):
+            continue
+        profile = profile or found
+        guide = now["guide"]
+        state = guide["state"] if guide is not None else ""
+        if state == "cancelled" and now["recording"] is not None:
+            can.setdefault("resume", []).append(unit.name)
+        elif guide is None or (state in ("done", "cancelled") and now["recording"] is None):
+            can.setdefault("begin", []).append(unit.name)
+        if guide is not None and state == "go":
+            waits.setdefault(guide["segment"], []).append(unit)
+        elif guide is not None and state == "hold":
+            holds.append((unit, guide))
+        if state in ("go", "hold"):
+            can.setdefault("cancel", []).append(unit.name)
+    if profile is None:
+        return Step(can, _NOT_GUIDED, ALL)
+    segments = profile["segments"]
+    if holds:
+        _, guide = max(holds, key=lambda one: one[1]["left_s"] or 0.0)
+        of = f"Step {guide['segment'] + 1} of {len(segments)}: hold {_where(profile, guide['segment'])}"
+        return Step(can, of, f"{guide['left_s'] or 0.0:.0f} s left for {_units(holds)}. Leave the table alone.")
+    if waits:
+        due = max(waits, key=lambda segment: (len(waits[segment]), -segment))
+        here, others = waits[due], sum(len(of) for of in waits.values()) - len(waits[due])
+        turns = max((unit.now["guide"].get("turns_s") or 0.0) for unit in here if unit.now and unit.now["guide"])
+        if not turns:
+            can["next"] = [unit.name for unit in here]
+        then = f"They turn, for {turns:.0f} s still." if turns else f"t: the table is there, for {_units(here)}."
+        later = f" {_units(range(others))} wait for another step." if others else ""
+        return Step(can, f"Step {due + 1} of {len(segments)}: {segments[due]['text']}", then + later)
+    return Step(can, *_idle(profile, can))
+
+
+def _idle(profile: ProfileDescription, can: Mapping[str, Sequence[str]]) -> tuple[str, str]:
+    name, count = formatting.profile_name(profile["name"]), len(profile["segments"])
+    if "resume" in can:
+        return f"{name} is cancelled.", f"The recordings go on: b resumes {_units(can['resume'])}."
+    if "begin" in can:
+        seconds = sum(segment["seconds"] for segment in profile["segments"])
+        length = f"{formatting.plural(count, 'step')}, {formatting.minutes(seconds)} without the moves"
+        return f"Table profile {name}: {length}.", f"b begins, and records: {_units(can['begin'])}."
+    return f"All {count} steps are done.", "r finishes the files."
+
+
+def _where(profile: ProfileDescription, segment: int) -> str:
+    return profile["segments"][segment]["text"].removeprefix("go to ")
+
+
+def _units(of: Collection[object] | range) -> str:
+    return formatting.plural(len(of), "unit")

@@ -1,0 +1,125 @@
+"""The rack page: the units of a batch, what is wrong with each, and what is asked of all or of chosen ones."""
+
+import pytest
+from helpers.fake_batch import BAD_AXIS, Batch, Unit
+from helpers.pilot import SMALLEST
+
+from imutui.session.client import SessionGoneError
+
+
+@pytest.fixture
+def batch(monkeypatch: pytest.MonkeyPatch) -> Batch:
+    return Batch(monkeypatch)
+
+
+def row(screen: str, serial: str) -> str:
+    """Line of a unit."""
+    return next(line for line in screen.splitlines() if line[3:].startswith(serial))
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
+async def test_the_bad_axis_is_found_from_the_page_alone(batch: Batch, size: tuple[int, int]) -> None:
+    async with batch.opened(size) as see:
+        screen = await see("→ 1 × RED  3 ● GREEN | not recording | gxyz axyz")
+        assert max(map(len, screen.splitlines())) <= size[0]
+        assert " ●●●  ●●× " in row(screen, "9900003")
+        assert "× RED" in row(screen, "9900003")
+        assert " 20.0     0 " in row(screen, "9900001")
+        assert " ●●●  ●●●  25.0  ● GREEN" in row(screen, "9900001")
+        lines = (await see(f"w → worst first | {BAD_AXIS} | t on 4 Filter traces its recording")).splitlines()
+        assert [line[3:10] for line in lines[5:9]] == ["9900003", "9900001", "9900002", "9900004"]
+        await see("w home → all 6 biases converged")
+
+
+async def test_a_mark_goes_to_all_and_to_chosen_ones(batch: Batch) -> None:
+    async with batch.opened() as see:
+        await see("m → no unit records: r starts recordings")
+        await see("r → ● REC 4 of 4 | recording: 4 units")
+        await see("m 'door' enter → marked: door: 4 units")
+        await see("j x x → 2 chosen, Esc chooses none")
+        await see("m 'fan' enter → marked: fan: 2 units")
+        await see("escape n 'lot 8' enter → noted: 4 units")
+    both = ["record", "mark door", "mark fan", "describe lot 8 None"]
+    alone = ["record", "mark door", "describe lot 8 None"]
+    assert batch.asked() == [alone, both, both, alone]
+
+
+async def test_starting_asks_for_a_note_where_there_is_none_and_finishing_asks(batch: Batch) -> None:
+    batch.units["lot:2"].changes["note"] = ""
+    async with batch.opened() as see:
+        await see("r → A note for the recordings")
+        await see("'lot 9' enter → ● REC 4 of 4")
+        await see("r → Finish the files? | 4 units: 9900001, 9900002")
+        await see("escape → ● REC 4 of 4")
+        await see("r f → finished: 4 units | not recording")
+    assert {unit.wish.note for unit in batch.units.values() if unit.wish} == {"lot 9"}
+
+
+async def test_one_step_of_the_table_serves_all(batch: Batch) -> None:
+    for unit in batch.units.values():
+        unit.at("")
+    async with batch.opened() as see:
+        await see("→ Table profile six: 6 steps, 3 min without the moves | b begins, and records: 4 units")
+        await see("b → Step 1 of 6: go to outer 0° | t: the table is there, for 4 units | ● REC 4 of 4")
+        await see("t → Step 1 of 6: hold outer 0° | 30 s left for 4 units")
+        await see("t → not now: Step 1 of 6")
+        for unit in batch.units.values():
+            unit.at("go", 1)
+        batch.units["lot:4"].at("go", 0)  # one that was exchanged begins anew
+        await see("→ Step 2 of 6: go to outer 60° | for 3 units. 1 unit wait for another step")
+        await see("t → hold outer 60° | 30 s left for 3 units")
+        await see("c → cancelled: 4 units | six is cancelled | b resumes 4 units")
+    assert [asked.count("guide next") for asked in batch.asked()] == [2, 2, 2, 1]
+
+
+async def test_a_unit_that_fails_stays_as_a_row_while_the_others_go_on(batch: Batch) -> None:
+    async with batch.opened() as see:
+        batch.units["lot:2"].gone = 'the acquisition "lot:2" has ended.'
+        screen = await see("→ × ENDED")
+        assert "× ENDED" in row(screen, "9900002")
+        await see("w → it is not running and left no word | imutui record --batch FILE")
+        await see("enter → 9900002 does not run: there is nothing to look at")
+        await see("r → recording: 3 units | ● REC 3 of 4")
+        batch.units["lot:2"] = Unit(2)  # another one is in its place
+        await see("→ 9900002 | 3 ● GREEN | !ENDED")
+
+
+async def test_one_that_refuses_keeps_no_other_from_it(batch: Batch, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with batch.opened() as see:
+        await see("r → ● REC 4 of 4")
+
+        def refuse(text: str) -> None:
+            raise SessionGoneError(f"no room for {text}")
+
+        monkeypatch.setattr(batch.units["lot:4"], "mark", refuse)
+        await see("m 'door' enter → marked: door: 3 of 4 units | 4: no room for door")
+
+
+async def test_enter_goes_to_a_unit_and_0_comes_back(batch: Batch) -> None:
+    async with batch.opened() as see:
+        await see("j j enter → IMU400CD-200 #9900003 | 0 Rack | last 30 s | × RED")
+        await see("4 → 9900003 | az reads 5.0 mg more")
+        await see("0 → batch lot | 9900001 | gxyz axyz")
+        assert see.app.context.connection.client is None
+        await see("4 → az reads 5.0 mg more than the model | NIS")
+        batch.units["lot:3"].gone = 'the acquisition "lot:3" has ended.'
+        await see("→ The acquisition has ended | back to all units")
+        await see("0 → batch lot | × ENDED")
+
+
+@pytest.mark.parametrize(("key", "stopped"), [("l", False), ("s", True)])
+async def test_quitting_asks_what_becomes_of_all_units(batch: Batch, key: str, stopped: bool) -> None:
+    async with batch.opened() as see:
+        await see("q → The batch lot is running | 4 units of it | imutui attach --batch lot")
+        await see(f"{key} →")
+        await see.until(lambda: see.app.return_code is not None)
+        said = "stopped: 4 units" if stopped else "The batch lot goes on: 4 units."
+        assert see.app.farewell[0] == said
+    assert all(asked == (["stop"] if stopped else []) for asked in batch.asked())
+
+
+async def test_s_stops_a_unit_after_asking(batch: Batch) -> None:
+    async with batch.opened() as see:
+        await see("j s → Stop these units? | 1 unit: 9900002")
+        await see("s → stopped: 1 unit | × ENDED")
+    assert batch.asked() == [[], ["stop"], [], []]
