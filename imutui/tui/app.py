@@ -61,7 +61,7 @@ class ImutuiApp(textual_private.WithoutTraceback):
     CSS_PATH = "app.tcss"
     DEFAULT_MODE = "connect"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(RACK[0], "rack", "rack", show=False, tooltip="Back to all units of the batch"),
+        Binding(RACK[0], "page('rack')", "rack", show=False, tooltip="Back to all units of the batch"),
         *(Binding(key, f"page('{title.lower()}')", title, show=False) for key, title in PAGES),
         Binding("r", "record('begin')", "record", tooltip="Start a recording"),
         Binding("r", "record('finish')", "finish", tooltip="Finish the recording's file"),
@@ -118,7 +118,7 @@ class ImutuiApp(textual_private.WithoutTraceback):
         self.context.connect_page.fill(self._connector.defaults)
         if self._first_plan is not None:
             self._connector.start(self._first_plan)
-        if self.rack is not None:
+        if self.context.rack is not None:
             self.switch_mode("rack")
 
     @property
@@ -136,11 +136,6 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return self.context.front
 
     @property
-    def rack(self) -> Rack | None:
-        """Units of the batch that is looked at."""
-        return self.context.rack
-
-    @property
     def terminal_is_gone(self) -> bool:
         """Whether the terminal that this was shown in has gone away."""
         driver = textual_private.driver_of(self)
@@ -150,8 +145,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
         self._connector.give_up()
         self._connector.wait()
-        if self.rack is not None:
-            self.rack.close()
+        if self.context.rack is not None:
+            self.context.rack.close()
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Textual's, and one that lets no control character of a text through."""
@@ -224,9 +219,9 @@ class ImutuiApp(textual_private.WithoutTraceback):
         typing, connected = isinstance(self.focused, Input), self.context.connection.client is not None
         if action == "record" and (parameters == ("finish",)) != (self.context.recording is not None):
             return False
-        if action == "rack":
-            return self.rack is not None and not typing
-        if action == "detach" and self.rack is not None:
+        if action == "page" and parameters == ("rack",):
+            return self.context.rack is not None and not typing
+        if action == "detach" and self.context.rack is not None:
             return not typing
         if action in _NEEDS_ACQUISITION:
             return connected and not typing
@@ -251,14 +246,13 @@ class ImutuiApp(textual_private.WithoutTraceback):
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_page(self, name: str) -> None:
-        if not self._connector.connecting:
-            self.switch_mode(name)
-
-    def action_rack(self) -> None:
-        if not self._connector.connecting:
+        """Go to a page. Back on that of all units, none of them is looked at by itself any more."""
+        if self._connector.connecting:
+            return
+        if name == "rack":
             self._connector.release()
             self.context.connection.forget()
-            self.action_page("rack")
+        self.switch_mode(name)
 
     def action_live(self) -> None:
         if self.context.connection.newest is not None:

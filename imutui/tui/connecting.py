@@ -211,7 +211,7 @@ class Connector:
         if self._context.rack is not None:
             self._context.rack.close()
         self._context.rack = Rack(batch)
-        self._context.app.call_later(self._context.app.run_action, "rack")
+        self._context.app.call_later(self._context.app.run_action, "page('rack')")
 
     async def _look_at_unit(self, name: str, page: str) -> None:
         """Look at a unit of the rack, which goes on if that fails."""
@@ -262,7 +262,7 @@ class Connector:
 
     def _after_end(self, answer: str | None) -> None:
         if answer == "connect" and not self.connecting:
-            back = "page('connect')" if self._context.rack is None else "rack"
+            back = f"page('{'connect' if self._context.rack is None else 'rack'}')"
             self._context.app.call_later(self._context.app.run_action, back)
         elif answer == "quit":
             self._context.app.call_later(self._context.app.action_quit)  # which asks, if a job runs

@@ -14,6 +14,7 @@ from textual.widget import Widget
 from imutui.session.client import Client
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.model import View
+from imutui.tui.connection.rack import Rack
 from imutui.tui.widgets.page_frame import DebugLine, KeysLine, Notice, StatusHeader, TooSmall, is_too_small
 from imutui.tui.widgets.text_lines import TextLines
 
@@ -69,6 +70,12 @@ class Page(Screen[None]):
     def is_whole(self) -> bool:
         """Whether it has its widgets: data come before it is made, and while it goes."""
         return self.is_mounted and bool(self.query("#page"))
+
+    @property
+    def rack(self) -> Rack | None:
+        """The units of the batch that is looked at, if one is."""
+        rack = getattr(getattr(self.app, "context", None), "rack", None)
+        return rack if isinstance(rack, Rack) else None
 
     @property
     def now(self) -> Snapshot | None:

@@ -63,7 +63,7 @@ class StatusHeader(TextLines):
 
     def _tabs(self) -> Content:
         parts = []
-        rack = getattr(self.app, "rack", None)
+        rack = getattr(self.screen, "rack", None)
         for key, title in self._pages if rack is not None else self._pages[1:]:
             style = "bold reverse" if title == self._current else ""
             parts.append(Content.assemble(" ", (f"{key} {title}", style)))

@@ -107,12 +107,6 @@ class RackPage(Page):
             self.rack.hurry()
         self._draw()
 
-    @property
-    def rack(self) -> Rack | None:
-        """The batch that is looked at."""
-        rack = getattr(self.app, "rack", None)
-        return rack if isinstance(rack, Rack) else None
-
     # what is shown
 
     def show(self, view: View) -> None:
