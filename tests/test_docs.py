@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import pytest
 
 from filters.effects.catalogue import EFFECTS
-from imutui import config, scenario
+from imutui import batch_file, config, scenario
 from imutui.cli import COMMANDS
 from imutui.logbook import effects_file, schemas
 from imutui.tui.pages.base import PAGES, RACK
@@ -156,7 +156,7 @@ def example(kind: str) -> Iterator[tuple[str, str]]:
 def test_every_toml_example_says_what_it_is() -> None:
     """So that each is read by what reads such files."""
     kinds = {b.splitlines()[0].removeprefix("# ").split(":")[0] for t in TEXTS.values() for b in blocks(t, "toml")}
-    assert kinds == {"profile", "scenario", "effects", "configuration"}
+    assert kinds == {"batch", "profile", "scenario", "effects", "configuration"}
 
 
 def test_examples_of_profiles_and_scenarios_can_be_read(tmp_path: Path) -> None:
@@ -175,6 +175,12 @@ def test_the_example_of_an_effects_file_can_be_read(tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     document = effects_file.parse(effects_file.from_file(tmp_path / name))
     assert [effect.effect for effect in document.effects] == ["thermal_lag"]
+
+
+def test_the_example_of_a_batch_can_be_read(tmp_path: Path) -> None:
+    ((name, text),) = example("batch")
+    (tmp_path / name).write_text(text)
+    assert [unit.name for unit in batch_file.read(tmp_path / name).units] == ["9911750", "left"]
 
 
 def test_the_example_of_a_configuration_can_be_read(home: Path) -> None:

@@ -40,7 +40,7 @@ from imutui.plain_text import in_line
 from imutui.session import batch as batches
 from imutui.session import client, end_report
 from imutui.session.client import Client, SessionError, SessionGoneError
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, batch_of
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ class Follower:
     def _find_others(self) -> None:
         """Follow what was started in the batch since: a unit that is there again, or another in its place."""
         for name in client.running():
-            if name.startswith(self._prefix) and name not in self._here:
+            if batch_of(name) == self.batch.name and name not in self._here:
                 with contextlib.suppress(SessionError):  # it is connecting; soon it is not
                     self._join(Client(name))
                     say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")

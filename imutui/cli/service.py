@@ -13,7 +13,7 @@ from imutui.cli.options import Force, Json, Output
 if TYPE_CHECKING:
     from imutui.service.udev_rule import UsbAdapter
 
-_NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+_NAME = r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}"
 
 
 class CheckedFile(TypedDict):
@@ -57,7 +57,9 @@ def command(
     from imutui.service import udev_rule, user_unit
 
     if not re.fullmatch(_NAME, name):
-        raise fail(USAGE, f'--name "{name}": letters, digits, "_", "." and "-" only, since it is part of file names.')
+        raise fail(
+            USAGE, f'--name "{name}": letters, digits, "_", ".", ":" and "-" only, since it is part of file names.'
+        )
     if sum((unit, udev, check, install)) > 1:
         raise fail(USAGE, "--unit, --udev, --check and --install: one at a time.")
     if check:

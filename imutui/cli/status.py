@@ -42,10 +42,11 @@ def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> Non
 
 
 def _document(answer: "Answer") -> Mapping[str, object]:
+    from imutui.session.plan import batch_of
+
     if answer.snapshot is None:
-        of_batch = {"batch": answer.name.partition(":")[0]} if ":" in answer.name else {}
         error = {"error": answer.why} if answer.why else {}
-        return {"name": answer.name, **of_batch, "state": answer.missing, **error}
+        return {"name": answer.name, "batch": batch_of(answer.name), "state": answer.missing, **error}
     return {key: value for key, value in answer.snapshot.items() if key != "series"}
 
 

@@ -21,12 +21,12 @@ from imutui.instrument.names import DEFAULT
 from imutui.session import client, end_report, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
 from imutui.session.end_report import EndReport
-from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.plan import VIRTUAL_PORT, Plan, batch_of
 from imutui.session.preloaded import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
-_SEPARATOR, _SUFFIX = ":", ".batch"
+_SUFFIX = ".batch"
 _AT_ONCE = 32
 _STARTING = max(4, os.cpu_count() or 1)
 R = TypeVar("R")
@@ -55,7 +55,7 @@ class Answer:
 
 def acquisition_of(batch: str, unit: str) -> str:
     """Name of the acquisition of a unit; of one that is named so already, itself."""
-    return unit if unit.startswith(batch + _SEPARATOR) else f"{batch}{_SEPARATOR}{unit}"
+    return unit if batch_of(unit) == batch else f"{batch}:{unit}"
 
 
 def plans(batch: Batch, base: Plan) -> list[Plan]:
@@ -89,7 +89,7 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
                 own["mount"] = unit.mount
             if unit.effects:
                 own["effects"] = effects_file.from_file(Path(unit.effects)).decode("utf-8-sig")
-            found.append(replace(base, batch=batch.name, **(common | own)))
+            found.append(replace(base, **(common | own)))
     except InputError as error:
         raise batch.wrong(f"{which}{error}") from error
     return found
@@ -173,7 +173,7 @@ def file_of(name: str) -> Path | None:
 
 def running() -> list[str]:
     """Names of the batches of which a unit is being acquired."""
-    return sorted({name.partition(_SEPARATOR)[0] for name in client.running() if _SEPARATOR in name})
+    return sorted({*map(batch_of, client.running())} - {""})
 
 
 def names(batch: str) -> list[str]:
@@ -193,7 +193,7 @@ def rows(batch: str) -> dict[str, Unit | None]:
     with contextlib.suppress(BatchError):  # it is being changed; what runs is known without it
         read = batch_file.read(path) if path is not None else None
         found = {acquisition_of(batch, unit.name): unit for unit in read.units} if read is not None else {}
-    others = [name for name in client.running() if name.startswith(batch + _SEPARATOR) and name not in found]
+    others = [name for name in client.running() if batch_of(name) == batch and name not in found]
     return found | dict.fromkeys(others)
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 from imutui.estimate_history import HistorySnapshot
 from imutui.session import end_report, ipc, lifecycle, preloaded
 from imutui.session.end_report import EndReport as EndReport
-from imutui.session.plan import HistoryWish, Plan, RecordingWish
+from imutui.session.plan import HistoryWish, Plan, RecordingWish, batch_of
 from imutui.session.preloaded import Forked, Parent
 from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
@@ -202,7 +202,7 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     """
     names = running()
     if name is None and len(names) > 1:
-        batches = sorted({each.partition(":")[0] for each in names if ":" in each})
+        batches = sorted({*map(batch_of, names)} - {""})
         one = f" --batch {batches[0]} takes all of one batch." if batches else ""
         said = f"several acquisitions are running: {', '.join(names)}. Say which with --name.{one}"
         raise SessionError(said, lifecycle.USAGE)

@@ -24,7 +24,7 @@ from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, 
 from imutui.logbook.writer import LogWriter
 from imutui.session.end_report import user_name
 from imutui.session.identity import model_of
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, batch_of
 from imutui.session.previous_log import boot_id
 from imutui.session.requests import FilterChanges
 
@@ -62,6 +62,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         baud=port.baud,
         host=socket.gethostname(),
         acquisition=plan.name,
+        batch=batch_of(plan.name),
         boot_id=boot_id(),
         operator=plan.operator or user_name(),
         filter=filter_of(plan, motion_of(plan)),

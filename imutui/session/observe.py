@@ -16,6 +16,7 @@ from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard
 from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
+from imutui.session.plan import batch_of
 from imutui.session.recent_packets import STATISTICS_S
 from imutui.session.recorder import Recorder
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
@@ -37,7 +38,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
     turns_s = None if of.turner is None else of.turner.left_s(now) or 0.0
     return {
         "name": plan.name,
-        "batch": plan.batch,
+        "batch": batch_of(plan.name),
         "pid": os.getpid(),
         "state": stands.state,
         "error": stands.error,

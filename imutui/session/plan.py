@@ -76,6 +76,11 @@ def _clean(record: "RecordingWish | Plan") -> None:
         object.__setattr__(record, name, one_line(text, limit))
 
 
+def batch_of(name: str) -> str:
+    """Batch of an acquisition that is called BATCH:UNIT; empty of one alone."""
+    return name.partition(":")[0] if ":" in name else ""
+
+
 def check_rotation(minutes: float, mb: float) -> None:
     """Refuse limits of a file that make no sense; raises InputError."""
     for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
@@ -97,8 +102,7 @@ class Plan:
     # filter, reference: names; filter "none" records only
     filter: str = "spkf"
     reference: str = "level"
-    name: str = "default"  # of the acquisition; one of a name a user
-    batch: str = ""  # of which it is one, in one word; its name then begins so: see `imutui.session.batch`
+    name: str = "default"  # of the acquisition; one of a name a user. See `batch_of`.
     logs: str = "logs"  # folder of recordings, absolute
     file_mode: str = FILE_MODE  # permissions of files, octal, as "0640"
     # megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit
