@@ -205,7 +205,8 @@ class Follower:
             f"{unit:<{widest}}  {follow_acquisition.line(one.snapshot) if one.snapshot else one.missing}"
             for unit, one in units.items()
         ]
-        return "\n".join(map(in_line, [f"{self.batch.name}: {len(rows)} running   (Ctrl+C finishes all)", *rows]))
+        head = f"{len(rows)} running: Ctrl+C finishes all, `imutui attach --batch {self.batch.name}` shows more"
+        return "\n".join(map(in_line, [head, *rows]))
 
 
 @contextlib.contextmanager
@@ -270,6 +271,10 @@ def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, 
     order = [*plans]
     ends = sorted(follower.ends, key=lambda end: order.index(end.name) if end.name in order else len(order))
     code = tell_ends(ends, json=json)
+    if any(end.result for end in ends):
+        say(
+            f"`imutui report --batch {batch.name} -o {batch.name}` tells which units pass, and what they have in common"
+        )
     raise typer.Exit(INTERRUPTED if interrupted else code)
 
 

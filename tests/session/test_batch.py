@@ -35,7 +35,15 @@ port = "{home}/two"
 name = "left"
 mount = "x,-y,-z"
 """
-MISSING = '[[unit]]\nport = "{home}/three"\n'
+FAULTY = """
+[[unit]]
+port = "{home}/three"
+[[unit]]
+port = "{home}/four"
+instrument = "imu381"
+[[unit]]
+port = "{silent}"
+"""
 
 
 @contextmanager
@@ -97,9 +105,12 @@ def log_of(end: dict[str, object]) -> reader.Log:
     return reader.read(Path(result["log"]))
 
 
-def test_each_unit_has_its_log_and_one_that_lacks_keeps_nobody_from_it(home: Path) -> None:
-    with two_units(home), recording(home, TEXT + MISSING, "--note", "by hand", "--duration", "3") as record:
-        ends = record.ended(4)
+def test_each_unit_has_its_log_and_one_that_fails_keeps_nobody_from_it(home: Path) -> None:
+    other = VirtualUnit(Still(), UnitOptions(version=SIMULATED, serial_number=43))
+    with two_units(home), served(other, link=home / "four"), Device(Habits()) as silent:
+        text = TEXT + FAULTY.replace("{silent}", silent.port)
+        with recording(home, text, "--note", "by hand", "--duration", "3") as record:
+            ends = record.ended(4)
     logs = {name: log_of(ends[f"ten-units:{name}"]) for name in ("1", "left")}
     assert all(log.finished for log in logs.values())
     assert {log.info.batch for log in logs.values()} == {"ten-units"}
@@ -107,9 +118,14 @@ def test_each_unit_has_its_log_and_one_that_lacks_keeps_nobody_from_it(home: Pat
     assert [log.info.mount for log in logs.values()] == ["x,y,z", "x,-y,-z"]
     # the command line wins over the file, and the file over what is configured
     assert {(log.info.note, log.info.operator, log.info.rate_hz) for log in logs.values()} == {("by hand", "ana", 20.0)}
-    assert "there is no such port" in str(ends["ten-units:3"]["error"])
-    assert "ten-units:3" in record.said()
-    assert "--name 3`, with --port" in record.said()
+    wrong = {"3": "there is no such port", "4": "Only an imu381 was looked for", "5": "is silent"}
+    for name, said in wrong.items():
+        assert said in str(ends[f"ten-units:{name}"]["error"])
+        assert f"ten-units:{name}: " in record.said()
+        assert f"--name {name}`, with --port" in record.said()
+    assert set(imutui("status", "--batch", "ten-units", check=4).stdout.splitlines()) >= {
+        f"ten-units:{name}: not running. {ends[f'ten-units:{name}']['error']}" for name in wrong
+    }
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
