@@ -1,10 +1,13 @@
-"""An hour of random faults on a virtual unit and its line: what was lost, what was told, and that nothing is invented.
+"""An hour of random faults on virtual units and their lines: what was lost, what was told; nothing is invented.
 
     python benchmarks/fault_hour.py [--minutes 60] [--seed 1] [--every 6] [--rate 133] [--filter none] [--keep FOLDER]
+    python benchmarks/fault_hour.py --units 10 --well 2
 
 A scenario with a fault every so many seconds, of a kind, size and moment drawn from the seed, is run by `imutui
-virtual`; an acquisition records it in real time. The truth is the unit's own (`--sent`: each packet, and when it was
-sampled) and the line's (`--tap`: the bytes that reached the host's queue). Counted are
+virtual`; an acquisition records it in real time. With several units each has faults of its own, but for the last ones,
+which are well; they are recorded as a batch is, at once, each by a process of its own. The truth is the unit's own
+(`--sent`: each packet, and when it was sampled) and the line's (`--tap`: the bytes that reached the host's queue).
+Counted are, of each unit,
 
 * packets of the file that were not sent, or twice, or in another order: invented;
 * packets that reached the host whole and are not in the file: outside of gaps that it tells, and within (a unit that
@@ -20,9 +23,10 @@ import re
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,8 +38,8 @@ from mcap.reader import make_reader
 from filters.simulation import FAULT_KINDS
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.logbook import schemas
-from imutui.session import client as session
-from imutui.session.client import SessionError
+from imutui.session import batch as batches
+from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
 
 NAME = f"bench-faults-{os.getpid()}"
@@ -48,10 +52,10 @@ _LONGEST_S = 4.0
 
 
 def scenario(seed: int, seconds: float, every: float) -> tuple[str, Counter[str]]:
-    """Text of a scenario with a fault about every so many seconds, and how many there are of each kind."""
+    """Text of a scenario with a fault about every so many seconds, 0: none, and how many there are of each kind."""
     rng = np.random.default_rng(seed)
     text, counts = f"seed = {seed}\n", Counter[str]()
-    at = 5.0
+    at = 5.0 if every else np.inf
     while at < seconds - 2.0 * _LONGEST_S:
         kind = str(rng.choice(sorted(FAULT_KINDS)))
         text += f'\n[[fault]]\nat_s = {at:.4f}\nkind = "{kind}"\n'
@@ -147,77 +151,116 @@ def places(held: list[bytes], sent: list[bytes]) -> tuple[np.ndarray, int]:
     return where, int(np.sum(where < 0))
 
 
-def report(folder: Path, log: Path, faults: Counter[str], seconds: float) -> None:
-    """Print what came of it."""
+def told_of(folder: Path, log: Path, faults: Counter[str]) -> dict[str, str]:
+    """What came of a unit, by what it is."""
     sent, sampled_ns, whole = truth(folder)
     held = recorded(log)
     where, invented = places(held.frames, sent)
+    found = where >= 0
+    where, held_ns, stamp_ns = where[found], held.log_ns[found], held.stamp_ns[found]
     first, last = int(where[0]), int(where[-1])
     steps = np.diff(where)
     holes = np.flatnonzero(steps > 1)
     missing = np.setdiff1d(np.arange(first, last + 1), where)
-    told = {int(k): held.gaps.get(int(held.log_ns[k + 1])) for k in holes}
+    told = {int(k): held.gaps.get(int(held_ns[k + 1])) for k in holes}
     bounds = [(int(steps[k]) - 1, gap) for k, gap in told.items()]
     in_told = {n for k in holes if told[int(k)] for n in range(int(where[k]) + 1, int(where[k + 1]))}
     by_host = [int(n) for n in missing if whole[n]]
-    hole_ends = {int(held.log_ns[k + 1]) for k in holes}
+    hole_ends = {int(held_ns[k + 1]) for k in holes}
     false = [gap for at, gap in held.gaps.items() if at not in hole_ends]
-    late_ms = (held.stamp_ns - sampled_ns[where]) / 1e6
+    late_ms = (stamp_ns - sampled_ns[where]) / 1e6
     late_ms = np.abs(late_ms - np.median(late_ms))
-    rows = {
-        "faults injected": f"{sum(faults.values())}, {3600.0 * sum(faults.values()) / seconds:.0f} an hour: "
-        + ", ".join(f"{kind} {count}" for kind, count in sorted(faults.items())),
-        "packets sent, in the file": f"{last + 1 - first}, {len(held.frames)}",
+    return {
+        "faults injected": str(sum(faults.values())),
+        "packets sent": str(last + 1 - first),
+        "in the file": str(len(held.frames)),
         "invented (not sent, twice, in another order)": str(invented),
-        "not in the file": f"{missing.size}, of these whole in the host's queue: {len(by_host)}"
-        f" ({sum(n not in in_told for n in by_host)} of them outside of gaps that are told)",
-        "places where packets lack": f"{holes.size}; told {sum(gap is not None for _, gap in bounds)}, bounds hold the"
-        f" truth {sum(gap is not None and gap[0] <= n <= gap[1] for n, gap in bounds)},"
-        f" exact {sum(gap is not None and gap[0] == n == gap[1] for n, gap in bounds)}",
-        "gaps told where nothing lacks": f"{len(false)}, with a certain loss {sum(low > 0 for low, _ in false)}",
-        "lost_packets": f"{held.lost_packets} counted as certain, {missing.size} true",
-        "stamps, ms": "median {:.3f}, p99 {:.3f}, max {:.2f}".format(*np.percentile(late_ms, [50.0, 99.0, 100.0])),
+        "not in the file": str(missing.size),
+        "of these whole in the host's queue": str(len(by_host)),
+        "of these outside of gaps that are told": str(sum(n not in in_told for n in by_host)),
+        "places where packets lack": str(holes.size),
+        "told": str(sum(gap is not None for _, gap in bounds)),
+        "bounds hold the truth": str(sum(gap is not None and gap[0] <= n <= gap[1] for n, gap in bounds)),
+        "exact": str(sum(gap is not None and gap[0] == n == gap[1] for n, gap in bounds)),
+        "gaps told where nothing lacks": str(len(false)),
+        "of these with a certain loss": str(sum(low > 0 for low, _ in false)),
+        "lost_packets, counted as certain": str(held.lost_packets),
+        **{
+            f"stamps, ms, {name}": f"{value:.3g}"
+            for name, value in zip(("median", "p99", "max"), np.percentile(late_ms, [50.0, 99.0, 100.0]), strict=True)
+        },
     }
-    bench.head("", "")
-    for what, said in rows.items():
-        bench.row(what, said)
 
 
-def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> tuple[Path, float]:
-    """Record so long; returns the file and the share of a processor that the acquisition took."""
-    with virtual(folder, text) as link:
-        plan = Plan(
-            str(link), rate, logs=str(folder), name=NAME, record=True, filter=name, duration_s=seconds,
-        )  # fmt: skip
-        client = session.start(plan)
-        recording = client.snapshot(2**62)["recording"]
-        assert recording is not None
-        log = Path(recording["path"])
-        since = time.monotonic()
-        share = 0.0
-        try:
-            while True:
+def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) -> dict[Path, tuple[Path, float]]:
+    """Record units; returns of each folder the file and the share of a processor that the acquisition took."""
+    seconds = 60.0 * options.minutes
+    with ExitStack() as stack:
+        links = [stack.enter_context(virtual(folder, text)) for folder, text in zip(folders, texts, strict=True)]
+        plans = [
+            Plan(
+                str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name), batch=NAME,
+                record=True, filter=options.filter, duration_s=seconds,
+            )
+            for link, folder in zip(links, folders, strict=True)
+        ]  # fmt: skip
+        clients: dict[Path, Client] = {}
+
+        def begun(plan: Plan, outcome: Client | SessionError) -> None:
+            if isinstance(outcome, SessionError):
+                raise outcome
+            clients[Path(plan.logs)] = outcome
+
+        with batches.parent_of(plans) as parent:
+            batches.start(plans, begun, parent)
+        logs: dict[Path, Path] = {}
+        for folder, client in clients.items():
+            recording = client.snapshot(2**62)["recording"]
+            assert recording is not None
+            logs[folder] = Path(recording["path"])
+        since, shares = time.monotonic(), dict.fromkeys(clients, 0.0)
+        running = dict(clients)
+        while running:
+            for folder, client in [*running.items()]:
                 try:
-                    client.wait(5.0)
-                    break
+                    client.wait(5.0 / len(running))
+                    del running[folder]
                 except TimeoutError:
-                    share = processor_s(client.pid) / (time.monotonic() - since)
-                    print(f"\r{time.monotonic() - since:.0f} of {seconds:.0f} s", end="", file=sys.stderr, flush=True)
-        except SessionError as error:
-            print(f"\nended: {error}", file=sys.stderr)
+                    shares[folder] = processor_s(client.pid) / (time.monotonic() - since)
+                except SessionGoneError:  # between two looks; its file says whether all is there
+                    del running[folder]
+                except SessionError as error:
+                    print(f"\n{folder.name} ended: {error}", file=sys.stderr)
+                    del running[folder]
+            print(f"\r{time.monotonic() - since:.0f} of {seconds:.0f} s", end="", file=sys.stderr, flush=True)
         print(file=sys.stderr)
-    return log, share
+    return {folder: (logs[folder], shares[folder]) for folder in folders}
 
 
 def main() -> None:
-    options = bench.options(__doc__, minutes=60.0, seed=1, every=6.0, rate=133.0, filter="none", keep=Path)
+    options = bench.options(
+        __doc__, minutes=60.0, seed=1, every=6.0, rate=133.0, filter="none", units=1, well=0, keep=Path
+    )
     print(bench.describe("mcap", "numpy", "pyserial"), flush=True)
-    seconds = 60.0 * options.minutes
-    text, faults = scenario(options.seed, seconds, options.every)
+    seconds, ill = 60.0 * options.minutes, options.units - options.well
+    every = [options.every if k < ill else 0.0 for k in range(options.units)]
+    made = [scenario(options.seed + k, seconds, each) for k, each in enumerate(every)]
+    faults = sum((counts for _, counts in made), Counter[str]())
     with bench.folder_for(options.keep) as folder:
-        log, share = record(folder, text, seconds, options.rate, options.filter)
-        print(f"seed {options.seed}, {options.minutes:g} min, acquisition {100.0 * share:.1f} % of a processor")
-        report(folder, log, faults, seconds)
+        folders = [folder / f"u{k + 1}" for k in range(options.units)]
+        for own in folders:
+            own.mkdir(exist_ok=True)
+        found = record(folders, [text for text, _ in made], options)
+        shares = [share for _, share in found.values()]
+        print(f"seed {options.seed}, {options.minutes:g} min, acquisitions {100.0 * sum(shares):.1f} % of a processor")
+        print(
+            f"faults {sum(faults.values())}, {3600.0 * sum(faults.values()) / seconds:.0f} an hour: "
+            + ", ".join(f"{kind} {count}" for kind, count in sorted(faults.items()))
+        )
+        told = [told_of(own, found[own][0], counts) for own, (_, counts) in zip(folders, made, strict=True)]
+    bench.head("", *(f"{own.name}{'' if each else ', well'}" for own, each in zip(folders, every, strict=True)))
+    for what in told[0]:
+        bench.row(what, *(one[what] for one in told))
 
 
 if __name__ == "__main__":

@@ -181,8 +181,8 @@ def _events(
 
 
 def _tilt(north: float, east: float, gravity: float) -> list[float]:
-    """Tilt about north and east, deg, that gives such errors of specific force along north and east, m/s²."""
-    return [float(np.rad2deg(-east / gravity)), float(np.rad2deg(north / gravity))]
+    """Tilt about north and east, deg, as the effect `tilt` counts it, that gives such errors of specific force."""
+    return [float(np.rad2deg(east / gravity)), float(np.rad2deg(-north / gravity))]
 
 
 def _utc(row: int, period: float) -> str:
