@@ -88,19 +88,26 @@ class EstimateHistory:
 
         `t` is s since the run's first sample: an earlier instant is another run. `converged` is None for none.
         """
-        if t < self._newest:
-            self._count, self.attached_late = 0, False
-        row = np.stack([values, values, values - sd3, values + sd3])
-        settled = np.zeros(row.shape[1], bool) if converged is None else converged
-        if self._count and t < self._t[self._count - 1] + _SECOND:
-            _widen(self._rows[self._count - 1], row)
+        self.add_all(np.array([t]), values[None], sd3[None], converged)
+
+    def add_all(self, t: Floats, values: Floats, sd3: Floats, converged: Flags | None = None) -> None:
+        """`add` of each of some rows of estimates, shapes (N,), (N, columns), (N, columns); `converged` is of all."""
+        settled = np.zeros(values.shape[1], bool) if converged is None else converged
+        rows = np.stack([values, values, values - sd3, values + sd3], axis=1)
+        first = 0
+        while first < t.size:
+            if t[first] < self._newest:
+                self._count, self.attached_late = 0, False
+            if not self._count or t[first] >= self._t[self._count - 1] + _SECOND:
+                self._make_room(1)
+                self._t[self._count], self._width[self._count] = t[first], _SECOND
+                self._rows[self._count], self._converged[self._count] = rows[first], settled
+                self._count += 1
+            last = max(first + 1, int(np.searchsorted(t, self._t[self._count - 1] + _SECOND)))
+            _widen(self._rows[self._count - 1], _extremes(rows[first:last]))
             self._converged[self._count - 1] &= settled
-        else:
-            self._make_room(1)
-            self._t[self._count], self._width[self._count] = t, _SECOND
-            self._rows[self._count], self._converged[self._count] = row, settled
-            self._count += 1
-        self._newest = t
+            self._newest = float(t[last - 1])
+            first = last
 
     def rows(self, since: float | None, most: int) -> HistoryRows:
         """Rows for a viewer that has all before `since` (s; None: nothing), the row of that instant among them.
@@ -227,6 +234,13 @@ def _widen(rows: npt.NDArray[np.float32], more: Floats) -> None:
     lows, highs = [_LOW, _BOTTOM], [_HIGH, _TOP]
     rows[..., lows, :] = np.fmin(rows[..., lows, :], more[..., lows, :])
     rows[..., highs, :] = np.fmax(rows[..., highs, :], more[..., highs, :])
+
+
+def _extremes(rows: Floats) -> Floats:
+    """Of several rows, (N, 4, columns)."""
+    found = np.asarray(np.fmax.reduce(rows))
+    found[[_LOW, _BOTTOM]] = np.fmin.reduce(rows[:, [_LOW, _BOTTOM]])
+    return found
 
 
 def _adjacent(paused: Flags, first: int) -> npt.NDArray[np.int64]:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import select
 import socket
 import termios
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import serial  # at run time where a port is opened: what an instrument is can be asked without one
 
 READ_TIMEOUT = 0.05
+_MOST_AT_ONCE = 4096
 _DEAD_PEER_MS = 10_000
 _BY_ID = Path("/dev/serial/by-id")
 # what pyserial raises when a device goes away in the middle: bare OSError, termios.error (no OSError), TypeError
@@ -131,6 +133,26 @@ class Port:
         except _HANGUP as error:
             raise PortError(self._gone(error)) from error
 
+    def take(self) -> bytes:
+        """All that has arrived, as soon as there is any; nothing when the line is quiet for 50 ms.
+
+        Raises PortError if the line is gone.
+        """
+        try:
+            if getattr(self._serial, "fd", None) is None:
+                first = bytes(self._serial.read(1))
+                return first + bytes(self._serial.read(self._serial.in_waiting)) if first else first
+            if not select.select((self._serial.fd,), (), (), READ_TIMEOUT)[0]:
+                return b""
+            data = os.read(self._serial.fd, _MOST_AT_ONCE)
+        except BlockingIOError:  # another cause to wake
+            return b""
+        except _HANGUP as error:
+            raise PortError(self._gone(error)) from error
+        if not data:
+            raise PortError(self._gone(OSError("it hung up")))
+        return data
+
     def write(self, data: bytes) -> None:
         """Send bytes.
 
@@ -150,13 +172,6 @@ class Port:
             return int(self._serial.in_waiting)
         except _HANGUP as error:
             raise PortError(self._gone(error)) from error
-
-    def is_behind(self) -> bool:
-        """Whether more bytes have arrived than were read; of a line that is gone the next read will tell."""
-        try:
-            return self.waiting() > 0
-        except PortError:
-            return False
 
     def discard_input(self) -> None:
         """Forget bytes that have arrived."""

@@ -68,8 +68,7 @@ def add_to_history(history: EstimateHistory, rows: np.ndarray, verdict: BiasVerd
     values = np.hstack([found.gyro_dps, found.accel_mg])
     sd3 = 3.0 * np.hstack([found.gyro_sd_dps, found.accel_sd_mg])
     converged = np.roll(np.array(verdict.converged), 3)
-    for k, t in enumerate(rows[:, layout.OUT_T].tolist()):
-        history.add(t, values[k], sd3[k], converged)
+    history.add_all(rows[:, layout.OUT_T], values, sd3, converged)
 
 
 def _covariance(rows: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -152,6 +152,19 @@ def encode_raw(packet: RawPacket) -> bytes:
         return _CDR_HEADER + _RAW.pack(*head)[4:]
     of_rates, of_board, status = p.details
     return _CDR_HEADER + _S1.pack(*head, *of_rates, of_board, status)[4:]
+
+
+def encode_raws(raws: np.ndarray, *, details: bool) -> list[bytes]:
+    """CDR bytes of raw packets, `encode_raw` of each, from records of `RAW_DTYPE`."""
+    data = raws.view(np.uint8).reshape(raws.size, -1)[:, : _S1.size if details else _RAW.size]
+    data[:, 1] = _CDR_HEADER[1]
+    return _cut(data)
+
+
+def _cut(rows: np.ndarray) -> list[bytes]:
+    """The bytes of each row."""
+    size, data = rows.nbytes // len(rows), rows.tobytes()
+    return [data[at : at + size] for at in range(0, len(data), size)]
 
 
 def decode_raw(data: bytes) -> RawPacket:
@@ -324,6 +337,15 @@ def encode_imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool =
     return _IMU.pack(*head, *orientation, *map(float, gyro), *covariance, *map(float, accel), *covariance)
 
 
+def encode_imus(stamps: np.ndarray, gyro: np.ndarray, accel: np.ndarray, valid: np.ndarray) -> list[bytes]:
+    """`encode_imu` of each of some samples, shapes (N,), (N, 3), (N, 3), (N,)."""
+    rows = _copies(_IMU_TEMPLATE, stamps.size)
+    rows["sec"], rows["nsec"] = np.divmod(stamps, 1_000_000_000)
+    rows["gyro"], rows["accel"] = gyro, accel
+    rows["gyro_covariance"][~valid, 0] = rows["accel_covariance"][~valid, 0] = NO_ESTIMATE
+    return _cut(rows)
+
+
 def transforms(stamp: int) -> Any:
     """tf2_msgs/TFMessage from `imu_link` (x forward, y left, z up) to the frame of the samples: half a turn about x."""
     half_turn = make("geometry_msgs/msg/Quaternion", x=1.0, y=0.0, z=0.0, w=0.0)
@@ -353,6 +375,50 @@ def encode_temperature(stamp: int, degc: float) -> bytes:
     """CDR bytes of sensor_msgs/Temperature inside the instrument's case."""
     seconds, rest = divmod(stamp, 1_000_000_000)
     return _TEMPERATURE.pack(_CDR_HEADER, seconds, rest, 9, b"imu_case\0", degc, 0.0)
+
+
+def encode_temperatures(stamps: np.ndarray, degc: np.ndarray) -> list[bytes]:
+    """`encode_temperature` of each of some samples, shapes (N,)."""
+    rows = _copies(_TEMPERATURE_TEMPLATE, stamps.size)
+    rows["sec"], rows["nsec"] = np.divmod(stamps, 1_000_000_000)
+    rows["degc"][:, 0] = degc
+    return _cut(rows)
+
+
+_Template: TypeAlias = tuple[bytes, np.dtype[Any]]
+
+
+def _template(data: bytes, **numbers: tuple[int, int]) -> _Template:
+    """A message to be copied, and where its stamp and some of its numbers are: offset, and how many."""
+    fields = {name: (np.dtype(("<f8", (count,))), at) for name, (at, count) in numbers.items()}
+    stamp = {"sec": (np.dtype("<i4"), 4), "nsec": (np.dtype("<u4"), 8)}
+    places = stamp | fields
+    return data, np.dtype(
+        {
+            "names": list(places),
+            "formats": [kind for kind, _ in places.values()],
+            "offsets": [at for _, at in places.values()],
+            "itemsize": len(data),
+        }
+    )
+
+
+def _copies(template: _Template, count: int) -> np.ndarray:
+    """So many of a message, to be filled."""
+    data, kind = template
+    return np.frombuffer(bytearray(data * count), kind)
+
+
+# where the angular rate begins: a covariance, a vector and a covariance follow it
+_GYRO = _IMU.size - 8 * (3 + 9 + 3 + 9)
+_IMU_TEMPLATE = _template(
+    encode_imu(0, np.zeros(3), np.zeros(3)),
+    gyro=(_GYRO, 3),
+    gyro_covariance=(_GYRO + 24, 9),
+    accel=(_GYRO + 96, 3),
+    accel_covariance=(_GYRO + 120, 9),
+)
+_TEMPERATURE_TEMPLATE = _template(encode_temperature(0, 0.0), degc=(_TEMPERATURE.size - 16, 1))
 
 
 def encode_table_reference(stamp: int, kind: str, angles_deg: Iterable[float], rates_dps: Iterable[float]) -> bytes:

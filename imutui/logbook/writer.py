@@ -4,9 +4,9 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
+
+Encoded: TypeAlias = tuple[str, bytes, int, int]
+"""A message: topic, CDR bytes, log time and publish time (UTC, ns)."""
 
 
 class LogWriter:
@@ -95,6 +98,11 @@ class LogWriter:
     def encoded(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
         """Write the bytes of a message of `schemas`."""
         self._add(topic, data, log_ns, stamp_ns)
+
+    def all_encoded(self, messages: Iterable[Encoded]) -> None:
+        """Write the bytes of some messages of `schemas`, in order."""
+        for topic, data, log_ns, stamp_ns in messages:
+            self._add(topic, data, log_ns, stamp_ns)
 
     def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
         """Write any other message of `schemas`."""

@@ -5,9 +5,11 @@ Nothing here knows threads, processes or sockets: the engine's worker calls thes
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from filters import specification
 from filters.errors import InputError
@@ -15,7 +17,7 @@ from filters.motion.profile import Profile
 from imutui.estimate_history import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook.line_advice import LossAdvice
+from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import operator_guide
 from imutui.session.channel_statistics import ChannelStatistics
@@ -84,11 +86,12 @@ class Acquisition:
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
-    def packet(self, arrival: PacketArrival) -> None:
-        """Use a packet, as soon as its stamp is sure. Raises OSError if the disk is full."""
-        self._unstamped.append(arrival)
-        self._use(
-            self._clock.take(
+    def packets(self, arrivals: Sequence[PacketArrival]) -> None:
+        """Use packets, each as soon as its stamp is sure. Raises OSError if the disk is full."""
+        self._unstamped += arrivals
+        stamps = list[Stamp]()
+        for arrival in arrivals:
+            stamps += self._clock.take(
                 arrival.packet.ticks,
                 arrival.host_ns,
                 contiguous=arrival.contiguous,
@@ -96,7 +99,7 @@ class Acquisition:
                 behind=arrival.behind,
                 requested_ns=arrival.requested_ns,
             )
-        )
+        self._use(stamps)
 
     def held_packets(self) -> None:
         """Use packets that were held long enough for others to make their stamps sure. Raises OSError."""
@@ -104,46 +107,59 @@ class Acquisition:
             self._use(self._clock.due(time.monotonic_ns()))
 
     def _use(self, stamps: list[Stamp]) -> None:
-        events = self.recorder.events
+        arrivals, events = [self._unstamped.popleft() for _ in stamps], self.recorder.events
+        first = 0
         try:
-            for arrival, stamp in [(self._unstamped.popleft(), stamp) for stamp in stamps]:
-                # what was read while the worker was held up may be of after the end
-                if not self.recorder.duration.has_all():
-                    events.handled_ns = arrival.host_ns
-                    self._use_one(arrival, stamp)
+            # what was read while the worker was held up may be of after the end
+            while first < len(stamps) and not self.recorder.duration.has_all():
+                events.handled_ns = arrivals[first].host_ns
+                if self.recorder.begins_with_packet:
+                    self.line.begin_recording()
+                    self.recorder.begin_planned()
+                else:
+                    self.recorder.rotate_if_full(arrivals[first].host_ns)
+                last = self._together(stamps, first)
+                self._use_block(arrivals[first:last], stamps[first:last])
+                first = last
         finally:
             events.handled_ns = None
 
-    def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
-        packet, recorder = arrival.packet, self.recorder
-        if recorder.begins_with_packet:
-            self.line.begin_recording()
-            recorder.begin_planned()
-        else:
-            recorder.rotate_if_full(arrival.host_ns)
+    def _together(self, stamps: list[Stamp], first: int) -> int:
+        """End of the packets of which nothing is to be told; one of which something is stands alone."""
+        if stamps[first].gap is not None or not self.lifecycle.streaming.is_set() or self.line.is_away:
+            return first + 1
+        last = next((k for k in range(first, len(stamps)) if stamps[k].gap is not None), len(stamps))
+        return self.recorder.duration.until(stamps, first, last)
+
+    def _use_block(self, arrivals: list[PacketArrival], stamps: list[Stamp]) -> None:
+        pipeline, newest, stamp = self.recorder.pipeline, arrivals[-1], stamps[-1]
         bad, discarded = self._line_errors
-        self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
-        pipeline = recorder.pipeline
-        pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
+        self._line_errors = newest.bad_checksums, newest.discarded_bytes
+        pipeline.add_line_errors(newest.bad_checksums - bad, newest.discarded_bytes - discarded)
         lost = pipeline.counters.lost_packets
-        pipeline.packet(packet, stamp, arrival.host_ns)
-        late_s = (arrival.host_ns - stamp.monotonic_ns) / 1e9
-        self.loss_advice.packet(pipeline.counters.lost_packets - lost, arrival.host_ns / 1e9, late_s)
+        stamped = [(each.packet, at, each.host_ns) for each, at in zip(arrivals, stamps, strict=True)]
+        counts = pipeline.packets(stamped)
+        lost = pipeline.counters.lost_packets - lost
+        for _, at, host_ns in stamped:
+            if lost or host_ns - at.monotonic_ns > HELD_UP_S * 1e9:
+                self.loss_advice.packet(lost, host_ns / 1e9, (host_ns - at.monotonic_ns) / 1e9)
         self._last_stamp_ns = stamp.monotonic_ns
-        t = (stamp.monotonic_ns - self.started_ns) / 1e9
-        self.recent.add(t, packet)
-        self.status.take(packet)
+        t = (np.array([at.monotonic_ns for at in stamps]) - self.started_ns) / 1e9
+        self.recent.add(t, counts)
+        self.status.take(packet for packet, _, _ in stamped)
         if stamp.gap is not None:
             self._statistics.interrupt()
-        self._statistics.add(t, packet)
-        if arrival.requested_ns is not None:
-            self.line.polled_rate.answered(arrival.requested_ns)
+        self._statistics.add(t, counts)
+        for each in arrivals:
+            if each.requested_ns is not None:
+                self.line.polled_rate.answered(each.requested_ns)
         if not self.lifecycle.streaming.is_set():
             self._first_packet()
         back = self.line.back(stamp)
         if back is not None or stamp.gap is not None:
             self.event("gap", back or gap_text(stamp), WARNING)
-        recorder.duration.add(stamp.monotonic_ns)
+        self.recorder.duration.add(stamps[0].monotonic_ns)
+        self.recorder.duration.add(stamp.monotonic_ns)
 
     def _first_packet(self) -> None:
         info = self.recorder.info
@@ -210,6 +226,8 @@ class Acquisition:
         self.recorder.events.handled_ns = now = time.monotonic_ns()  # what comes meanwhile is written behind it
         try:
             self.recorder.pipeline.flush(now)
+            if self.recorder.stream is not None:
+                self.reader.be_watched()
             if self.recorder.look_after_file(now):
                 self._end_recording()
             if self.guiding is not None:

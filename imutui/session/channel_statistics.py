@@ -25,7 +25,7 @@ from filters.allan import RunningAllan
 from filters.errors import InputError
 from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.specification import IMU400CD_200, ImuSpec
-from imutui.instrument.counts import DataPacket, Scaling
+from imutui.instrument.counts import Scaling
 from imutui.session.snapshot import AllanSnapshot, HistogramSnapshot, SpectrumSnapshot, StatisticsSnapshot
 
 Integers = npt.NDArray[np.int64]
@@ -165,19 +165,23 @@ class ChannelStatistics:
         self._spectrum.interrupt()
         self._last = None
 
-    def add(self, t: float, packet: DataPacket) -> None:
-        """Take a packet, and the seconds since start at which it was sampled."""
+    def add(self, t: Floats, counts: Integers) -> None:
+        """Take packets: seconds since start at which each was sampled, (N,), and its readings, (N, 7)."""
         if self._last is None:
             self._stretches += 1
-        else:
-            self._seconds += t - self._last
-            self._steps += 1
-        self._last = t
-        self._block[self._filled] = *packet.rates, *packet.accels, packet.temperature
-        self._filled += 1
-        self._packets += 1
-        if self._filled == _BLOCK:
-            self._work_out()
+            self._last = float(t[0])
+            self._steps -= 1
+        self._seconds += float(t[-1]) - self._last
+        self._steps += t.size
+        self._last = float(t[-1])
+        self._packets += t.size
+        while len(counts):
+            room = _BLOCK - self._filled
+            taken, counts = counts[:room], counts[room:]
+            self._block[self._filled : self._filled + len(taken)] = taken
+            self._filled += len(taken)
+            if self._filled == _BLOCK:
+                self._work_out()
 
     def _work_out(self) -> None:
         samples = self._block[: self._filled].copy()

@@ -5,6 +5,7 @@ A slow disk or a slow filter therefore never makes a stamp late, and nothing but
 """
 
 import contextlib
+import math
 import queue
 import threading
 import time
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 _FIRST_PACKET_S = 3.0
 _READER_END_S = 0.5
 _BEHIND_S = 0.2
+_LOOK_S = 0.1
+_AFTER_BLOCK_S = 0.015
 
 T = TypeVar("T")
 
@@ -191,17 +194,18 @@ class Engine:
             self._acquisition.abandon_zeroing(self.lifecycle.error or "the acquisition ended before the unit was done")
 
     def _loop(self) -> None:
-        next_second = time.monotonic() + 1.0
+        # soon after a block of packets has come: what is not on the disk yet is then as little as can be
+        next_second = self._reader.next_block_ns(time.monotonic_ns()) / 1e9 + 1.0 + _AFTER_BLOCK_S
         while self._reader.is_alive() or not self._queue.empty():
             try:
                 with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
-                    self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
+                    self._handle_all(self._queue.get(timeout=max(0.0, min(_LOOK_S, next_second - time.monotonic()))))
                 self._acquisition.held_packets()
                 late_s = time.monotonic() - next_second
                 # what came before is written before: log time does not go back
                 if late_s >= 0.0 and (self._queue.empty() or late_s > _BEHIND_S):
                     self._acquisition.every_second()
-                    next_second = max(next_second + 1.0, time.monotonic())
+                    next_second += max(1.0, math.ceil(late_s))
             except OSError as error:
                 self._acquisition.recorder.disk_failed(error)
             over = None if self._duration_over else self._acquisition.recorder.why_over(time.monotonic_ns())
@@ -209,10 +213,25 @@ class Engine:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
                 self.request_stop(over)
 
+    def _handle_all(self, item: ReaderEvent | QueuedCall) -> None:
+        """Handle an item; of packets, all that are there."""
+        arrivals, after = list[PacketArrival](), None
+        while isinstance(item, PacketArrival):
+            arrivals.append(item)
+            if self._queue.empty():
+                break
+            item = self._queue.get()
+        else:
+            after = item
+        try:
+            if arrivals:
+                self._acquisition.packets(arrivals)
+        finally:
+            if after is not None:
+                self._handle(after)
+
     def _handle(self, item: ReaderEvent | QueuedCall) -> None:
         match item:
-            case PacketArrival():
-                self._acquisition.packet(item)
             case PollUnanswered():
                 self._acquisition.poll_unanswered()
             case ZeroingFinished():

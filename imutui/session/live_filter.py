@@ -16,6 +16,7 @@ import numpy as np
 from filters.errors import InputError
 from filters.kalman import layout
 from filters.kalman.augmentation import MakeEffects
+from filters.kalman.filter_input import Readings
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui import defects
@@ -43,9 +44,9 @@ class RunHistory:
         self.estimates = EstimateHistory(BIASES)  # gyro, deg/s, then accelerometers, mg; instrument axes
         self.temperature = EstimateHistory(1)  # degC
 
-    def add_temperature(self, t: float, degc: float) -> None:
-        """Take the temperature of a sample, `t` s since the first one."""
-        self.temperature.add(t, np.array([degc]), np.zeros(1))
+    def add_temperature(self, t: np.ndarray, degc: np.ndarray) -> None:
+        """Take the temperatures of samples, `t` s since the first one, shapes (N,)."""
+        self.temperature.add_all(t, degc[:, None], np.zeros((t.size, 1)))
 
     def piece(self, run: int, wish: HistoryWish) -> HistorySnapshot:
         """What a viewer that has `wish` lacks of this run, as far as one reply has room for it."""
@@ -107,6 +108,9 @@ def load() -> None:
     series_evidence.prepare()
 
 
+_NOTHING = Readings(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+
+
 class LiveFilter:
     """The estimator of one run of samples, and what keeps it from stopping a recording.
 
@@ -131,25 +135,25 @@ class LiveFilter:
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
         self._said = 0  # effects that the watch has told
-        self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
+        self._waiting: list[Readings] = []
         self._marks: list[tuple[int, str]] = []
 
     def mark(self, stamp_ns: int, text: str) -> None:
         """Take an operator's mark; it reaches the estimator before the samples that come after it."""
         self._marks.append((stamp_ns, text))
 
-    def sample(
-        self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, degc: float = np.nan
+    def samples(
+        self, stamps_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray
     ) -> Iterator[tuple[int, bytes]]:
-        """Take a sample and its temperature; yield stamps and messages of estimates that are due."""
-        if self.failure is not None:
+        """Take samples and their temperatures, (N,), (N, 3), (N, 3), (N,); yield stamps and messages of estimates."""
+        if self.failure is not None or not stamps_ns.size:
             return
         if self._first_ns is None:
-            self._first_ns = stamp_ns
+            self._first_ns = int(stamps_ns[0])
             # not before: while the instrument is being asked who it is, nothing may delay the answers
             self.preparation.begin()
-        self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel, degc))
-        self.waiting = len(self._waiting)
+        self._waiting.append(Readings(reader.seconds_since(stamps_ns, self._first_ns), gyro, accel, degc))
+        self.waiting += stamps_ns.size
         if self.preparation.ready.is_set():
             yield from self._use(last=False)
 
@@ -190,14 +194,11 @@ class LiveFilter:
         from filters.kalman import runner
 
         waiting, self._waiting, self.waiting = self._waiting, [], 0
-        t = np.array([sample[0] for sample in waiting])
-        gyro = np.array([sample[1] for sample in waiting]).reshape(-1, 3)
-        accel = np.array([sample[2] for sample in waiting]).reshape(-1, 3)
-        temperature = np.array([sample[3] for sample in waiting], float)
+        fed = Readings.joined([_NOTHING, *waiting])
         started = time.perf_counter()
         try:
             estimator = self._begun()
-            for rows in runner.rows(estimator, t, gyro, accel, temperature, last=last):
+            for rows in runner.rows(estimator, fed.t, fed.gyro, fed.accel, fed.temperature, last=last):
                 yield from self._messages(estimator, rows)
         except InputError as error:
             self.failure = f"the filter stopped, recording goes on: {error}"

@@ -19,7 +19,7 @@ from imutui.session.metadata import effect_labels
 from imutui.session.plan import batch_of
 from imutui.session.recent_packets import STATISTICS_S
 from imutui.session.recorder import Recorder
-from imutui.session.snapshot import RecordingSnapshot, Snapshot
+from imutui.session.snapshot import NO_SERIES, RecordingSnapshot, Snapshot
 
 if TYPE_CHECKING:
     from filters.kalman.runner import Estimator
@@ -32,6 +32,8 @@ _NO_UPDATE = "no update yet"
 
 def snapshot(of: Acquisition, since: int) -> Snapshot:
     """Everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    if since < NO_SERIES:
+        of.reader.be_watched()
     now, recorder, stands = time.monotonic_ns(), of.recorder, of.lifecycle
     plan, info, pipeline, recording = recorder.plan, recorder.info, recorder.pipeline, recorder.recording
     counters, away, zeroing = pipeline.counters, of.line.snapshot(now), of.zeroing is not None

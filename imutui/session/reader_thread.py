@@ -4,10 +4,11 @@ Nothing else happens in it, so that a slow disk or a slow filter never makes a s
 unit falls silent it finds the same unit again.
 """
 
+import os
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,11 @@ from imutui.instrument.host import Host, PacketStream, Poller
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
+
+BLOCK_NS = 250_000_000
+"""A stream's packets are handed on by so long a time of them, unless somebody looks at them."""
+_WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
+_SCATTER_NS = 154_508_497
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +115,8 @@ class Reader:
         self._has_mode = self._sends = True
         self._has_left = False
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._follows = self._quiet = False  # of the next packet of a stream, see `PacketArrival`
+        self._watched_until_ns = 0
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._counted = (0, 0)
@@ -234,30 +242,72 @@ class Reader:
         self._count(decoder)
 
     def _stream(self) -> None:
-        """Let the unit stream until there is something else to do."""
+        """Let the unit stream until there is something else to do.
+
+        What comes is stamped at once and decoded by the block: a thread that is woken for each packet, and does no more
+        than read it, takes a fraction of the time.
+        """
         decoder = self._host.packets()
         self._host.start()
-        contiguous = quiet = False
         amid = AmidStream(self._host, decoder, self._known)
-        while not self._wake.is_set():
-            data = self._port.read(decoder.missing)
-            host_ns = time.monotonic_ns()
-            quiet |= not data
-            if not data and self._last is not None and amid.has_stopped(host_ns, self.last_packet_ns):
-                self._sends = False
-                self.ask_again()
-            events = decoder.feed(data) if data else decoder.pause()
-            # a packet that waited for the next one to vouch for it arrived before that one did
-            newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)
-            for event in events:
-                if isinstance(event, Discarded):
-                    contiguous = False
-                else:
-                    arrived_ns = arrival_before(host_ns, event.ticks, newest, self._host.counter)
-                    behind = self._port.is_behind()
-                    self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet, behind=behind)
-                    contiguous, quiet = True, False
+        reads, due_ns = list[tuple[int, bytes]](), 0
+        self._follows = self._quiet = False
+        try:
+            while not self._wake.is_set():
+                data = self._port.take()
+                host_ns = time.monotonic_ns()
+                if data:
+                    reads.append((host_ns, data))
+                    if host_ns < due_ns and self._last is not None:
+                        continue
+                self._decode(reads, decoder)
+                reads, due_ns = [], self.next_block_ns(host_ns)
+                if not data:
+                    self._pause(host_ns, decoder, amid)
+        finally:
+            self._decode(reads, decoder)
         self._count(decoder)
+
+    def next_block_ns(self, now_ns: int) -> int:
+        """When what comes from now on is decoded. Of several processes each has instants of its own."""
+        if now_ns < self._watched_until_ns:
+            return now_ns + _WATCHED_BLOCK_NS
+        phase = os.getpid() * _SCATTER_NS
+        return now_ns + BLOCK_NS - (now_ns - phase) % BLOCK_NS
+
+    def be_watched(self) -> None:
+        """Hand packets on soon, for the next seconds: somebody looks at them as they come."""
+        self._watched_until_ns = time.monotonic_ns() + _WATCHED_NS
+
+    def _pause(self, host_ns: int, decoder: PacketStream, amid: AmidStream) -> None:
+        """Nothing came for a moment."""
+        self._quiet = True
+        if self._last is not None and amid.has_stopped(host_ns, self.last_packet_ns):
+            self._sends = False
+            self.ask_again()
+        self._hand_on(decoder.pause(), host_ns, decoder, behind=False)
+
+    def _decode(self, reads: list[tuple[int, bytes]], decoder: PacketStream) -> None:
+        """Decode what was read and when, up to a packet's end at a time: what is behind that had come already."""
+        for host_ns, data in reads:
+            at = 0
+            while at < len(data):
+                end = at + decoder.missing
+                self._hand_on(decoder.feed(data[at:end]), host_ns, decoder, behind=end < len(data))
+                at = end
+
+    def _hand_on(
+        self, events: Sequence[DataPacket | Discarded], host_ns: int, decoder: PacketStream, *, behind: bool
+    ) -> None:
+        # a packet that waited for the next one to vouch for it arrived before that one did
+        newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)
+        for event in events:
+            if isinstance(event, Discarded):
+                self._follows = False
+            else:
+                arrived_ns = arrival_before(host_ns, event.ticks, newest, self._host.counter)
+                self._arrived(event, arrived_ns, decoder, contiguous=self._follows, quiet=self._quiet, behind=behind)
+                self._follows, self._quiet = True, False
 
     def _poll(self, hz: float) -> None:
         poller = self._host.poller(self._wake.is_set)

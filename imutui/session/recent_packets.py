@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from imutui.instrument.counts import DataPacket, Scaling
+from imutui.instrument.counts import Scaling
 from imutui.session.channel_statistics import NAMES, UNITS
 from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
@@ -32,14 +32,13 @@ class RecentPackets:
         slots = self._last(self.count - self._interrupted_at)
         return slots[self._t[slots] >= self._t[slots[-1]] - STATISTICS_S] if slots.size else slots
 
-    def add(self, t: float, packet: DataPacket) -> None:
-        """Take a packet, and the seconds since start at which it was sampled."""
+    def add(self, t: np.ndarray, counts: np.ndarray) -> None:
+        """Take packets: seconds since start at which each was sampled, (N,), and its readings, (N, 7)."""
         if self._interrupted:
             self._interrupted_at, self._interrupted = self.count, False
-        slot = self.count % _CAPACITY
-        self._t[slot] = t
-        self._counts[slot] = *packet.rates, *packet.accels, packet.temperature
-        self.count += 1
+        slots = np.arange(self.count, self.count + t.size)[-_CAPACITY:] % _CAPACITY
+        self._t[slots], self._counts[slots] = t[-_CAPACITY:], counts[-_CAPACITY:]
+        self.count += t.size
 
     def _last(self, n: int) -> np.ndarray:
         return np.arange(self.count - min(n, self.count, _CAPACITY), self.count) % _CAPACITY

@@ -4,11 +4,13 @@ Nothing here knows packets' stamps, the line or viewers: `imutui.session.acquisi
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from filters.errors import InputError
+from imutui.instrument.clock import Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
@@ -19,6 +21,7 @@ from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
+from imutui.session.reader_thread import BLOCK_NS
 from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
 
 # the packet that completes the last period may be on its way
-_LEEWAY_NS = 250_000_000
+_LEEWAY_NS = 2 * BLOCK_NS
 
 
 class Duration:
@@ -52,6 +55,13 @@ class Duration:
         """Whether the packets reach the end."""
         end_ns = self._end_ns()
         return end_ns is not None and self._until_ns >= end_ns
+
+    def until(self, stamps: Sequence[Stamp], first: int, last: int) -> int:
+        """Of packets from `first` to before `last`, which there is nothing between: up to where they are recorded."""
+        end_ns = self._end_ns()
+        if end_ns is None:
+            return last if self._seconds is None else first + 1
+        return next((k + 1 for k in range(first, last) if stamps[k].monotonic_ns >= end_ns), last)
 
     def is_over(self, now_ns: int) -> bool:
         """Whether the end has come, by the packets or by the clock."""

@@ -5,8 +5,11 @@ same estimates. There is a run without a file as well: viewers see readings and 
 """
 
 import time
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,9 +23,12 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import polled_rate, schemas
 from imutui.logbook.session_info import SessionInfo
-from imutui.logbook.writer import LogWriter
+from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.timebase import Timebase
+
+Stamped: TypeAlias = tuple[DataPacket, Stamp, int]
+"""A packet with its stamp, and when it was read, monotonic, ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +57,15 @@ class Averager:
         self._counts = np.zeros(7)
         self._valid = True
 
-    def add(self, stamp_ns: int, counts: tuple[int, ...], temperature: int, *, valid: bool = True) -> Sample | None:
-        """Take a packet; return the sample of the period before, when this packet is the first after it."""
+    def add(self, stamp_ns: int, counts: Sequence[int], valid: bool = True) -> Sample | None:
+        """Take a packet's seven readings; return the sample of the period before if this is the first one after it."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
         number = int((stamp_ns - self._first_ns) / self._period_ns)
         done = self._close() if number > self._number else None
         self._number = max(number, self._number)
         self._stamps.append(stamp_ns)
-        self._counts += *counts, temperature
+        self._counts += counts
         self._valid &= valid
         return done
 
@@ -98,11 +104,11 @@ class SampleRate:
 
     stamps: list[int] = field(default_factory=list)
 
-    def add(self, stamp_ns: int) -> None:
-        """Take a sample's stamp."""
-        self.stamps.append(stamp_ns)
-        while len(self.stamps) > 3 and stamp_ns - self.stamps[1] > _RATE_SPAN_NS:
-            self.stamps.pop(0)
+    def add(self, stamps_ns: list[int]) -> None:
+        """Take samples' stamps."""
+        self.stamps += stamps_ns
+        since = bisect_left(self.stamps, self.stamps[-1] - _RATE_SPAN_NS, 1)
+        del self.stamps[: max(0, min(since - 1, len(self.stamps) - 3))]
 
     def hz(self) -> float | None:
         """Rate, or None before there are three samples."""
@@ -147,27 +153,49 @@ class SamplePipeline:
         each = info.sampling != "stream" or instrument.gives(info.rate_hz)
         self._averager = None if each else Averager(info.rate_hz)
 
-    def packet(self, packet: DataPacket, stamp: Stamp, host_ns: int) -> None:
-        """Take a packet; raises OSError if the disk does not take it."""
-        counts = (*packet.rates, *packet.accels)
-        at_limit = any(n in self._count_limits for n in counts)
-        if self._writer is not None:
-            self._write_raw(self._writer, packet, stamp, host_ns, at_limit=at_limit)
+    def packets(self, arrived: Sequence[Stamped]) -> np.ndarray:
+        """Take packets; returns their readings, rates, accelerations and temperature, (N, 7). Raises OSError.
+
+        Messages are in the order in which they would come of one packet after the other.
+        """
+        counts = np.array([(*packet.rates, *packet.accels, packet.temperature) for packet, _, _ in arrived])
         if self.started_ns is None:
-            self.started_ns = stamp.monotonic_ns
-            self._flush()  # the first packet is on the disk before the filter is loaded, which takes its time
-        self.counters.packets += 1
-        self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
-        if stamp.gap is not None:
-            self.counters.lost_packets += stamp.gap.lost_min
-            self.counters.lost_packets_max += stamp.gap.lost_max
-        when, degrees = stamp.monotonic_ns, packet.temperature
-        if self._averager is not None:
-            sample = self._averager.add(when, counts, degrees, valid=not at_limit)
+            # the first packet is on the disk before the filter is loaded, which takes its time
+            self.started_ns = arrived[0][1].monotonic_ns
+            self._take(arrived[:1], counts[:1], is_first=True)
+            arrived = arrived[1:]
+        if arrived:
+            self._take(arrived, counts[-len(arrived) :])
+        return counts
+
+    def _take(self, arrived: Sequence[Stamped], counts: np.ndarray, *, is_first: bool = False) -> None:
+        least, most = self._count_limits
+        at_limit = np.any((counts[:, :6] == least) | (counts[:, :6] == most), axis=1)
+        before = self.counters.packets
+        self.counters.packets += len(arrived)
+        for _, stamp, _ in arrived:
+            self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
+            if stamp.gap is not None:
+                self.counters.lost_packets += stamp.gap.lost_min
+                self.counters.lost_packets_max += stamp.gap.lost_max
+        messages: list[list[Encoded]] = [[] for _ in arrived]
+        for of_packet, raw in zip(messages, self._raws(arrived, counts, at_limit, before), strict=False):
+            of_packet.append(raw)
+        if is_first:
+            self._write(messages)
+            self._flush()
+            messages = [[]]
+        stamps = np.array([stamp.monotonic_ns for _, stamp, _ in arrived])
+        if self._averager is None:
+            self._samples(np.arange(len(arrived)), stamps, counts.astype(float), ~at_limit, arrived, messages)
         else:
-            sample = Sample(when, np.array(counts, float), float(degrees), 1, not at_limit)
-        if sample is not None:
-            self._sample(sample, host_ns)
+            found = map(self._averager.add, stamps.tolist(), counts.tolist(), (~at_limit).tolist())
+            done = {k: sample for k, sample in enumerate(found) if sample is not None}
+            if done:
+                means = np.array([(*sample.counts, sample.temperature) for sample in done.values()])
+                when, valid = (np.array([getattr(s, name) for s in done.values()]) for name in ("stamp_ns", "valid"))
+                self._samples(np.array(list(done)), when, means, valid, arrived, messages)
+        self._write(messages)
 
     def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
         """Take what the line has cost since the packet before."""
@@ -179,39 +207,74 @@ class SamplePipeline:
         self.counters.lost_packets += 1
         self.counters.lost_packets_max += 1
 
-    def _write_raw(self, writer: LogWriter, packet: DataPacket, stamp: Stamp, host_ns: int, *, at_limit: bool) -> None:
-        p, q, r = packet.rates
-        x, y, z = packet.accels
-        flags = schemas.FLAG_LOST_BEFORE if stamp.gap is not None else 0
-        flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
-        flags |= schemas.FLAG_LIMIT if at_limit else 0
-        more = packet.details
-        raw = schemas.RawPacket(
-            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature % 65536, packet.ticks, 0, flags,
-            None if more is None else (more.rate_temperatures, more.board_temperature, more.status),
-        )  # fmt: skip
-        writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
+    def _raws(
+        self, arrived: Sequence[Stamped], counts: np.ndarray, at_limit: np.ndarray, before: int
+    ) -> Iterator[Encoded]:
+        """Messages of packets as they came, after so many others."""
+        if self._writer is None:
+            return
+        offset = self._timebase.utc_ns(0)
+        host = np.array([host_ns for _, _, host_ns in arrived])
+        flags = [
+            (schemas.FLAG_LOST_BEFORE if stamp.gap is not None else 0) | (schemas.FLAG_HOST_STAMP * stamp.by_host)
+            for _, stamp, _ in arrived
+        ]
+        raws = np.zeros(len(arrived), schemas.RAW_DTYPE)
+        raws["sequence"] = np.arange(before, before + len(arrived))
+        raws["host_monotonic_ns"] = host
+        raws["counts"], raws["temperature"] = counts[:, :6], counts[:, 6] % 65536
+        raws["ticks"] = [packet.ticks for packet, _, _ in arrived]
+        raws["flags"] = np.array(flags) | schemas.FLAG_LIMIT * at_limit
+        details = [more for packet, _, _ in arrived if (more := packet.details) is not None]
+        if details:
+            raws["rate_temperatures"] = [more.rate_temperatures for more in details]
+            raws["board_temperature"] = [more.board_temperature for more in details]
+            raws["status"] = [more.status for more in details]
+        data = schemas.encode_raws(raws, details=bool(details))
+        for encoded, log_ns, (_, stamp, _) in zip(data, (host + offset).tolist(), arrived, strict=True):
+            yield schemas.RAW, encoded, log_ns, stamp.monotonic_ns + offset
 
-    def _sample(self, sample: Sample, host_ns: int) -> None:
-        stamp_ns = self._timebase.utc_ns(sample.stamp_ns)
-        gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
-        accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
-        self.samples += 1
-        self.first_stamp_ns = stamp_ns if self.first_stamp_ns is None else self.first_stamp_ns
-        self.rate.add(sample.stamp_ns)
-        degc = float(self._scaling.temperature_degc(sample.temperature))
-        self.history.add_temperature((stamp_ns - self.first_stamp_ns) / 1e9, degc)
+    def _samples(
+        self,
+        places: np.ndarray,
+        stamps: np.ndarray,
+        counts: np.ndarray,
+        valid: np.ndarray,
+        arrived: Sequence[Stamped],
+        messages: list[list[Encoded]],
+    ) -> None:
+        """Use samples: which packets complete them, their stamps, mean readings, validity.
+
+        What is to be written of them goes behind the messages of those packets, `messages`.
+        """
+        stamps_ns = self._timebase.utc_ns(0) + stamps
+        gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(counts[:, :3])))
+        accel = self._axes.accel_to_body(self._scaling.accels_g(counts[:, 3:6]) * self.info.g_unit)
+        degc = self._scaling.temperature_degc(counts[:, 6])
+        self.samples += len(stamps)
+        self.first_stamp_ns = int(stamps_ns[0]) if self.first_stamp_ns is None else self.first_stamp_ns
+        self.rate.add(stamps.tolist())
+        self.history.add_temperature((stamps_ns - self.first_stamp_ns) / 1e9, degc)
         if self._writer is not None:
-            log_ns = self._timebase.utc_ns(host_ns)
-            self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=sample.valid)
-            self._writer.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp_ns, degc), log_ns, stamp_ns)
-        if self.filter is not None and sample.valid:
-            self._filter(self.filter.sample(stamp_ns, gyro, accel, degc), host_ns)
+            imus = schemas.encode_imus(stamps_ns, gyro, accel, valid)
+            temperatures = schemas.encode_temperatures(stamps_ns, degc)
+            for k, imu, temperature, stamp_ns in zip(
+                places.tolist(), imus, temperatures, stamps_ns.tolist(), strict=True
+            ):
+                log_ns = self._timebase.utc_ns(arrived[k][2])
+                messages[k] += (
+                    (schemas.IMU, imu, log_ns, stamp_ns),
+                    (schemas.TEMPERATURE, temperature, log_ns, stamp_ns),
+                )
+        if self.filter is not None:
+            found = self.filter.samples(stamps_ns[valid], gyro[valid], accel[valid], degc[valid])
+            for stamp_ns, message in found:
+                k = int(places[min(int(np.searchsorted(stamps_ns, stamp_ns)), len(places) - 1)])
+                messages[k].append((schemas.ESTIMATE, message, self._timebase.utc_ns(arrived[k][2]), stamp_ns))
 
-    def _filter(self, messages: Iterator[tuple[int, bytes]], host_ns: int) -> None:
-        for stamp_ns, message in messages:
-            if self._writer is not None:
-                self._writer.encoded(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
+    def _write(self, messages: Iterable[Iterable[Encoded]]) -> None:
+        if self._writer is not None:
+            self._writer.all_encoded(chain.from_iterable(messages))
 
     def news(self) -> Iterator[str]:
         """What the filter's watch tells for the first time."""
@@ -282,7 +345,8 @@ class SamplePipeline:
     def use_waiting(self, now_ns: int) -> None:
         """Filter the samples that still wait: the file ends here."""
         if self.filter is not None:
-            self._filter(self.filter.finish(), now_ns)
+            utc = self._timebase.utc_ns(now_ns)
+            self._write([[(schemas.ESTIMATE, message, utc, stamp_ns)] for stamp_ns, message in self.filter.finish()])
 
     def release_file(self) -> None:
         """Go on without the file, which is finished."""

@@ -60,15 +60,17 @@ class StatusWords:
         self._new = list[int]()
         self._seen = {0}
 
-    def take(self, packet: DataPacket) -> None:
-        """Take a packet."""
-        details = packet.details
-        if details is None or details.status == self._newest:
-            return
-        self._newest = details.status
-        if self._newest not in self._seen and len(self._seen) <= _MOST_TOLD:
-            self._seen.add(self._newest)
-            self._new.append(self._newest)
+    def take(self, packets: Iterable[DataPacket]) -> None:
+        """Take packets."""
+        for packet in packets:
+            if packet.details is None:
+                return
+            if packet.details.status == self._newest:
+                continue
+            self._newest = packet.details.status
+            if self._newest not in self._seen and len(self._seen) <= _MOST_TOLD:
+                self._seen.add(self._newest)
+                self._new.append(self._newest)
 
     @property
     def newest(self) -> str:

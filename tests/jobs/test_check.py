@@ -78,7 +78,7 @@ def recorded(
         # what comes while the computer is held up is read at once when it goes on
         read = 299 * loop_ns if held_up and 100 <= k < 300 else instant
         stamp = Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None)
-        pipeline.packet(packet, stamp, read + 2_000_000)
+        pipeline.packets([(packet, stamp, read + 2_000_000)])
         dropped = 0
         if instant >= second * 1_000_000_000:
             pipeline.flush(instant + 2_000_000)

@@ -1,3 +1,4 @@
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,11 @@ def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
     return RATE + rng.normal(size=(n, 3)) * 5e-3, FORCE + rng.normal(size=(n, 3)) * 0.07
 
 
+def fed(live: LiveFilter, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> Iterator[tuple[int, bytes]]:
+    """What a sample of unknown temperature gives."""
+    return live.samples(np.array([stamp_ns]), gyro[None], accel[None], np.array([np.nan]))
+
+
 def prepared() -> None:
     """Have the filter's step ready before the first sample."""
     live_filter.PLAIN.begin()
@@ -41,11 +47,11 @@ def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     live_filter.PLAIN.ready.clear()
     try:
         for k in range(100):
-            assert list(live.sample(stamps[k], gyro[k], accel[k])) == []
+            assert list(fed(live, stamps[k], gyro[k], accel[k])) == []
         assert live.waiting == 100
     finally:
         live_filter.PLAIN.ready.set()
-    written = [m for k in range(100, 200) for m in live.sample(stamps[k], gyro[k], accel[k])]
+    written = [m for k in range(100, 200) for m in fed(live, stamps[k], gyro[k], accel[k])]
     written += list(live.finish())
     replayed = Estimator(session.settings(), every=live_filter.ESTIMATE_PERIOD_S)
     estimates = list(runner.run(replayed, reader.seconds_since(np.array(stamps), FIRST_NS), gyro, accel))
@@ -62,7 +68,7 @@ def test_who_is_told_to_go_waits_for_no_compiler_and_says_what_is_left_out() -> 
     live_filter.PLAIN.ready.clear()
     try:
         for k in range(30):
-            assert list(live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k])) == []
+            assert list(fed(live, FIRST_NS + k * 50_000_000, gyro[k], accel[k])) == []
         live.leave_out_unless_ready(0.01)
         assert live.failure is not None
         assert "imutui replay" in live.failure
@@ -70,7 +76,7 @@ def test_who_is_told_to_go_waits_for_no_compiler_and_says_what_is_left_out() -> 
     finally:
         live_filter.PLAIN.ready.set()
     other = LiveFilter(SessionInfo(rate_hz=20.0))
-    list(other.sample(FIRST_NS, gyro[0], accel[0]))
+    list(fed(other, FIRST_NS, gyro[0], accel[0]))
     other.leave_out_unless_ready(0.01)
     assert other.failure is None
 
@@ -84,7 +90,7 @@ def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
     gyro, accel = samples(60)
     dofs = []
     for k in range(60):
-        for _, message in live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k]):
+        for _, message in fed(live, FIRST_NS + k * 50_000_000, gyro[k], accel[k]):
             dofs.append(schemas.decode(schemas.TYPES[schemas.ESTIMATE], message).nis_dof)
     list(live.finish())
     assert dofs[:18] == [0] * 18  # 10 estimates a second, up to 1.8 s
@@ -120,7 +126,7 @@ def test_a_filter_that_stops_says_whether_that_is_a_defect(
     monkeypatch.setattr(runner, "rows", rows)
     live = LiveFilter(SessionInfo(rate_hz=20.0))
     gyro, accel = samples(1)
-    assert list(live.sample(FIRST_NS, gyro[0], accel[0])) == []
+    assert list(fed(live, FIRST_NS, gyro[0], accel[0])) == []
     assert live.failure is not None
     assert live.failure.startswith("the filter stopped, recording goes on: ")
     assert ("a defect of imutui" in live.failure) == (kind is ValueError)
@@ -133,7 +139,7 @@ def test_an_effect_in_the_residual_is_told_once_in_a_sentence() -> None:
     gyro[:, 1] += 5e-3 * np.sin(2.0 * np.pi * 0.13 * np.arange(1400) / 20.0)
     said = []
     for k in range(1400):
-        list(live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k]))
+        list(fed(live, FIRST_NS + k * 50_000_000, gyro[k], accel[k]))
         said += live.news()
     assert len(said) == 1, said
     assert said[0].startswith("gy oscillates at 0.1")

@@ -77,7 +77,7 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
             counts[0] = 32767  # at the limit: no reading, but a temperature
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k // 20 + int(rng.integers(3)), k)
         stamp = Stamp(k * 7_518_797, False)
-        pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
+        pipeline.packets([(packet, stamp, stamp.monotonic_ns + 2_000_000)])
     document = finish_file(writer, pipeline, 2000 * 7_518_797)
     assert document["alarms"] == pipeline.filter.estimator.alarms()  # type: ignore[union-attr]
     return document
@@ -94,7 +94,7 @@ def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
     pipeline = SamplePipeline(info, Timebase(START), writer)
     for k in range(5):
         packet = Packet(Mode.SCALED, (32767 if k == 2 else 0, 0, 0), (0, 0, 5461), 1550, k)
-        pipeline.packet(packet, Stamp(k * 7_518_797, False), k * 7_518_797)
+        pipeline.packets([(packet, Stamp(k * 7_518_797, False), k * 7_518_797)])
     finish_file(writer, pipeline, 5 * 7_518_797)
     assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").valid) == valid
 
@@ -177,7 +177,7 @@ def feed(averager: Averager, n: int, drop: Collection[int] = ()) -> list[Sample]
     out = []
     for k in range(n):
         if k not in drop:
-            sample = averager.add(k * PERIOD_NS, (k, k, k, k, k, k), 1000 + k)
+            sample = averager.add(k * PERIOD_NS, (k, k, k, k, k, k, 1000 + k))
             if sample is not None:
                 out.append(sample)
     return out
@@ -237,7 +237,7 @@ def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
     monkeypatch.setattr(live_filter, "PLAIN", unprepared)
     info = SessionInfo(sampling="polled", rate_hz=20.0)
     pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
-    pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000)
+    pipeline.packets([(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000)])
     assert on_disk == [1]
     assert pipeline.filter is not None
     assert pipeline.filter.estimator is None

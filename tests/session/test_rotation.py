@@ -108,7 +108,7 @@ def feed(pipeline: SamplePipeline, first: int, last: int) -> None:
         warmth = 350.0 * np.sin(k / 2500.0)
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
         stamp = Stamp(k * 7_518_797, False)
-        pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
+        pipeline.packets([(packet, stamp, stamp.monotonic_ns + 2_000_000)])
 
 
 def recorded(

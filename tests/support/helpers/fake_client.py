@@ -65,18 +65,20 @@ def estimates(**changes: Any) -> FilterSnapshot:
 
 
 def _counted(values: np.ndarray) -> "ChannelStatistics":
-    from imutui.instrument.imu400.crossbow import Mode, Packet
     from imutui.instrument.imu400.scaling import Scaling
     from imutui.session.channel_statistics import ChannelStatistics
 
     scaling = Scaling()
     counted = ChannelStatistics(scaling)
     vibration = 0.2 * np.sin(2.0 * np.pi * 16.0 / RATE_HZ * np.arange(len(values)))
-    rates = scaling.rate_counts(values[:, :3] + vibration[:, None]).tolist()
-    accels = scaling.accel_counts(1e-3 * values[:, 3:6]).tolist()
-    degc = scaling.temperature_counts(values[:, 6]).tolist()
-    for k, (rate, accel, temperature) in enumerate(zip(rates, accels, degc, strict=True)):
-        counted.add(k / RATE_HZ, Packet(Mode.SCALED, tuple(rate), tuple(accel), temperature, 0))
+    counts = np.hstack(
+        [
+            scaling.rate_counts(values[:, :3] + vibration[:, None]),
+            scaling.accel_counts(1e-3 * values[:, 3:6]),
+            scaling.temperature_counts(values[:, 6:]),
+        ]
+    )
+    counted.add(np.arange(len(values)) / RATE_HZ, counts)
     return counted
 
 

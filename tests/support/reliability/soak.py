@@ -93,7 +93,7 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
             at = k * PERIOD_S
             clock.now_ns = began_ns + round(at * 1e9) + _TRANSFER_NS
             reader.last_packet_ns = clock.now_ns
-            acquisition.packet(_arrival(packets[k % _KINDS], k, clock.now_ns))
+            acquisition.packets([_arrival(packets[k % _KINDS], k, clock.now_ns)])
             if at >= next_second:
                 acquisition.every_second()
                 observe.snapshot(acquisition, 2**62)

@@ -108,7 +108,7 @@ def test_who_attaches_late_sees_the_run_from_its_begin() -> None:
     client.past = RunHistory()
     for k in range(700):
         client.past.estimates.add(float(k), np.full(6, 0.5), np.full(6, 0.1), np.full(6, k >= 30))
-        client.past.add_temperature(float(k), 20.0 + 0.001 * k)
+        client.past.add_temperature(np.array([float(k)]), np.array([20.0 + 0.001 * k]))
     with polled(client, 100.0) as (inbox, _):
         inbox.wait()
     (first,) = inbox.messages

@@ -96,7 +96,7 @@ async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -
     for k in range(0, 1500, 2):
         if not 600 < k < 800:
             client.past.estimates.add(float(k), np.full(6, 0.3), np.full(6, 0.1))
-        client.past.add_temperature(float(k), 24.0 + 0.001 * k)
+        client.past.add_temperature(np.array([float(k)]), np.array([24.0 + 0.001 * k]))
     async with opened(client) as see:
         await filter_page(see, "─> x gyro, deg/s")
         await see("enter →")
