@@ -16,7 +16,7 @@ from imutui.session import client as session
 from imutui.session.client import Client, EndReport, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.session.snapshot import RecordingSnapshot
-from imutui.tui import messages
+from imutui.tui import formatting, messages
 from imutui.tui.background import in_thread
 from imutui.tui.connection.poller import Poller
 from imutui.tui.connection.rack import Rack
@@ -133,6 +133,8 @@ class Connector:
                 self._resume(request.name)
             case requests.LookAt():
                 self._context.work(self._look_at_unit(request.name, request.page))
+            case requests.StartUnits():
+                self._context.work(self._start_units(request))
             case requests.OpenRack():
                 self._open_rack(request.batch)
             case requests.Cancel():
@@ -212,6 +214,22 @@ class Connector:
             self._context.rack.close()
         self._context.rack = Rack(batch)
         self._context.app.call_later(self._context.app.run_action, "page('rack')")
+
+    async def _start_units(self, request: requests.StartUnits) -> None:
+        """Start units that do not run: others may be in their places."""
+        context, rack = self._context, self._context.rack
+        assert rack is not None
+        context.say(f"starting {formatting.plural(len(request.names), 'unit')}", "wait")
+
+        async def steps() -> None:
+            replies = await in_thread(lambda: rack.start(request.names, self.defaults))
+            context.say(*messages.of_several("started", replies))
+
+        try:
+            await context.guarded(steps)
+        except InputError as error:
+            context.say(str(error), "bad")
+        request.done()
 
     async def _look_at_unit(self, name: str, page: str) -> None:
         """Look at a unit of the rack, which goes on if that fails."""

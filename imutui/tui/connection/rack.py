@@ -5,14 +5,16 @@ snapshot without packets costs the acquisition a millisecond; nothing is drawn b
 """
 
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
+from imutui import batch_file
 from imutui.batch_file import Unit
 from imutui.session import batch
 from imutui.session import client as session
 from imutui.session.batch import Answer
 from imutui.session.client import Client, SessionError
+from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, ProfileDescription, Snapshot
 from imutui.tui.connection.verdict import Debounce, judge, stale, waiting_profile
 from imutui.verdict import sources
@@ -88,6 +90,34 @@ class Rack:
         """Look at all units at once: something was asked of them, or somebody looks again."""
         for one in self._watched.values():
             one.due.set()
+
+    def start(self, units: Collection[str], base: Plan) -> dict[str, Client | SessionError]:
+        """Start units of the batch's file that do not run; returns the client of each, or why it did not start.
+
+        `base`: what the file does not say. Raises SessionError if there is no such file any more, and BatchError if
+        it can't be used.
+        """
+        path = batch.file_of(self.name)
+        if path is None:
+            raise SessionError(f"the file of the batch {self.name} is not there any more")
+        read = batch_file.read(path)
+        plans = [plan for plan in batch.plans(read, replace(base, record=True)) if plan.name in units]
+        serials = {batch.acquisition_of(read.name, unit.name): unit.serial for unit in read.units}
+        found = batch.find([serials[plan.name] for plan in plans if not plan.port])
+        replies: dict[str, Client | SessionError] = {}
+        asked = list[Plan]()
+        for plan in plans:
+            port = plan.port or found[serials[plan.name]]
+            if isinstance(port, SessionError):
+                replies[plan.name] = port
+            else:
+                asked.append(replace(plan, port=port))
+        with batch.parent_of(asked) as parent:
+            batch.start(asked, lambda plan, outcome: replies.update({plan.name: outcome}), parent)
+        for reply in replies.values():
+            if isinstance(reply, Client):
+                reply.close()
+        return replies
 
     @property
     def period_s(self) -> float:

@@ -1,5 +1,6 @@
 """What pages ask of the application, or through it of another page."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,14 @@ class LookAt(ConnectRequest):
 
     name: str
     page: str
+
+
+@dataclass
+class StartUnits(ConnectRequest):
+    """Start units of the rack that do not run; `done` is called once that is over."""
+
+    names: list[str]
+    done: Callable[[], None]
 
 
 @dataclass

@@ -45,6 +45,12 @@ def test_several_acquisitions_are_to_be_chosen_from() -> None:
     assert "choose" not in _plain(text.lead(text.choices(["a"], [])))
 
 
+def test_a_batch_is_one_choice_and_its_units_are_none() -> None:
+    found = text.choices(["lot:1", "lot:2", "single"], [])
+    assert [(choice.kind, choice.value) for choice in found[:2]] == [("batch", "lot"), ("attach", "single")]
+    assert "A batch is running. Enter looks" in _plain(text.lead(text.choices(["lot:1", "lot:2"], [])))
+
+
 def test_what_is_connected_is_said_with_its_reference_file() -> None:
     now = FakeClient().snapshot()
     now = {**now, "reference": {"name": "profile", "file": "tumble.toml", "profile": True}, "effects": ["gy tone"]}

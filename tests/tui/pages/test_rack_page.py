@@ -1,7 +1,7 @@
 """The rack page: the units of a batch, what is wrong with each, and what is asked of all or of chosen ones."""
 
 import pytest
-from helpers.fake_batch import BAD_AXIS, Batch, Unit
+from helpers.fake_batch import BAD_AXIS, Batch, Unit, settled
 from helpers.pilot import SMALLEST
 
 from imutui.session.client import SessionGoneError
@@ -25,7 +25,8 @@ async def test_the_bad_axis_is_found_from_the_page_alone(batch: Batch, size: tup
         assert " ●●●  ●●× " in row(screen, "9900003")
         assert "× RED" in row(screen, "9900003")
         assert " 20.0     0 " in row(screen, "9900001")
-        assert " ●●●  ●●●  25.0  ● GREEN" in row(screen, "9900001")
+        assert " ●●●  ●●●  2" in row(screen, "9900001")
+        assert "  ● GREEN" in row(screen, "9900001")
         lines = (await see(f"w → worst first | {BAD_AXIS} | t on 4 Filter traces its recording")).splitlines()
         assert [line[3:10] for line in lines[5:9]] == ["9900003", "9900001", "9900002", "9900004"]
         await see("w home → all 6 biases converged")
@@ -59,17 +60,27 @@ async def test_one_step_of_the_table_serves_all(batch: Batch) -> None:
     for unit in batch.units.values():
         unit.at("")
     async with batch.opened() as see:
-        await see("→ Table profile six: 6 steps, 3 min without the moves | b begins, and records: 4 units")
-        await see("b → Step 1 of 6: go to outer 0° | t: the table is there, for 4 units | ● REC 4 of 4")
-        await see("t → Step 1 of 6: hold outer 0° | 30 s left for 4 units")
-        await see("t → not now: Step 1 of 6")
+        await see("→ Table profile six: 6 segments, 3 min without the moves | b begins, and records: 4 units")
+        await see("b → Segment 1 of 6: go to outer 0° | t: the table is there, for 4 units | ● REC 4 of 4")
+        await see("t → Segment 1 of 6: hold outer 0° | 30 s left for 4 units")
+        await see("t → not now: Segment 1 of 6")
         for unit in batch.units.values():
             unit.at("go", 1)
         batch.units["lot:4"].at("go", 0)  # one that was exchanged begins anew
-        await see("→ Step 2 of 6: go to outer 60° | for 3 units. 1 unit wait for another step")
+        await see("→ Segment 2 of 6: go to outer 60° | for 3 units. 1 unit waits for another segment")
         await see("t → hold outer 60° | 30 s left for 3 units")
         await see("c → cancelled: 4 units | six is cancelled | b resumes 4 units")
     assert [asked.count("guide next") for asked in batch.asked()] == [2, 2, 2, 1]
+
+
+async def test_what_all_units_have_in_common_is_told_of_the_table(batch: Batch) -> None:
+    for n, unit in enumerate(batch.units.values()):
+        said = f"segment 4: {('ax', 'az')[n % 2]} reads 971.4 mg less than the model: 83 deg off"
+        unit.changes["filter"] = settled(departure=said)
+    async with batch.opened() as see:
+        await see("→ 4 × RED | All units depart from the model at segment 4: look at the table, the profile")
+        batch.units["lot:4"].changes["filter"] = settled()
+        await see("→ 1 ● | !All units")
 
 
 async def test_a_unit_that_fails_stays_as_a_row_while_the_others_go_on(batch: Batch) -> None:
@@ -77,7 +88,7 @@ async def test_a_unit_that_fails_stays_as_a_row_while_the_others_go_on(batch: Ba
         batch.units["lot:2"].gone = 'the acquisition "lot:2" has ended.'
         screen = await see("→ × ENDED")
         assert "× ENDED" in row(screen, "9900002")
-        await see("w → it is not running and left no word | imutui record --batch FILE")
+        await see("w → it is not running and left no word | S starts it again")
         await see("enter → 9900002 does not run: there is nothing to look at")
         await see("r → recording: 3 units | ● REC 3 of 4")
         batch.units["lot:2"] = Unit(2)  # another one is in its place

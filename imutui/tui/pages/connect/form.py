@@ -109,6 +109,8 @@ class ConnectForm(Vertical):
             said = ""
         elif choice.kind == "attach":
             said = f'looks at the running acquisition "{choice.value}"'
+        elif choice.kind == "batch":
+            said = f'looks at all units of the running batch "{choice.value}"'
         else:
             rate = self.query_one("#rate", Input).value
             said = f"{formatting.port_name(choice.value, 30)}, {rate} Hz, {self._value('sampling')}"
@@ -239,8 +241,9 @@ class ConnectForm(Vertical):
         if choice is None:
             return
         self.say_error("")
-        if choice.kind == "attach":
-            self.post_message(requests.Resume(choice.value))
+        if choice.kind in ("batch", "attach"):
+            request = requests.OpenRack if choice.kind == "batch" else requests.Resume
+            self.post_message(request(choice.value))
             return
         try:
             rate = text.parse_rate(self.query_one("#rate", Input).value, self._offered())

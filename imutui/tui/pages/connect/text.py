@@ -40,7 +40,7 @@ _ANSWER = 38
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One line of the list: a running acquisition ("attach") or a port ("port")."""
+    """One line of the list: a running batch ("batch") or acquisition ("attach"), or a port ("port")."""
 
     kind: str
     value: str
@@ -73,8 +73,11 @@ def rates(offer: Instrument) -> str:
 
 
 def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
-    """What the list offers: running acquisitions, real ports, and always the virtual instrument."""
-    found = [Choice("attach", name, f'running acquisition "{name}": look at it again') for name in running]
+    """What the list offers: running batches and acquisitions, real ports, and always the virtual instrument."""
+    batches = dict.fromkeys(name.partition(":")[0] for name in running if ":" in name)
+    found = [Choice("batch", name, f'running batch "{name}": look at all its units') for name in batches]
+    alone = [name for name in running if ":" not in name]
+    found += [Choice("attach", name, f'running acquisition "{name}": look at it again') for name in alone]
     found += [
         Choice("port", port, f"{formatting.port_name(port, _NAME):{_NAME}}  {about}".rstrip()) for port, about in ports
     ]
@@ -111,15 +114,16 @@ def likely(found: list[Choice]) -> Choice:
 
     Built-in ports (ttyS0) come last: most machines list them with nothing behind.
     """
-    return next((c for c in found if c.kind == "attach" or "ttyS" not in c.value), found[-1])
+    return next((c for c in found if c.kind != "port" or "ttyS" not in c.value), found[-1])
 
 
 def lead(found: list[Choice]) -> StyledText:
     """What this is, and what the next step is."""
     best = likely(found)
-    if best.kind == "attach":
-        several = sum(c.kind == "attach" for c in found) > 1
-        which = "Several acquisitions are running: choose one" if several else "An acquisition is running"
+    if best.kind != "port":
+        several = sum(c.kind != "port" for c in found) > 1
+        one = "A batch is running" if best.kind == "batch" else "An acquisition is running"
+        which = "Several acquisitions are running: choose one" if several else one
         return [(f"{which}. Enter looks at it.", "bold")]
     if best.value != VIRTUAL_PORT:
         return [ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:")]

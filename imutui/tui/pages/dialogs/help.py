@@ -56,8 +56,9 @@ ON THE RACK PAGE
   x        choose units: keys then act on those alone, else on all
   r m n    start or finish recordings, one mark, one note for all
   b t c    begin the table profile; t: the table is there, which serves
-           all units that wait for this step; c cancels, b resumes
-  s        stop a unit or the chosen ones, after asking. The others go on
+           all units that wait for this segment; c cancels, b resumes
+  s  S     stop a unit or the chosen ones, after asking; start what does not
+           run, perhaps another unit in its place. The others go on
 
 ON THE CONNECT PAGE
   Enter    connect;  Tab next field;  left and right choose in a line

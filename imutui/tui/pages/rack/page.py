@@ -26,8 +26,9 @@ from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog
 from imutui.tui.pages.rack import text
 from imutui.tui.widgets.option_rows import OptionRows
 from imutui.tui.widgets.page_frame import StatusHeader
-from imutui.tui.widgets.text_lines import WrappedText
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, WrappedText
 
+_LOUD = LEVEL_STYLES["bad"]
 _DRAW_EVERY_S, _LOOK_EVERY_S = 0.5, 5.0
 _OF_A_UNIT = ",".join(key for key, title in PAGES if title in ("Live", "Record", "Filter", "Table"))
 
@@ -35,17 +36,18 @@ _OF_A_UNIT = ",".join(key for key, title in PAGES if title in ("Live", "Record",
 class RackHeader(StatusHeader):
     """Batch, how many units are at which level, how many record; pages."""
 
-    rack: Rack | None = None
-
     def _first(self, now: Snapshot | None, width: int) -> Content:
-        if self.rack is None:
+        rack = getattr(self.screen, "rack", None)
+        if not isinstance(rack, Rack):
             return super()._first(now, width)
-        units = self.rack.units()
+        units = rack.units()
         records = sum(unit.now is not None and unit.now["recording"] is not None for unit in units)
         utc = next((unit.now["utc"] for unit in units if unit.now is not None), None)
         said = f"● REC {records} of {len(units)}" if records else "not recording"
-        left = self.line(" ", ("imutui", "bold"), f"  batch {self.rack.name}  {text.summary(units)}")
         right = self.line((said, "bold $text-error" if records else ""), f"  {formatting.utc_time(utc)} UTC ")
+        left = self.line(" ", ("imutui", "bold"), f"  batch {rack.name}  ")
+        room = width - left.cell_length - right.cell_length - 1
+        left = left.append(self.glyphs.text(text.summary(units, room)))
         return self.spread(left, right, width)
 
 
@@ -55,10 +57,10 @@ class RackPage(Page):
     TITLE = "Rack"
     AUTO_FOCUS = "#units"
     CSS = """
-    RackPage #step { height: 2; padding: 0 1; }
+    RackPage #step { height: auto; min-height: 2; padding: 0 1; }
     RackPage #columns { height: 1; text-style: bold underline; }
     RackPage #units { height: auto; max-height: 1fr; }
-    RackPage #detail { height: auto; max-height: 6; padding: 0 1; margin: 1 0 0 0; }
+    RackPage #detail { height: 5; padding: 0 1; margin: 1 0 0 0; }
     RackPage #more { height: 1; dock: bottom; margin: 0 0 1 0; color: $foreground 60%; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -70,9 +72,12 @@ class RackPage(Page):
         Binding("m", "mark", "mark", tooltip="The same mark into the recording of each unit"),
         Binding("n", "note", "note", show=False, tooltip="The same note into the recording of each unit"),
         Binding("b", "guide('begin')", "begin", tooltip="Record, and be guided through the table profile"),
-        Binding("t", "guide('next')", "there", tooltip="The table is where the step wants it, for all units"),
+        Binding("t", "guide('next')", "there", tooltip="The table is where the segment wants it, for all units"),
         Binding("c", "guide('cancel')", "cancel", show=False, tooltip="Stop being guided; the recordings go on"),
         Binding("s", "stop", "stop", show=False, tooltip="Stop units, after asking"),
+        Binding(
+            "S", "start", "start", show=False, tooltip="Start units that do not run: others may be in their places"
+        ),
         Binding("d", "app.detach", "detach", show=False, tooltip="Leave the screen, the acquisitions go on"),
         Binding("escape", "none", "choose none", show=False),
     ]
@@ -111,7 +116,6 @@ class RackPage(Page):
 
     def show(self, view: View) -> None:
         self.view = view
-        self.query_one(RackHeader).rack = self.rack
         self._draw()
         super().show(view)
 
@@ -145,7 +149,8 @@ class RackPage(Page):
         self._step = text.step(self._targets())
         right = f"{len(self._chosen)} chosen, Esc chooses none" if self._chosen else "worst first" * self._worst_first
         first = header.spread(line((self._step.said, "bold")), line(right), width - 2)
-        self.query_one("#step", Static).update(Content("\n").join([first, line(self._step.then)]))
+        lines = [first, line(self._step.then), *([line((common, _LOUD))] if (common := text.common(units)) else [])]
+        self.query_one("#step", Static).update(Content("\n").join(lines))
         self.query_one("#columns", Static).update(line(text.heading(width).ljust(width)))
         self._rows.fill([line(*text.row(unit, unit.name in self._chosen, width - 1)) for unit in self._shown])
         at = next((n for n, unit in enumerate(self._shown) if here is not None and unit.name == here.name), None)
@@ -263,6 +268,15 @@ class RackPage(Page):
         targets = self._targets() if self._chosen else [here] if here is not None and here.now is not None else []
         if targets:
             self._confirm("Stop these units?", "s", "stop them; their files are finished", targets, self._stop)
+
+    def action_start(self) -> None:
+        """Start the unit under the cursor, or the chosen ones, where they do not run."""
+        meant = self._chosen or ({self._here.name} if self._here is not None else set())
+        names = [unit.name for unit in self._shown if unit.name in meant and unit.now is None]
+        if names and self.rack is not None:
+            self.post_message(requests.StartUnits(names, self.rack.hurry))
+        else:
+            self.say("it runs: s stops it, then S starts what is there by then", "wait")
 
     def _stop(self, units: Sequence[UnitView]) -> None:
         self._ask(units, "stopped", lambda client: client.stop("the screen"), busy="stopping")

@@ -13,22 +13,30 @@ from imutui.tui.formatting import StyledText
 from imutui.tui.pages.table.text import guided
 from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
 
-MORE = " also: n note  c cancel the profile  s stop  2 to 5 pages of this unit  d detach"
+MORE = " also: n note  c cancel profile  s stop  S start again  2-5 its pages  d detach"
 TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
 ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
-_NAME, _PLACE, _WIDE = 10, 30, 112
+_NAME, _PLACE, _WIDE, _SEVERAL = 9, 30, 112, 2
 _STYLES = {"good": "$text-success", "wait": "$text-warning", "bad": "$text-error", "none": "dim"}
 NOTE_HINT = "Enter takes it, for all units that are meant; Esc: not yet."
-AGAIN = "once that is put right, or another unit is there: the same `imutui record --batch FILE` starts it again"
+AGAIN = "S starts it again, once that is put right or another unit is in its place"
 GUIDED = {"begin": "begun", "next": "the table is there", "cancel": "cancelled", "resume": "resumed"}
 """What is said once guides have done something."""
 _NOT_GUIDED = "no table profile: the units stand as their reference says"
 
 
+class Wrong(NamedTuple):
+    """What is wrong with a unit, at which level, and what to do about it."""
+
+    said: str
+    level: str
+    todo: str = ""
+
+
 def heading(width: int) -> str:
     """Names of the columns; x, y and z stand above the marks of gyros and accelerometers."""
     place = f" {'port':<{_PLACE}}" if width >= _WIDE else ""
-    return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<8} what is wrong"
+    return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<7} what is wrong"
 
 
 def row(unit: UnitView, chosen: bool, width: int) -> StyledText:
@@ -38,13 +46,32 @@ def row(unit: UnitView, chosen: bool, width: int) -> StyledText:
     if width >= _WIDE:
         start += f" {formatting.port_name(now['port'] if now else _port(unit), _PLACE):<{_PLACE}}"
     rate = formatting.number(now["measured_hz"] if now else None, 5, 1)
-    lost = formatting.clipped(messages.lost(now) if now else formatting.NOTHING, 5)
+    lost = formatting.clipped(messages.lost(now).replace(" to ", "-") if now else formatting.NOTHING, 5)
     records = "rec" if now is not None and now["recording"] is not None else f" {formatting.NOTHING} "
     marks = [(SIGNS[WORDS.get(mark, "OFF")], _STYLES[mark]) for mark in unit.gauges or ("none",) * 6]
     parts: StyledText = [f"{start} {rate} {lost:>5} {records}  ", *marks[:3], "  ", *marks[3:]]
-    parts += [f" {formatting.number(_degc(unit), 5, 1)}  ", (f"{badge(unit):<8} ", f"bold {_STYLES[found.level]}")]
+    parts += [f" {formatting.number(_degc(unit), 5, 1)}  ", (f"{badge(unit):<7} ", f"bold {_STYLES[found.level]}")]
     room = width - sum(len(part) if isinstance(part, str) else len(part[0]) for part in parts)
-    return [*parts, formatting.clipped(found.said, max(room, 1))]
+    return [*parts, formatting.clipped(_brief(unit, found), max(room, 1))]
+
+
+def _brief(unit: UnitView, found: Wrong) -> str:
+    """What is wrong in a few words: where the readings depart from the model, the channel comes first."""
+    departure = _departure(unit)
+    return departure.partition(": ")[2] if departure and departure in found.said else found.said
+
+
+def _departure(unit: UnitView) -> str:
+    estimates = unit.now["filter"] if unit.now is not None else None
+    return (estimates.get("departure") or "") if estimates is not None else ""
+
+
+def common(units: Sequence[UnitView]) -> str:
+    """That all units depart from the model at the same step, if they do: what they have in common is the table."""
+    steps = {_departure(unit).partition(":")[0] for unit in units}
+    if len(units) < _SEVERAL or len(steps) != 1 or "" in steps:
+        return ""
+    return f"All units depart from the model at {steps.pop()}: look at the table, the profile or the room first."
 
 
 def label(unit: UnitView) -> str:
@@ -59,14 +86,6 @@ def _port(unit: UnitView) -> str:
 
 def _degc(unit: UnitView) -> float | None:
     return unit.now["channels"][-1]["value"] if unit.now is not None and unit.now["channels"] else None
-
-
-class Wrong(NamedTuple):
-    """What is wrong with a unit, at which level, and what to do about it."""
-
-    said: str
-    level: str
-    todo: str = ""
 
 
 def level(unit: UnitView) -> str:
@@ -101,10 +120,12 @@ def wrong(unit: UnitView) -> Wrong:
     if silent is not None:
         return Wrong(silent, "bad")
     todo = verdict.todo.replace(TRACE_KEY, TRACE)
+    if verdict.word == "WAIT":
+        return Wrong(verdict.reason.replace(" 5 Table,", ""), "none")
     if verdict.level == "bad":
         return Wrong(verdict.reason, "bad", todo)
     also = [*now["findings"][-1:]]
-    if now["lost_packets_max"] or now["bad_checksums"]:
+    if now["lost_packets"] or now["bad_checksums"]:
         also.append(f"lost {messages.lost(now)}, bad checksums {now['bad_checksums']}: {now['advice']['losses']}")
     if verdict.level == "wait":
         return Wrong("; ".join([verdict.reason, *also]), "wait", todo)
@@ -116,11 +137,13 @@ def worst_first(units: Sequence[UnitView]) -> list[UnitView]:
     return sorted(units, key=lambda unit: -RANK[level(unit)])
 
 
-def summary(units: Sequence[UnitView]) -> str:
-    """How many units there are, and at which level."""
+def summary(units: Sequence[UnitView], room: int) -> str:
+    """How many units there are, and at which level; signs without words where there is little room."""
     counts = Counter(level(unit) for unit in units)
-    said = [f"{counts[one]} {SIGNS[WORDS[one]]} {WORDS[one]}" for one in ("bad", "wait", "good") if counts[one]]
-    return "  ".join([formatting.plural(len(units), "unit"), *said])
+    told = [(counts[one], WORDS[one]) for one in ("bad", "wait", "good") if counts[one]]
+    count = formatting.plural(len(units), "unit")
+    long = "  ".join([count, *(f"{of} {SIGNS[word]} {word}" for of, word in told)])
+    return long if len(long) <= room else "  ".join([count, *(f"{of} {SIGNS[word]}" for of, word in told)])
 
 
 def detail(unit: UnitView | None) -> tuple[str, str, str]:
@@ -180,7 +203,7 @@ def step(units: Sequence[UnitView]) -> Step:
     segments = profile["segments"]
     if holds:
         _, guide = max(holds, key=lambda one: one[1]["left_s"] or 0.0)
-        of = f"Step {guide['segment'] + 1} of {len(segments)}: hold {_where(profile, guide['segment'])}"
+        of = f"Segment {guide['segment'] + 1} of {len(segments)}: hold {_where(profile, guide['segment'])}"
         return Step(can, of, f"{guide['left_s'] or 0.0:.0f} s left for {_units(holds)}. Leave the table alone.")
     if waits:
         due = max(waits, key=lambda segment: (len(waits[segment]), -segment))
@@ -189,8 +212,9 @@ def step(units: Sequence[UnitView]) -> Step:
         if not turns:
             can["next"] = [unit.name for unit in here]
         then = f"They turn, for {turns:.0f} s still." if turns else f"t: the table is there, for {_units(here)}."
-        later = f" {_units(range(others))} wait for another step." if others else ""
-        return Step(can, f"Step {due + 1} of {len(segments)}: {segments[due]['text']}", then + later)
+        wait = "waits" if others == 1 else "wait"
+        later = f" {_units(range(others))} {wait} for another segment." if others else ""
+        return Step(can, f"Segment {due + 1} of {len(segments)}: {segments[due]['text']}", then + later)
     return Step(can, *_idle(profile, can))
 
 
@@ -200,9 +224,9 @@ def _idle(profile: ProfileDescription, can: Mapping[str, Sequence[str]]) -> tupl
         return f"{name} is cancelled.", f"The recordings go on: b resumes {_units(can['resume'])}."
     if "begin" in can:
         seconds = sum(segment["seconds"] for segment in profile["segments"])
-        length = f"{formatting.plural(count, 'step')}, {formatting.minutes(seconds)} without the moves"
+        length = f"{formatting.plural(count, 'segment')}, {formatting.minutes(seconds)} without the moves"
         return f"Table profile {name}: {length}.", f"b begins, and records: {_units(can['begin'])}."
-    return f"All {count} steps are done.", "r finishes the files."
+    return f"All {count} segments are done.", "r finishes the files."
 
 
 def _where(profile: ProfileDescription, segment: int) -> str:
