@@ -32,7 +32,8 @@ from mcap.records import (
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MESSAGE, prefixed
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # a message's record up to its data: opcode, length, then as `MESSAGE`
-_ENTRY = struct.Struct("<QQ")  # of a message index: log time, offset
+_HEAD, _OF_MESSAGE = _MESSAGE.pack, int(Opcode.MESSAGE)
+_ENTRY = struct.Struct("<QQ").pack  # of a message index: log time, offset
 _MESSAGE_INDEX = struct.Struct("<BQHI")
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length, first and last log time, size and sum of the content
 _SIZE = struct.Struct("<Q")
@@ -96,14 +97,13 @@ class McapWriter:
 
     def add_message(self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int) -> None:
         """Add a message; a chunk that is full is written."""
-        size, counts = self._size, self._statistics.channel_message_counts
-        head = _MESSAGE.pack(Opcode.MESSAGE, MESSAGE.size + len(data), channel, sequence, log_ns, publish_ns)
-        self._parts += head, data
-        self._size = size + _MESSAGE.size + len(data)
-        entry = _ENTRY.pack(log_ns, size)
-        if channel in self._entries:
+        size, length = self._size, len(data)
+        self._parts += _HEAD(_OF_MESSAGE, MESSAGE.size + length, channel, sequence, log_ns, publish_ns), data
+        self._size = size + _MESSAGE.size + length
+        entry = _ENTRY(log_ns, size)
+        try:
             self._entries[channel].append(entry)
-        else:
+        except KeyError:  # the first of the channel in the chunk
             if not self._entries:
                 self._first = self._last = log_ns
             self._entries[channel] = [entry]
@@ -111,7 +111,6 @@ class McapWriter:
             self._first = log_ns
         elif log_ns > self._last:
             self._last = log_ns
-        counts[channel] = counts.get(channel, 0) + 1
         if self._size > _CHUNK_SIZE:
             self._end_chunk()
 
@@ -138,7 +137,7 @@ class McapWriter:
     def _end_chunk(self) -> None:
         if not self._entries:
             return
-        self._take_note(sum(map(len, self._entries.values())))
+        self._take_note()
         content = b"".join(self._parts)
         data, name = self._compressor.compress(content), prefixed(_COMPRESSION)
         length = _CHUNK.size - HEAD.size + len(name) + _SIZE.size + len(data)
@@ -160,8 +159,11 @@ class McapWriter:
         self._chunk_index += _packed(entry)
         self._begin_chunk()
 
-    def _take_note(self, messages: int) -> None:
-        found = self._statistics
+    def _take_note(self) -> None:
+        found, counts = self._statistics, self._statistics.channel_message_counts
+        for channel, entries in self._entries.items():
+            counts[channel] = counts.get(channel, 0) + len(entries)
+        messages = sum(map(len, self._entries.values()))
         found.message_start_time = min(self._first, found.message_start_time) if found.message_count else self._first
         found.message_end_time = max(self._last, found.message_end_time)
         found.message_count += messages

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -33,6 +34,11 @@ NOISES = (TABLE_1, FROM_LOG)
 
 Overrides: TypeAlias = Mapping[str, str | float]
 """Values of some fields of `SessionInfo`, by the field's name, to replace a log's own."""
+
+
+@lru_cache
+def _axes(mount: str, accel_sign: int, gyro_sign: str) -> AxisMap:
+    return AxisMap(parse_mount(mount), accel_sign, parse_signs(gyro_sign))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +123,7 @@ class SessionInfo:
 
     def axes(self) -> AxisMap:
         """Between instrument and body axes."""
-        return AxisMap(parse_mount(self.mount), self.accel_sign, parse_signs(self.gyro_sign))
+        return _axes(self.mount, self.accel_sign, self.gyro_sign)
 
     def site(self) -> Site:
         """Where the unit stood."""

@@ -101,8 +101,8 @@ class LogWriter:
 
     def all_encoded(self, messages: Iterable[Encoded]) -> None:
         """Write the bytes of some messages of `schemas`, in order."""
-        for topic, data, log_ns, stamp_ns in messages:
-            self._add(topic, data, log_ns, stamp_ns)
+        for message in messages:
+            self._add(*message)
 
     def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
         """Write any other message of `schemas`."""

@@ -22,7 +22,7 @@ from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
 
-BLOCK_NS = 250_000_000
+BLOCK_NS = 500_000_000
 """A stream's packets are handed on by so long a time of them, unless somebody looks at them."""
 _WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
 _SCATTER_NS = 154_508_497

@@ -196,11 +196,13 @@ def may_be_volts(packet: DataPacket) -> bool:
 
 def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
     """Whether a packet says in volts what one of about the same moment said in scaled units."""
+    if not may_be_volts(packet):
+        return False
     now, then = _words(packet), _words(scaled)
     expected = [_VOLTS_AT_ZERO + word // _SCALED_A_VOLT_COUNT for word in then]
     agrees = all(abs(word - volts) <= _MOVED for word, volts in zip(now, expected, strict=True))
     jumps = sum(abs(word - old) > _JUMPED for word, old in zip(now, then, strict=True))
-    return may_be_volts(packet) and agrees and jumps >= _JUMPS
+    return agrees and jumps >= _JUMPS
 
 
 def _words(packet: DataPacket) -> tuple[int, ...]:
