@@ -117,7 +117,7 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, json: bool) -> No
     found = batch.logs_of(name, log_list.find([str(log) for log in logs] or [effective.text("paths.logs")]))
     head = stored_rows.head_of(output)
     found = found if head is None else found.below(head["root"])
-    campaign = run.Campaign(found, CampaignSettings(), output, again=True, mode=effective.file_mode)
+    campaign = run.Campaign(found, CampaignSettings(), output, mode=effective.file_mode)
     workers = local.Processes(len(os.sched_getaffinity(0)))
     run.run(campaign, workers, lambda pace: show_progress(f"{pace.done} of {pace.wanted} logs"))
     rows = stored_rows.read(output).rows

@@ -13,7 +13,8 @@ from typing import Literal, TypedDict, get_args
 import numpy as np
 
 import imutui
-from filters.channels import MG
+from filters.channels import CHANNELS
+from filters.types import Array
 from imutui.jobs.campaign import common_errors, summary, unit_at_rest
 from imutui.jobs.campaign.common_errors import CommonField
 from imutui.jobs.campaign.log_list import LogList
@@ -137,30 +138,33 @@ def _limits(rows: Sequence[Row], unit: UnitAtRest | None, common: Sequence[Commo
     """What a unit fails or is too near to tell by itself, and what it fails with a tilt that all share."""
     good = [row for row in rows if row["final"] is not None]
     whole = list(summary.limits_of(good)) if good else []
-    tilt = np.zeros(3)
+    tilt, sd = np.zeros(3), np.zeros(3)
     for one in common:
         if one["kind"] in _TILTS and unit is not None and unit.still:
             for size in one["sizes"]:
-                tilt[AXES.index(size["axis"]) - 3] = size["value"] * MG
+                axis = AXES.index(size["axis"]) - 3
+                tilt[axis], sd[axis] = size["value"], size["sd"] or 0.0
     if unit is None or not tilt.any():
         return whole, []
-    own = list(summary.limits_of([_less(row, unit.to_reading @ tilt / MG) for row in good]))
+    turned = unit.to_reading @ tilt, np.sqrt(unit.to_reading**2 @ sd**2)
+    own = list(summary.limits_of([_less(row, *turned) for row in good]))
     failed = {(one["channel"], one["quantity"]) for one in own if one["verdict"] == "fails"}
     return own, [one for one in whole if one["verdict"] == "fails" and (one["channel"], one["quantity"]) not in failed]
 
 
-def _less(row: Row, tilt_mg: np.ndarray) -> Row:
-    """A row whose accelerometer biases are less what a tilt makes of them."""
-    final = row["final"]
+def _less(row: Row, tilt_mg: Array, sd_mg: Array) -> Row:
+    """A row whose accelerometer biases are less what a tilt makes of them, and as uncertain as that is."""
+    final, sds = row["final"], row["sd"]
     assert final is not None
+    assert sds is not None
     biases = [None if b is None else b - t for b, t in zip(final["accel_bias_mg"], tilt_mg.tolist(), strict=True)]
-    return {**row, "final": {**final, "accel_bias_mg": biases}}
+    both = zip(sds["accel_bias_mg"], sd_mg.tolist(), strict=True)
+    wider = [None if own is None else float(np.hypot(own, sd)) for own, sd in both]
+    return {**row, "final": {**final, "accel_bias_mg": biases}, "sd": {**sds, "accel_bias_mg": wider}}
 
 
 def _common_noise(limits: dict[str, _Limits], seen: dict[str, UnitAtRest]) -> Iterator[CommonField]:
     """Noise above the sheet along one axis of the table in a quorum of units; it is taken out of the units' own."""
-    from filters.channels import CHANNELS
-
     failed = {
         (name, unit.channel_axes[CHANNELS.index(one["channel"])]): one
         for name, unit in seen.items()
@@ -175,7 +179,8 @@ def _common_noise(limits: dict[str, _Limits], seen: dict[str, UnitAtRest]) -> It
             limits[name] = [o for o in limits[name][0] if o is not one], [*limits[name][1], one]
         size = float(np.median([one["value"] for one in own.values()]))
         made = common_errors.entry("noise", list(own), {})
-        yield {**made, "sizes": [{"axis": AXES[axis], "value": size, "unit": next(iter(own.values()))["unit"]}]}
+        unit = next(iter(own.values()))["unit"]
+        yield {**made, "sizes": [{"axis": AXES[axis], "value": size, "unit": unit, "sd": None}]}
 
 
 def _unit(

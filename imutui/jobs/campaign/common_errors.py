@@ -8,7 +8,7 @@ a quorum of the units shows it in the same sense.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict, cast
 
 import numpy as np
 from scipy import stats
@@ -37,11 +37,15 @@ Kind = Literal["tilt", "gravity", "event", "drift", "tone", "noise"]
 
 
 class SizeField(TypedDict):
-    """How much of an error there is along one of the table's axes: the median over the units."""
+    """How much of an error there is along one of the table's axes: the median over the units, of a tilt their mean.
+
+    `sd` is that of a tilt, by the units' scatter; None of others.
+    """
 
     axis: str
     value: float
     unit: str
+    sd: float | None
 
 
 class CommonField(TypedDict):
@@ -95,13 +99,16 @@ def found_in(units: Sequence[UnitAtRest], period: float) -> list[CommonField]:
     ]
 
 
-def entry(kind: Kind, units: Sequence[str], sizes: dict[int, float], **told: object) -> CommonField:
-    """An entry with what is told of it, sizes by the number of the axis, SI; all else None."""
-    fields = dict.fromkeys(CommonField.__annotations__) | {"kind": kind, "units": list(units)}
-    listed = [
-        {"axis": AXES[a], "value": value / error_unit(a)[1], "unit": error_unit(a)[0]} for a, value in sizes.items()
-    ]
-    return fields | {"sizes": listed} | told  # type: ignore[return-value]
+def entry(
+    kind: Kind, units: Sequence[str], sizes: dict[int, float], sd: float | None = None, **told: Any
+) -> CommonField:
+    """An entry with what is told of it, sizes and their standard deviation by the number of the axis, SI; else None."""
+    fields: Any = dict.fromkeys(CommonField.__annotations__) | {"kind": kind, "units": list(units), "sizes": []}
+    for axis, value in sizes.items():
+        unit, si = error_unit(axis)
+        own_sd = None if sd is None else sd / si
+        fields["sizes"].append({"axis": AXES[axis], "value": value / si, "unit": unit, "sd": own_sd})
+    return cast("CommonField", fields | told)
 
 
 def _rows(units: Sequence[UnitAtRest], origin: int, axis: int, period: float) -> Rows:
@@ -287,38 +294,43 @@ def _beside(own: Array, others: Array) -> float:
 def _statics(units: Sequence[UnitAtRest]) -> Iterator[CommonField]:
     """A tilt of the table, and a gravity that is not that of the site: what accelerometers read wrongly in common.
 
-    Without one, biases of units scatter about none: the mean over units is held against their scatter (F test), over
-    all units or, as one of them may be bad, over all but one. Few units tell little of a scatter: what biases that fill
-    the limits of the sheet evenly would have counts as some units more.
+    Without one, biases of units scatter about none: the mean over units is held against their scatter (F test). Few
+    units tell little of a scatter: what biases that fill the limits of the sheet evenly would have counts as some units
+    more. A unit farther from the median than two that are within their sheet can be from each other takes no part.
     """
     known = [unit for unit in units if np.isfinite(unit.level).all()]
     for kind, axes in (("tilt", [0, 1]), ("gravity", [2])):
-        sets = [known, *(([u for u in known if u is not out] for out in known) if len(known) > 3 else ())]
-        tried = [(_chance(own, axes) * len(sets), own) for own in sets if len(own) > 2]
-        if tried and tried[0][0] > FALSE:
-            tried.sort(key=lambda one: one[0])
-        if not tried or tried[0][0] > FALSE or not _is_the_tables(tried[0][1], axes):
+        middle = np.median([unit.level for unit in known], axis=0) if known else np.zeros(3)
+        own = [u for u in known if (np.abs(u.level - middle)[axes] <= 2.0 * u.bias_limit).all()]
+        if len(own) < max(3, quorum(len(units))):
             continue
-        p, own = tried[0]
+        p = _chance(own, axes)
+        if p > FALSE or not _is_the_tables(own, axes):
+            continue
         mean = np.mean([u.level for u in own], axis=0)
         yield entry(
             kind,  # type: ignore[arg-type]
             [unit.name for unit in own],
             {3 + a: float(mean[a]) for a in axes},
+            (_scatter(own, axes)[0] / len(own)) ** 0.5,
             tilt_deg=_tilt(mean[0], mean[1], own[0].gravity) if kind == "tilt" else None,
             told_apart=len({str(u.to_reading) for u in own}) > 1,
             p=p,
         )
 
 
+def _scatter(units: Sequence[UnitAtRest], axes: list[int]) -> tuple[float, int]:
+    """Variance of the units' levels about their mean, along each of axes, m²/s⁴, and its degrees of freedom."""
+    x = np.array([unit.level[axes] for unit in units])
+    even, free = float(np.mean([unit.bias_limit**2 for unit in units])) / 3.0, len(axes) * (len(units) - 1)
+    return (float(np.sum((x - x.mean(axis=0)) ** 2)) + _EVEN_DOF * even) / (free + _EVEN_DOF), free + _EVEN_DOF
+
+
 def _chance(units: Sequence[UnitAtRest], axes: list[int]) -> float:
     """Probability that the mean of the units' levels is so large by chance, where they scatter about none."""
-    x = np.array([unit.level[axes] for unit in units])
-    n, k = x.shape
-    mean, free = x.mean(axis=0), k * (n - 1)
-    even = float(np.mean([unit.bias_limit**2 for unit in units])) / 3.0
-    scatter = (float(np.sum((x - mean) ** 2)) + _EVEN_DOF * even) / (free + _EVEN_DOF)
-    return float(stats.f.sf(n * float(mean @ mean) / k / scatter, k, free + _EVEN_DOF))
+    mean = np.mean([unit.level[axes] for unit in units], axis=0)
+    scatter, free = _scatter(units, axes)
+    return float(stats.f.sf(len(units) * float(mean @ mean) / len(axes) / scatter, len(axes), free))
 
 
 def _is_the_tables(units: Sequence[UnitAtRest], axes: list[int]) -> bool:
