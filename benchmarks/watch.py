@@ -21,15 +21,15 @@ from bench import DATA
 
 from filters.imu import STANDARD_GRAVITY
 from filters.kalman import runner, series_evidence
-from filters.kalman.residual_watch import Finding, ResidualWatch
+from filters.kalman.residual_watch import Cause, ResidualWatch
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion import reference
 from filters.state import PAPER_SITE
 
 RATE, HZ, SECONDS = 133, 20, 720
-KINDS = ("oscillation", "step", "levels", "noise", "temperature slope", "temperature rate")
-SAME = {"levels": {"levels", "step"}, "step": {"step"}}
+KINDS = ("tone", "step", "telegraph", "noise_level", "thermal_lin", "thermal_rate")
+SAME = {"telegraph": {"telegraph", "step"}, "step": {"step"}}
 AT_REST = ("adis16405_static_a", "mpu6050_static_host_stamps", "aceinna_imu381_s1_static")
 BINS = (9.0, 30.0, 100.0, 1e3, 1e7)
 
@@ -67,8 +67,8 @@ class Told:
     right: bool
 
 
-def unit(seed: int) -> tuple[str, float, list[Told]]:
-    """A simulated unit: the kind in it ("" for none), its size in standard deviations of noise, and what was told."""
+def unit(seed: int) -> tuple[str, float, list[Told], int]:
+    """A simulated unit: the kind in it ("" for none), its size over the noise, what was told, changes in all."""
     rng = np.random.default_rng([27, seed])
     n = SECONDS * HZ
     x = rng.normal(size=(n, 6))
@@ -88,17 +88,17 @@ def unit(seed: int) -> tuple[str, float, list[Told]]:
         kind, size = KINDS[seed // 2 % len(KINDS)], 10.0 ** rng.uniform(-1.0, 0.7)
         at = rng.uniform(150.0, 600.0)
         match kind:
-            case "oscillation":
+            case "tone":
                 x[:, c] += size * np.sin(2.0 * np.pi * 10.0 ** rng.uniform(-1.5, 0.9) * t)
             case "step":
                 x[t > at, c] += size
-            case "levels":
+            case "telegraph":
                 x[(t > at) & (t < at + rng.uniform(15.0, 60.0)), c] += size
-            case "noise":
+            case "noise_level":
                 x[t > at, c] *= 1.0 + 0.3 * size
-            case "temperature slope":
+            case "thermal_lin":
                 x[:, c] += 0.3 * size * T
-            case "temperature rate":
+            case "thermal_rate":
                 x[:, c] += 10.0 * size * np.gradient(T, t)
     watch = ResidualWatch(1.0)
     for k in range(SECONDS):
@@ -106,20 +106,21 @@ def unit(seed: int) -> tuple[str, float, list[Told]]:
         watch.take(k + 1.0, x[block], T[block])
     prior = series_evidence.PRIOR.get(kind, series_evidence.PRIOR["step"])
     weight = 2.0 * len(KINDS) * prior * 6 if kind else 2.0
-    first: dict[int, Finding] = {}
-    for one in watch.told:
+    first: dict[int, Cause] = {}
+    for one in watch.told():
         first.setdefault(one.channel, one)
-    right = [one.channel == c and kind != "" and one.kind in SAME.get(kind, {kind}) for one in first.values()]
-    return kind, size, [Told(weight, one.odds, ok) for one, ok in zip(first.values(), right, strict=True)]
+    right = [one.channel == c and kind != "" and one.effect in SAME.get(kind, {kind}) for one in first.values()]
+    told = [Told(weight, one.odds, ok) for one, ok in zip(first.values(), right, strict=True)]
+    return kind, size, told, len(watch.changes)
 
 
 def odds(units: int) -> None:
     """Reliability of the odds, and how many of each kind are found."""
     told, seen = list[Told](), {kind: [0, 0] for kind in KINDS}
-    alarms = without = 0
+    alarms = without = most = 0
     for seed in range(units):
-        kind, size, found = unit(seed)
-        told += found
+        kind, size, found, changes = unit(seed)
+        told, most = told + found, max(most, changes)
         if kind:
             seen[kind][0] += size > 1.0 and any(one.right for one in found)
             seen[kind][1] += size > 1.0
@@ -128,6 +129,7 @@ def odds(units: int) -> None:
             alarms += len(found)
     hours = without * SECONDS / 3600.0
     print(f"{units} units: told {len(told)}; of units without an effect {alarms} in {hours:.0f} h of six channels")
+    print(f"at most {most} events of a unit")
     for low, high in pairwise(BINS):
         of = [one for one in told if low <= one.odds < high]
         weight = sum(one.weight for one in of)
@@ -149,11 +151,12 @@ def recordings() -> None:
         for k, (a, b) in enumerate(pairwise(edges)):
             if b > a:
                 watch.take(k + 1.0, x[a:b], temperature[a:b])
-        print(f"{name}, {about['duration_s'] / 3600.0:.2f} h: {len(watch.told)} told")
-        for one in watch.told:
+        print(f"{name}, {about['duration_s'] / 3600.0:.2f} h: {len(watch.told())} told")
+        for change, one in watch.changes:
             channel, unit_of = ("ax", "ay", "az", "gx", "gy", "gz")[one.channel], "deg/s" if one.channel > 2 else "mg"
             size = np.rad2deg(one.size) if one.channel > 2 else one.size / STANDARD_GRAVITY * 1e3
-            print(f"  {one.t:6.0f} s  {one.kind} {channel} {size:.3g} {unit_of} odds {one.odds:.3g} {one.hz or one.at}")
+            what = f"{one.effect} {channel} {size:.3g} {unit_of} odds {one.odds:.3g} {one.hz or one.since}"
+            print(f"  {one.t:6.0f} s  {change} {what}")
 
 
 def main() -> None:

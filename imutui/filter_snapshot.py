@@ -50,23 +50,24 @@ class NoiseSnapshot(TypedDict):
     relative_sd: float
 
 
-class WatchedSnapshot(TypedDict):
+class CauseSnapshot(TypedDict):
     """An effect that the residual of a unit at rest showed while it was filtered, instrument axes.
 
-    `size` and `sd` are in `unit`; `extent` is how far it took the reading from its mean, in deg/s or mg, 0 of a noise
-    that changes. `odds` are against all else that was considered. `t` is when it was last seen, of what does not show
-    any more when it was told, `at` when it began, s since the first sample. `shows`: whether it shows at the end.
+    `effect` is the catalogue's name. `size` and `sd` are in `unit`, of a noise_level a ratio without one. `odds` are
+    against all else that is considered. `since` is when a step, telegraph or noise_level began, when another was first
+    seen, `t` when it was last seen, or withdrawn, s since the first sample. `extent` is how far it takes the reading
+    from its mean, deg/s or mg, 0 of a noise_level. `shows`: whether it shows now.
     """
 
-    kind: str
     channel: str
+    effect: str
     size: float
     sd: float
     unit: str
-    extent: float
     odds: float
+    since: float
+    extent: float
     t: float
-    at: float | None
     hz: float | None
     shows: bool
     text: str
@@ -103,6 +104,7 @@ class FilterSnapshot(TypedDict):
     From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
     `own_limits` is whether limits of biases are of this kind of unit; those of the IMU400CD stand for unknown ones.
     `limits_of` is where they are from.
+    `causes` stand, `causes_gone` were told and withdrawn, the newest first.
     `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
     """
 
@@ -121,7 +123,8 @@ class FilterSnapshot(TypedDict):
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]
     noise: NotRequired[NoiseSnapshot | None]
-    watched: NotRequired[list[WatchedSnapshot]]
+    causes: NotRequired[list[CauseSnapshot]]
+    causes_gone: NotRequired[list[CauseSnapshot]]
     effects: list[EffectSnapshot]
     state: NavigationSnapshot | None
     state_sd: NavigationSdSnapshot | None

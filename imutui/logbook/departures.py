@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters.imu import AxisMap
-from imutui.filter_snapshot import WatchedSnapshot
+from imutui.filter_snapshot import CauseSnapshot
 
 if TYPE_CHECKING:
     from filters.kalman.alarms import Departure
-    from filters.kalman.residual_watch import Finding
+    from filters.kalman.residual_watch import Cause
     from filters.kalman.runner import Estimator
 
 _ACCEL, _GYRO = ("ax", "ay", "az"), ("gx", "gy", "gz")
@@ -67,50 +67,63 @@ def _suspicion(found: "Departure", name: str) -> str:
             return f"{degrees:.0f} deg off. It speaks against the profile, the mounting or the sign, not the unit"
 
 
-def watched(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[WatchedSnapshot]:
-    """What shows now, the most certain first, then what was told before; empty of a unit that is not at rest."""
-    if estimator.watch is None:
+def causes(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
+    """What stands, what shows now first; empty of a unit that is not at rest."""
+    watch = estimator.watch
+    if watch is None:
         return []
-    told = [(one, True) for one in estimator.watch.findings()] + [(one, False) for one in estimator.watch.past()]
-    return [watched_field(one, axes, g_unit, shows=shows) for one, shows in told]
+    return [cause_fields(one, axes, g_unit, shows=watch.shows(one)) for one in watch.causes()]
 
 
-def watched_field(found: "Finding", axes: AxisMap, g_unit: float, *, shows: bool = True) -> WatchedSnapshot:
-    """One of them."""
-    of_channel = np.eye(6)[found.channel]
-    name, sign, unit, digits = _reading(found.channel, of_channel, axes, g_unit)
-    size, sd, extent = found.size * sign, found.sd * abs(sign), found.extent * abs(sign)
-    if found.kind == "oscillation":
+def withdrawn(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
+    """What was told and withdrawn, the newest first."""
+    changes = reversed(estimator.watch.changes if estimator.watch is not None else [])
+    return [cause_fields(one, axes, g_unit, shows=False) for change, one in changes if change == "cause_gone"]
+
+
+def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = True) -> CauseSnapshot:
+    """A cause, in the instrument's axes and units."""
+    of_channel = np.eye(6)[cause.channel]
+    name, sign, unit, digits = _reading(cause.channel, of_channel, axes, g_unit)
+    size, sd, extent = cause.size * sign, cause.sd * abs(sign), cause.extent * abs(sign)
+    if cause.effect == "tone":
         size = abs(size)
-    elif found.kind == "noise":
-        size, sd, unit = found.size, found.sd, ""
-    elif found.kind == "temperature slope":
+    elif cause.effect == "noise_level":
+        size, sd, unit = cause.size, cause.sd, ""
+    elif cause.effect == "thermal_lin":
         unit += "/K"
-    elif found.kind == "temperature rate":
+    elif cause.effect == "thermal_rate":
         size, sd, unit = size / 60.0, sd / 60.0, f"{unit}/(K/min)"
     # as many decimals as the certainty is worth
     digits = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9) if sd > 0.0 else digits
-    text = _told(found, name, f"{size:+.{digits}f} ±{3.0 * sd:.{digits}f} {unit}", size)
+    text = _told(cause, name, f"{size:+.{digits}f} ±{3.0 * sd:.{digits}f} {unit}", size)
     return {
-        "kind": found.kind, "channel": name, "size": size, "sd": sd, "unit": unit, "extent": extent,
-        "odds": found.odds, "t": found.t, "at": found.at, "hz": found.hz, "shows": shows, "text": text,
+        "channel": name, "effect": cause.effect, "size": size, "sd": sd, "unit": unit, "odds": cause.odds,
+        "since": cause.since, "extent": extent, "t": cause.t, "hz": cause.hz, "shows": shows, "text": text,
     }  # fmt: skip
 
 
-def _told(found: "Finding", name: str, size: str, ratio: float) -> str:
+def event_text(cause: CauseSnapshot) -> str:
+    """The sentence, and behind it the fields for programs."""
+    fields = {key: cause[key] for key in ("channel", "effect", "size", "sd", "unit", "odds", "since", "hz")}
+    told = (f"{key}={value:.6g}" if isinstance(value, float) else f"{key}={value}" for key, value in fields.items())
+    return f"{cause['text']} ({' '.join(told)})"
+
+
+def _told(cause: "Cause", name: str, size: str, ratio: float) -> str:
     """An effect in a sentence."""
-    odds = f"odds {found.odds:.0f}:1" if found.odds < 1000.0 else "odds over 1000:1"
-    at = "" if found.at is None else f" at {found.at:.0f} s"
-    match found.kind:
-        case "oscillation":
-            return f"{name} oscillates at {found.hz:.3g} Hz by {size.lstrip('+')} ({odds})"
+    odds = f"odds {cause.odds:.{0 if cause.odds > 1.0 else 2}f}:1" if cause.odds < 1000.0 else "odds over 1000:1"
+    at = f" at {cause.since:.0f} s"
+    match cause.effect:
+        case "tone":
+            return f"{name} oscillates at {cause.hz:.3g} Hz by {size.lstrip('+')} ({odds})"
         case "step":
             return f"{name} stepped by {size}{at} ({odds})"
-        case "levels":
+        case "telegraph":
             return f"{name} went to another level and back, {size}{at} ({odds})"
-        case "noise":
+        case "noise_level":
             return f"{name} has {ratio:.2f} times the noise{at} ({odds})"
-        case "temperature slope":
+        case "thermal_lin":
             return f"{name} follows the temperature, {size} ({odds})"
-        case "temperature rate":
+        case "thermal_rate":
             return f"{name} follows the temperature's rate, {size} ({odds})"

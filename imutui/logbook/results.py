@@ -14,7 +14,7 @@ from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.estimate_history import HistoryRows
-from imutui.filter_snapshot import WatchedSnapshot
+from imutui.filter_snapshot import CauseSnapshot
 from imutui.logbook import departures
 from imutui.logbook.session_info import SessionInfo
 
@@ -200,7 +200,8 @@ class ResultDocument(TypedDict):
     temperature_k_per_min: NotRequired[float | None]
     held_since_s: NotRequired[float | None]
     """When the reference ended: from then on biases are held, and navigation states are those of then."""
-    watched: NotRequired[list[WatchedSnapshot]]
+    causes: NotRequired[list[CauseSnapshot]]
+    causes_gone: NotRequired[list[CauseSnapshot]]
     """Of a unit at rest: effects that its residual showed while it was filtered."""
     departure: NotRequired[str | None]
     """With a table profile: where the readings depart from the model most certainly, in a sentence."""
@@ -343,7 +344,8 @@ def document(
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since_s": estimator.held_since,
         "departure": departures.sentence(estimator, axes, g_unit),
-        "watched": departures.watched(estimator, axes, g_unit),
+        "causes": departures.causes(estimator, axes, g_unit),
+        "causes_gone": departures.withdrawn(estimator, axes, g_unit),
         "filter_s": filter_s,
         "read_s": read_s,
         "steps_per_s": estimator.nis_count / filter_s if filter_s > 0.0 else None,

@@ -81,7 +81,6 @@ class Acquisition:
         self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
         if stream is not None:
             self._news.append(lambda _: [(said, WARNING)] if (said := stream.look()) else [])
-        self._news.append(lambda _: [(said, WARNING) for said in self.recorder.pipeline.news()])
         self.loss_advice = LossAdvice(info.port, info.firmware)
 
     # -- what comes from the reader -------------------------------------------------------------------------------
@@ -240,6 +239,8 @@ class Acquisition:
             for news in self._news:
                 for text, level in news(moment):
                     self.event("acquisition", text, level)
+            for name, text in self.recorder.pipeline.news():
+                self.event(name, text, WARNING if name == "cause" else INFORMATION)
         finally:
             self.recorder.events.handled_ns = None
 

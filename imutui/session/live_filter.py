@@ -134,7 +134,7 @@ class LiveFilter:
         self.preparation = PLAIN if effects is None else WITH_EFFECTS
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
-        self._said = 0  # effects that the watch has told
+        self._said = 0  # changes of causes that were told
         self._waiting: list[Readings] = []
         self._marks: list[tuple[int, str]] = []
 
@@ -166,15 +166,15 @@ class LiveFilter:
 
         return effects.memory() if isinstance(effects, CausalEffects) else ""
 
-    def news(self) -> Iterator[str]:
-        """Effects that show in the residual for the first time, in sentences, each once."""
+    def news(self) -> Iterator[tuple[str, str]]:
+        """Causes that show in the residual and those that are withdrawn: names and texts of their events, each once."""
         watch = None if self.estimator is None else self.estimator.watch
-        if watch is not None and len(watch.told) > self._said:
+        if watch is not None and len(watch.changes) > self._said:
             from imutui.logbook import departures
 
-            new, self._said = watch.told[self._said :], len(watch.told)
-            for one in new:
-                yield departures.watched_field(one, self.info.axes(), self.info.g_unit)["text"]
+            new, self._said = watch.changes[self._said :], len(watch.changes)
+            for name, one in new:
+                yield name, departures.event_text(departures.cause_fields(one, self.info.axes(), self.info.g_unit))
 
     def leave_out_unless_ready(self, patience_s: float) -> None:
         """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""

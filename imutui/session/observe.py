@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0
-_MOST_WATCHED = 20
+_MOST_CAUSES = 20
 _NO_UPDATE = "no update yet"
 
 
@@ -180,7 +180,8 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo) -
     out["temperature_k_per_min"] = estimator.temperature.k_per_min()
     out["held_since"] = estimator.held_since
     out["departure"] = departures.sentence(estimator, axes, info.g_unit)
-    out["watched"] = departures.watched(estimator, axes, info.g_unit)[:_MOST_WATCHED]
+    out["causes"] = departures.causes(estimator, axes, info.g_unit)[:_MOST_CAUSES]
+    out["causes_gone"] = departures.withdrawn(estimator, axes, info.g_unit)[:_MOST_CAUSES]
     out["alarms"] = estimator.alarms()
     out["rejected"] = estimator.rejected
     out["confounded"] = estimator.confounded()

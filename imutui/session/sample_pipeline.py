@@ -276,8 +276,8 @@ class SamplePipeline:
         if self._writer is not None:
             self._writer.all_encoded(chain.from_iterable(messages))
 
-    def news(self) -> Iterator[str]:
-        """What the filter's watch tells for the first time."""
+    def news(self) -> Iterator[tuple[str, str]]:
+        """Causes that the filter's watch tells or withdraws: names and texts of events."""
         return iter(()) if self.filter is None else self.filter.news()
 
     def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot, WatchedSnapshot
+from imutui.filter_snapshot import BiasSnapshot, CauseSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -55,7 +55,7 @@ class Standing:
     slope_k_per_min: float | None = None  # of the temperature; None while it is not known
     # where in a table profile the readings depart from the model, and what it may be, in words
     departure: str | None = None
-    watched: Sequence[WatchedSnapshot] = ()  # effects that the residual shows or showed
+    causes: Sequence[CauseSnapshot] = ()  # effects that the residual shows or showed
     # when the reference ended, s, from where on biases are held; None while there is one
     held_since: float | None = None
     failure: str | None = None  # why the filter stopped, if it did
@@ -166,7 +166,7 @@ def _rules(standing: Standing) -> list[Check | None]:
         _limits(standing.biases, standing.limits_of, own=standing.own_limits),
         _nis(standing.nis),
         _converged(standing),
-        _watched(standing.watched),
+        _causes(standing.causes),
         _unexplained(standing),
         _noise(standing.noise),
         _temperature(standing.slope_k_per_min, over=standing.over),
@@ -347,20 +347,20 @@ def _unexplained(standing: Standing) -> Check:
     return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", TRACE_KEY)
 
 
-def _watched(watched: Sequence[WatchedSnapshot]) -> Check:
+def _causes(causes: Sequence[CauseSnapshot]) -> Check:
     """Whether an effect that shows is larger than what a bias may be uncertain by."""
-    showing = [one for one in watched if one["shows"]]
+    showing = [one for one in causes if one["shows"]]
     large = [one for one in showing if over_tolerance(one)]
     if not large:
         said = "none larger than a bias may be uncertain by" if showing else "none shows"
         return Check("good", "effects", said)
-    brief = f"{large[0]['channel']} {large[0]['kind'].split()[0]}"
+    brief = f"{large[0]['channel']} {large[0]['effect'].replace('_', ' ')}"
     return Check("wait", "effects", large[0]["text"], brief, TRACE_KEY)
 
 
-def over_tolerance(one: WatchedSnapshot) -> bool:
+def over_tolerance(one: CauseSnapshot) -> bool:
     """Whether an effect takes readings farther from their mean than a converged bias may be uncertain by."""
-    if one["kind"] == "noise":
+    if one["effect"] == "noise_level":
         return not 1.0 / TOO_NOISY < one["size"] < TOO_NOISY
     return one["extent"] > (GYRO_TOLERANCE_DPS if one["unit"].startswith("deg") else ACCEL_TOLERANCE_MG)
 

@@ -19,7 +19,7 @@ import pytest
 import unit_time
 from helpers.acquisitions import replayed, untimed
 from helpers.commands import imutui, imutui_json, imutui_process
-from helpers.documents import dwell, effect, effects_toml, profile_toml, state
+from helpers.documents import dwell, effect, effects_toml, profile_toml, state, toml
 from helpers.places import own_places
 from helpers.processes import LIMIT_S, wait_until
 from helpers.tap import packets_of
@@ -117,6 +117,23 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     with np.load(source) as measured:
         still = measured["gyro"][: 30 * 20].mean(axis=0)
     assert np.allclose(live["final"]["gyro_bias_dps"], still, atol=0.015)
+
+
+def test_a_cause_that_is_seen_live_is_an_event_and_withdrawn_by_one(home: Path, tmp_path: Path) -> None:
+    """A level that is left after 25 s is a step for as long as it lasts."""
+    steps = [{"name": "step", "channel": "gy", "dps": dps, "at_s": at} for dps, at in ((0.9, 60.0), (-0.9, 85.0))]
+    scenario, path = tmp_path / "unit.toml", tmp_path / "a.mcap"
+    scenario.write_text(toml(seed=3, temperature={"history": [[0.0, 25.0]]}, effect=steps))
+    unit_time.acquire(scenario, 0, path, 170.0, "--filter", "spkf", check=None)
+    log = reader.read(path)
+    told = [(event.name, event.text) for event in log.events if event.name.startswith("cause")]
+    assert all("channel=gy" in text for _, text in told)
+    events = [(name, text.partition("effect=")[2].split()[0]) for name, text in told]
+    assert events[0] == ("cause", "step")
+    assert sorted(events[1:]) == [("cause", "telegraph"), ("cause_gone", "step")]
+    result = replayed(path, code=None)  # 1: so large a level is no good unit's
+    assert [one["effect"] for one in result["causes"]] == ["telegraph"]
+    assert [one["effect"] for one in result["causes_gone"]] == ["step"]
 
 
 def test_a_demo_recovers_known_biases(home: Path) -> None:

@@ -132,14 +132,21 @@ def test_a_filter_that_stops_says_whether_that_is_a_defect(
     assert ("a defect of imutui" in live.failure) == (kind is ValueError)
 
 
-def test_an_effect_in_the_residual_is_told_once_in_a_sentence() -> None:
+def test_a_cause_is_told_with_its_fields_for_programs_and_withdrawn_when_it_has_gone() -> None:
     prepared()
     live = LiveFilter(SessionInfo(rate_hz=20.0))
-    gyro, accel = samples(1400)
-    gyro[:, 1] += 5e-3 * np.sin(2.0 * np.pi * 0.13 * np.arange(1400) / 20.0)
+    gyro, accel = samples(6400)
+    gyro[:3000, 1] += 5e-3 * np.sin(2.0 * np.pi * 0.5 * np.arange(3000) / 20.0)
     said = []
-    for k in range(1400):
+    for k in range(6400):
         list(fed(live, FIRST_NS + k * 50_000_000, gyro[k], accel[k]))
         said += live.news()
-    assert len(said) == 1, said
-    assert said[0].startswith("gy oscillates at 0.1")
+    (told, text), (gone, last) = said
+    assert (told, gone) == ("cause", "cause_gone")
+    assert text.startswith("gy oscillates at 0.5")
+    fields = [dict(one.split("=") for one in words[words.rindex("(") + 1 : -1].split()) for words in (text, last)]
+    assert [(one["channel"], one["effect"], one["unit"], one["since"]) for one in fields] == [
+        ("gy", "tone", "deg/s", fields[0]["since"])
+    ] * 2
+    assert float(fields[0]["odds"]) >= 9.0 > 1.0 > float(fields[1]["odds"])
+    assert abs(float(fields[0]["size"]) - np.rad2deg(5e-3)) < 4.0 * float(fields[0]["sd"])

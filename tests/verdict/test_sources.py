@@ -40,7 +40,7 @@ def document(of: Any, **changes: Any) -> Any:
     made |= {
         key: copy.deepcopy(of[key]) for key in ("nis", "alarms", "confounded", "remainder", "temperature_k_per_min")
     }
-    made |= {"departure": of.get("departure"), "watched": of.get("watched", [])}
+    made |= {"departure": of.get("departure"), "causes": of.get("causes", [])}
     return {**made, "duration_s": 61.0, "samples": 1220, **changes}
 
 
@@ -51,19 +51,21 @@ def unsettled() -> Any:
     return snapshot(biases=biases)
 
 
-def shown(kind: str, extent: float, *, size: float = 1.0, shows: bool = True) -> list[dict[str, Any]]:
+def shown(effect: str, extent: float, *, size: float = 1.0, shows: bool = True) -> list[dict[str, Any]]:
     """An effect on the y gyro."""
-    numbers = {"size": size, "sd": 0.01, "unit": "deg/s", "extent": extent, "odds": 50.0, "t": 60.0, "at": None}
-    return [{"kind": kind, "channel": "gy", **numbers, "hz": None, "shows": shows, "text": f"gy {kind} (odds 50:1)"}]
+    numbers = {"size": size, "sd": 0.01, "unit": "deg/s", "extent": extent, "odds": 50.0, "t": 60.0, "since": 3.0}
+    return [
+        {"effect": effect, "channel": "gy", **numbers, "hz": None, "shows": shows, "text": f"gy {effect} (odds 50:1)"}
+    ]
 
 
 CASES = [
     (snapshot(), "GREEN", True),
-    (snapshot(watched=shown("oscillation", 0.2)), "AMBER", True),
-    (snapshot(watched=shown("oscillation", 0.04)), "GREEN", True),
-    (snapshot(watched=shown("oscillation", 0.2, shows=False)), "GREEN", True),
-    (snapshot(watched=shown("noise", 0.0, size=1.4)), "AMBER", True),
-    (snapshot(watched=shown("noise", 0.0, size=1.1)), "GREEN", True),
+    (snapshot(causes=shown("tone", 0.2)), "AMBER", True),
+    (snapshot(causes=shown("tone", 0.04)), "GREEN", True),
+    (snapshot(causes=shown("tone", 0.2, shows=False)), "GREEN", True),
+    (snapshot(causes=shown("noise_level", 0.0, size=1.4)), "AMBER", True),
+    (snapshot(causes=shown("noise_level", 0.0, size=1.1)), "GREEN", True),
     (snapshot(temperature_k_per_min=-0.4), "AMBER", True),
     (snapshot(confounded=["the table turned one way"]), "AMBER", True),
     (unsettled(), "AMBER", False),

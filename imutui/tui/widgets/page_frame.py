@@ -1,5 +1,7 @@
 """What is around a page's own widgets: header, notice, events, keys, cost of drawing, or that there is no room."""
 
+import re
+
 from textual.content import Content
 from textual.geometry import Size
 from textual.widget import Widget
@@ -13,6 +15,7 @@ from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 _PORT_ROOM = 14
+_FIELDS = re.compile(r" \([a-z_]+=.*")
 
 
 class StatusHeader(TextLines):
@@ -134,9 +137,9 @@ def _chosen(view: View) -> tuple[str, str]:
 
 
 def event_text(event: EventLine) -> str:
-    """Time, kind and text of an event, without the bounds of a gap that stand there for programs."""
-    kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
-    return f"{formatting.utc_time(event['utc'])}  {kind}{event['text'].partition(' (lost_min=')[0]}"
+    """Time, kind and text of an event, without the fields that stand there for programs."""
+    kind = "" if event["name"] == "acquisition" else f"{event['name'].replace('_', ' ')}: "
+    return f"{formatting.utc_time(event['utc'])}  {kind}{_FIELDS.sub('', event['text'])}"
 
 
 class EventList(TextLines):

@@ -57,7 +57,7 @@ class NisLines(TextLines):
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key
         above = view.shown_verdict.reason if view.shown_verdict is not None else ""
-        showing = [one["text"] for one in estimates.get("watched", ()) if one["shows"] and one["text"] not in above]
+        showing = [one["text"] for one in estimates.get("causes", ()) if one["shows"] and one["text"] not in above]
         if showing:
             said, loud = _cut(self.glyphs.text("; ".join(showing)), width - _LABEL - len(key) - 1), True
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))

@@ -43,7 +43,8 @@ def explanation(view: View) -> str:
     ]
     if estimates is not None:
         effects = _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
-        told = [f"{'now ' if one['shows'] else 'past'} {one['text']}" for one in estimates.get("watched", ())]
+        told = [f"{'now ' if one['shows'] else 'past'} {one['text']}" for one in estimates.get("causes", ())]
+        told += [f"gone {one['text']}" for one in estimates.get("causes_gone", ())]
         parts += [_listed("EFFECTS THAT THE RESIDUAL SHOWS", told)]
         parts += [_alarms(found, estimates), effects, _more(estimates)]
     return "\n\n".join(part for part in [*parts, wrapping.joined(_RULES)] if part) + "\n"

@@ -161,7 +161,7 @@ class StateLines(TextLines):
     def _showing(self, view: View) -> Content | None:
         """The effect that shows most certainly in the residual, and how many more do; 4 Filter has all of them."""
         estimates = view.estimates
-        said = [one["text"] for one in estimates.get("watched", ()) if one["shows"]] if estimates is not None else []
+        said = [one["text"] for one in estimates.get("causes", ()) if one["shows"]] if estimates is not None else []
         if not said:
             return None
         more = f"  {len(said) - 1} more: 4 Filter, w" if len(said) > 1 else ""
