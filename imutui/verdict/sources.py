@@ -55,7 +55,7 @@ def _of_bias(standing: Standing, bias: "BiasSnapshot") -> Verdict:
         biases=[bias],
         nis={**standing.nis, "is_test": False},
         remainder=[one for one in standing.remainder if one["channel"] == name],
-        watched=[one for one in standing.watched if one["channel"] == name],
+        causes=[one for one in standing.causes if one["channel"] == name],
         departure=departure if departure is not None and f" {name} reads " in departure else None,
         alarms=(),
         confounded=(),
