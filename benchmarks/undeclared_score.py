@@ -55,6 +55,7 @@ _FREE = {
 _OF_ANGLES = {"angle": "angle_", "direction": "motion_history", "turns": "motion_history", "settling": "motion_history"}
 
 # a driver of the set and names that say the same of it: a rate of temperature is told by how the past differs from now
+_REMEMBER = {"lag", "play", "relay", "hold"}  # operators with a memory
 _ALSO = {
     "temperature_rate": ("temperature_history",),
     "temperature_history": ("temperature_rate",),
@@ -66,6 +67,8 @@ def drivers_of(effect: str, channel: str) -> frozenset[str]:
     """Drivers, in a set's words, that a finding's name says are behind an error of a channel."""
     if effect.startswith("driver:"):
         return frozenset(word for factor in effect[7:].split("*") for word in _free(factor))
+    if effect.startswith("cause:"):
+        return frozenset(_of_chain(effect[6:]))
     kind, axis = ("rate" if channel[0] == "g" else "force"), channel[1]
     words: set[str] = set()
     for word in _DRIVEN_BY.get(effect, ()):
@@ -76,6 +79,14 @@ def drivers_of(effect: str, channel: str) -> frozenset[str]:
         else:
             words.add(word)
     return frozenset(words)
+
+
+def _of_chain(name: str) -> tuple[str, ...]:
+    """What a chain of operators is over; of temperature with a memory its past."""
+    *operators, of = name.rstrip(")").split("(")
+    if operators == ["rate"] and of[0] == "w":
+        return ("rate_change",)
+    return ("temperature_history",) if of == "temperature" and _REMEMBER & {*operators} else _free(of)
 
 
 def _free(name: str) -> tuple[str, ...]:
@@ -96,10 +107,12 @@ def is_right(truth: Undeclared, effect: str, channel: str) -> bool:
     """
     known = {*truth.driver, *truth.same_as}
     known |= {also for word in truth.driver for also in _ALSO.get(word, ())}
+    if truth.memory and "temperature" in known:
+        known.add("temperature_history")
     if effect in _WITHOUT_DRIVER:
         return not truth.in_log
     named = drivers_of(effect, channel)
-    several = len(named) > 1 and not effect.startswith("driver:") and effect != "thermal_scale"
+    several = len(named) > 1 and not effect.startswith(("driver:", "cause:")) and effect != "thermal_scale"
     return bool(named & known) if several else bool(named) and named <= known
 
 

@@ -68,7 +68,7 @@ EFFECTS: dict[str, Entry] = {
 def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, ShapeValue]) -> Hypothesis:
     """A deterministic effect from its name, channels and shape, as a trace wrote them.
 
-    `effect`: in the catalogue, or driver:NAME.
+    `effect`: in the catalogue, driver:NAME or cause:OPERATOR(NAME).
     `channels`: of gx gy gz ax ay az.
     `shape`: what its `shape()` gave, and a driver's knots.
     Raises InputError if there is no such effect, or its shape is not one that it can have.
@@ -81,6 +81,8 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     channel = CHANNELS.index(channels[0])
     if shape.get("form") == thermal_average.FORM:
         return thermal_average.from_file(effect, channel, shape)
+    if effect.startswith("cause:"):
+        return drivers.chain_of(effect.removeprefix("cause:"), shape).on(channel)
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)
     every = (*deterministic.of_sensor(channel), *deterministic.harmonics(channel), deterministic.bias(channel))
@@ -107,12 +109,8 @@ def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothe
         ranges[name.split("*")[0]] = (centre, centre)
     if "threshold_degc" in shape:
         return drivers.threshold(number_of(shape, "threshold_degc")).on(channel)
-    if "knee_degc" in shape:
-        return drivers.kink(number_of(shape, "knee_degc")).on(channel)
-    if shape.get("basis") == "relay":
-        return drivers.relay(number_of(shape, "down_degc"), number_of(shape, "up_degc")).on(channel)
     for basis in drivers.bases(ranges):
         same = basis.name == name and basis.kind == shape.get("basis")
-        if same and all(basis.shape.get(key) == shape.get(key) for key in ("order", "tau_s", "power")):
+        if same and all(basis.shape.get(key) == shape.get(key) for key in ("order", "tau_s")):
             return basis.on(channel)
     raise InputError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')

@@ -1,28 +1,29 @@
-"""Free curves over anything that was logged: what finds an effect whose form, or whose name, no catalogue has.
+"""Causes that no catalogue names: free curves over anything that was logged, and chains of operators over it.
 
-A driver is a quantity of `Inputs` in the unit it is reported in; a basis makes columns of it.
+A driver is a quantity of `Inputs` in the unit it is reported in. A basis makes columns of it (`driver:NAME`), or a
+chain of `operators` does (`cause:OPERATOR(NAME)`). One more chain is one more entry of `CHAINS`.
 """
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from filters.channels import DPS, G
 from filters.effects.hypothesis import Hypothesis, Parameter, own_parameter
-from filters.effects.inputs import TRAILED, TRAILS, Inputs
+from filters.effects.inputs import FOLLOWED, SENSED, Inputs
+from filters.effects.operators import OPERATORS, Values, hats, nested
+from filters.effects.records import ShapeValue, number_of, numbers_of
+from filters.errors import InputError
 from filters.motion.segments import AXES
 from filters.types import Array
 
-RELAY_LEVELS = 25  # temperatures between which a state may flip up and down
-_RELAY_K = 5.0
+_RELAY_K = 5.0  # range of temperature from which relays of it are tried
+_REFRESHES = 3.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)
 THRESHOLDS = 9
-KNEES = 10  # temperatures at which a slope may change
-CREEP_TAUS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # of ln(1 + t / tau), s
-CREEP_POWERS = (0.2, 0.35, 0.5, 0.7)  # of t
 PAST_MOTION = ("settling", "direction", "turns", "since_motion", "table_accel")
 """Drivers that follow the table's past motion, which the filter does not have, as their names begin."""
 _KNOTS = {"time": 9, "temperature": 8, "temperature_rate": 6, "since_motion": 6, "rate_norm": 6, "table_accel": 5}
@@ -30,14 +31,26 @@ _KNOTS_INPUT = 7
 _FOURIER = (3, 6)
 _LOGARITHMIC = ("since_motion",)
 
-Values = Callable[[Inputs], Array]
+Value = Callable[[Inputs], Array]
 
 
-def _input(column: int) -> Values:
-    return lambda inputs: inputs.x[:, column] / (DPS if column < 3 else G)
+def _unit(column: int) -> float:
+    return G if SENSED[column : column + 1] and SENSED[column][0] == "f" else DPS
 
 
-def _product(a: Values, b: Values) -> Values:
+def _input(column: int) -> Value:
+    return lambda inputs: inputs.x[:, column] / _unit(column)
+
+
+def _slope(column: int) -> Value:
+    return lambda inputs: inputs.x_dot[:, column] / _unit(column)
+
+
+def _followed(column: int) -> Value:
+    return lambda inputs: inputs.followed[:, column] / _unit(column)
+
+
+def _product(a: Value, b: Value) -> Value:
     return lambda inputs: a(inputs) * b(inputs)
 
 
@@ -45,7 +58,7 @@ def _norm(inputs: Inputs) -> Array:
     return np.asarray(np.linalg.norm(inputs.x[:, :3], axis=1)) / DPS
 
 
-SCALARS: dict[str, tuple[str, Values, str]] = {
+SCALARS: dict[str, tuple[str, Value, str]] = {
     "time": ("s", lambda inputs: inputs.t, "time"),
     "temperature": ("degC", lambda inputs: inputs.temperature, "temperature"),
     "temperature_rate": ("K/s", lambda inputs: inputs.temperature_rate, "temperature"),
@@ -57,11 +70,31 @@ SCALARS: dict[str, tuple[str, Values, str]] = {
 }  # name to unit, value, and what it is a function of
 
 
-def _turns(axis: int) -> Values:
+SLOPES = {f"rate({name})": _slope(k) for k, name in enumerate(SENSED)}
+"""How fast what is sensed changes: inputs by themselves, for they are taken where it is sensed."""
+
+CHAINS: tuple[tuple[str, ...], ...] = (
+    ("temperature", "relay"),
+    ("temperature", "kink"),
+    ("temperature", "hold"),
+    ("temperature", "lag", "curve"),
+    ("temperature", "lag", "relay"),
+    ("temperature_rate", "relay"),
+    ("time", "creep"),
+    ("time", "power"),
+    *((name, operator) for name in FOLLOWED for operator in ("lag", "play", "relay", "dead_zone")),
+)
+"""Inputs, and the operators over them, the innermost first."""
+
+_SUFFIX = {"degC": "degc", "K/s": "k_per_s", "deg/s": "dps", "g": "g", "s": "s"}
+_PER = {"degC": "/K", "K/s": "/(K/s)", "deg/s": "/(deg/s)", "g": "/g", "s": "/s"}
+
+
+def _turns(axis: int) -> Value:
     return lambda inputs: inputs.angles[:, axis] / (2.0 * np.pi)
 
 
-def _direction(axis: int) -> Values:
+def _direction(axis: int) -> Value:
     return lambda inputs: inputs.direction[:, axis]
 
 
@@ -69,45 +102,54 @@ def _direction(axis: int) -> Values:
 class Driver(Hypothesis):
     """e = sum of θ_i B_i(driver): columns of a basis, the same for every channel, each in the channel's unit."""
 
-    kind: str  # of the basis: hat, fourier, line, threshold, relay, settling, trail, kink, creep
+    kind: str  # of the basis: hat, fourier, line, threshold, settling; of a chain the last operator
     knots: tuple[float, ...] = ()
     unit: str = ""
+    chain: tuple[tuple[str, Values], ...] = ()  # operators, the innermost first, with their numbers
+    value: Value | None = field(default=None, repr=False)  # what the first of them is given
 
     is_free: ClassVar = True
 
     @property
     def name(self) -> str:
-        """Of the driver."""
-        return self.effect.removeprefix("driver:")
+        """Of the driver, or of the chain."""
+        return self.effect.partition(":")[2]
 
     @property
     def label(self) -> str:
-        words = super().label
-        if self.kind == "kink":
-            return f"{words}, above {self.shape['knee_degc']:.3g} degC only"
-        if self.kind == "creep":
-            form = f"ln(1 + t / {self.shape['tau_s']:g} s)" if "tau_s" in self.shape else f"t^{self.shape['power']:g}"
-            return f"{words}, as {form}"
-        if self.kind == "relay":
-            low, high = (float(self.shape[key]) for key in ("down_degc", "up_degc"))
-            return f"{words}, flipping up above {high:.3g} and back below {low:.3g} degC"
-        return f"{words}, which it follows in some {self.shape['tau_s']:g} s" if self.kind == "trail" else words
+        details = [OPERATORS[name].detail.format(*values, u=self.unit) for name, values in self.chain]
+        return super().label + "".join(details)
 
     @property
     def in_filter(self) -> bool:
-        """Whether the filter can have it from what it knows: not what remembers the table's motion, or a flip."""
-        return self.kind not in ("relay", "trail") and not self.name.startswith(PAST_MOTION)
+        """Whether the filter can have it from what it knows: not what remembers the table's motion."""
+        return not self.name.startswith(PAST_MOTION)
+
+    def blank(self) -> Array:
+        return np.full((len(self.chain), 2), np.nan)
+
+    def going_on(self, inputs: Inputs, channel: int, memory: Array) -> Array:
+        if self.value is None:
+            return super().going_on(inputs, channel, memory)
+        made = self.value(inputs)
+        for (name, values), own in zip(self.chain, memory, strict=True):
+            made = OPERATORS[name].course(made, inputs.t, values, own)
+        return made if made.ndim == 2 else made[:, None]
 
     def on(self, channel: int) -> "Driver":
         """The same on a channel."""
-        own = _parameters(channel, len(self.parameters), self.knots, self.unit)
+        if self.chain:
+            per = _PER[self.unit] if all(OPERATORS[name].per for name, _ in self.chain) else ""
+            own = _parameters(channel, len(self.parameters), self.knots, self.unit, per)
+        else:
+            own = _parameters(channel, len(self.parameters), self.knots, self.unit)
         return replace(self, channels=(channel,), parameters=own)
 
 
-def _parameters(channel: int, count: int, knots: Sequence[float], unit: str) -> tuple[Parameter, ...]:
+def _parameters(channel: int, count: int, knots: Sequence[float], unit: str, per: str = "") -> tuple[Parameter, ...]:
     """One for each column; any size is plausible where nothing is known."""
     names = [f"at {knot:.4g} {unit}" for knot in knots[1:]] or [f"b{k + 1}" for k in range(count)]
-    return tuple(own_parameter(channel, name if count > 1 or knots else "k", "", 1.0, 10.0) for name in names)
+    return tuple(own_parameter(channel, name if count > 1 or knots else "k", per, 1.0, 10.0) for name in names)
 
 
 def _driver(
@@ -132,17 +174,11 @@ def _driver(
         shape={"basis": kind, **parts},
         grid=choices,
         over=over,
-        at_blocks=kind in ("settling", "trail") or name.startswith(("since", "direction")),
+        at_blocks=kind == "settling" or name.startswith(("since", "direction")),
         kind=kind,
         knots=knots,
         unit=unit,
     )
-
-
-def hats(values: Array, knots: Array) -> Array:
-    """Hat functions on the knots but the first (their sum is a constant, which is the bias); shape (n, K - 1)."""
-    place = np.clip(np.interp(values, knots, np.arange(knots.size)), 0.0, knots.size - 1.0)
-    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(1, knots.size)))
 
 
 def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
@@ -153,14 +189,12 @@ def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     """
     made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
     if "temperature" in ranges:
-        made += _thresholds(*ranges["temperature"]) + _relays(*ranges["temperature"])
-        made += _kinks(*ranges["temperature"])
-    if "time" in ranges:
-        made += [creep(tau_s=tau) for tau in CREEP_TAUS] + [creep(power=power) for power in CREEP_POWERS]
+        made += _thresholds(*ranges["temperature"])
     for k, axis in enumerate(AXES):
         if axis in ranges:
             made += _of_axis(k, axis, ranges[axis])
-    return made + _trails(ranges) + _products(ranges)
+    made += [_line(name, value, "motion", cause=True) for name, value in SLOPES.items() if name[5:-1] in ranges]
+    return made + _products(ranges) + [c for of in CHAINS for c in _chains(of, ranges)]
 
 
 def _hat(name: str, low: float, high: float) -> Driver:
@@ -191,74 +225,82 @@ def threshold(limit: float) -> Driver:
     return _driver(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS, over=over)
 
 
-def _kinks(low: float, high: float) -> list[Driver]:
-    # near an end of the range what has a knee is a slope, or nothing
-    inner = np.linspace(low, high, KNEES + 6)[3:-3]
-    return [kink(float(knee)) for knee in inner]
-
-
-def kink(knee: float) -> Driver:
-    """e = k max(T - knee, 0)."""
-
-    def above(inputs: Inputs) -> Array:
-        return np.maximum(inputs.temperature - knee, 0.0)[:, None]
-
-    parts, over = {"knee_degc": knee}, ("temperature",)
-    return _driver("temperature", above, 1, "kink", "temperature", parts, choices=KNEES, over=over)
-
-
-def creep(*, tau_s: float = 0.0, power: float = 0.0) -> Driver:
-    """e = k ln(1 + t / tau), or k (t / 100 s)^power: what settles ever more slowly, and has no time constant."""
-
-    def crept(inputs: Inputs) -> Array:
-        return (np.log1p(inputs.t / tau_s) if tau_s else (np.maximum(inputs.t, 0.0) / 100.0) ** power)[:, None]
-
-    parts = {"tau_s": tau_s} if tau_s else {"power": power}
-    return _driver(
-        "time", crept, 1, "creep", "time", parts, choices=len(CREEP_TAUS) + len(CREEP_POWERS), over=("time",)
-    )
-
-
-def _relays(low: float, high: float) -> list[Driver]:
-    if high - low < _RELAY_K:
+def _chains(of: Sequence[str], ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
+    """A chain of operators with all numbers that are tried."""
+    source, *operators = of
+    if source not in ranges or (source in FOLLOWED and "since_motion" not in ranges):
         return []
-    at = np.linspace(low, high, RELAY_LEVELS + 2)[1:-1].tolist()
-    return [relay(down, up) for down, up in itertools.combinations(at, 2)]
+    low, high = ranges[source]
+    if source == "temperature" and "relay" in operators and high - low < _RELAY_K:
+        return []
+    close = list(of) == ["temperature", "relay"]  # whose levels are what units do by themselves
+    grids = [OPERATORS[name].grid(low, high, close) for name in operators]
+    if operators == ["hold"]:  # what is refreshed once or twice is what it was at the start
+        grids = [[own for own in grids[0] if own[0] < ranges.get("time", (0.0, 0.0))[1] / _REFRESHES]]
+    numbers = list(itertools.product(*grids))
+    # of motion every input is tried, and which of them it is was chosen too
+    choices = len(numbers) * (len(FOLLOWED) if source in FOLLOWED else 1)
+    return [chain(source, operators, values, choices) for values in numbers]
 
 
-def relay(down: float, up: float) -> Driver:
-    """e = k s, s being 1 since temperature was last above `up`, 0 since it was last below `down`."""
+def chain(source: str, operators: Sequence[str], numbers: Sequence[Values], choices: int = 1) -> Driver:
+    """A chain of operators over an input, the innermost first, with their numbers, on channel 0."""
+    unit, value, kind = SCALARS[source]
+    known = [OPERATORS[name] for name in operators]
+    remembers = any(operator.remembers for operator in known)
+    if remembers and source in FOLLOWED:
+        value = _followed(FOLLOWED.index(source))
+    suffix = _SUFFIX[unit]
+    knots = numbers[-1] if operators[-1] == "curve" else ()
+    shape: dict[str, float | str] = {
+        key.format(suffix): number
+        for operator, own in zip(known, numbers, strict=True)
+        for key, number in zip(operator.parameters, own, strict=False)
+    }
 
-    def state(inputs: Inputs) -> Array:
-        T = inputs.temperature
-        known = np.where(up < T, 1.0, np.where(down > T, 0.0, np.nan))
-        last = np.maximum.accumulate(np.where(np.isnan(known), -1, np.arange(T.size)))
-        # nothing is known of what was before: as if it came from the middle
-        first = float(T[0] > 0.5 * (down + up)) if T.size else 0.0
-        return np.where(last >= 0, known[np.maximum(last, 0)], first)[:, None]
+    def fresh(inputs: Inputs, channel: int) -> Array:
+        return made.going_on(inputs, channel, made.blank())
 
-    parts, over = {"down_degc": down, "up_degc": up}, ("temperature",)
-    choices = THRESHOLDS + RELAY_LEVELS * (RELAY_LEVELS - 1) // 2
-    return _driver(
-        "temperature_threshold", state, 1, "relay", "temperature", parts, unit="degC", choices=choices, over=over
+    count = max(1, len(knots) - 1)
+    made = Driver(
+        effect=f"cause:{nested(operators, source)}",
+        channels=(0,),
+        source=kind,
+        parameters=_parameters(0, count, knots, unit),
+        columns=fresh,
+        shape=shape,
+        grid=choices,
+        over=() if remembers or kind == "motion" else (source,),
+        at_blocks=remembers and kind == "motion",
+        kind=operators[-1],
+        knots=knots,
+        unit=unit,
+        chain=tuple(zip(operators, numbers, strict=True)),
+        value=value,
     )
-
-
-def _trails(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
-    """What follows the inputs from behind, and how much the unit was turned of late."""
-    made = []
-    for k, name in enumerate(TRAILED):
-        if name in ranges and "since_motion" in ranges:
-            unit = DPS if k < 3 or name == "rate_norm" else G
-            made += [_trail(name, k, j, unit) for j in range(len(TRAILS))]
     return made
 
 
-def _trail(name: str, k: int, j: int, unit: float) -> Driver:
-    def followed(inputs: Inputs) -> Array:
-        return inputs.trail[:, k, j, None] / unit
+def chain_of(name: str, shape: Mapping[str, ShapeValue]) -> Driver:
+    """A chain from its name and shape, as a trace wrote them: the numbers of its operators, and a curve's knots.
 
-    return _driver(name, followed, 1, "trail", "motion", {"tau_s": TRAILS[j]}, choices=len(TRAILS))
+    Raises InputError if there is no such chain, or a number is missing.
+    """
+    if name in SLOPES:
+        return _line(name, SLOPES[name], "motion", cause=True)
+    known = next((of for of in CHAINS if nested(of[1:], of[0]) == name), None)
+    if known is None:
+        names = ", ".join(sorted({operator for _, *rest in CHAINS for operator in rest}))
+        raise InputError(f'`effect` is "cause:{name}", which is no chain that is known; operators are {names}')
+    source, *operators = known
+    suffix = _SUFFIX[SCALARS[source][0]]
+    numbers: list[Values] = [
+        tuple(number_of(shape, key.format(suffix)) for key in OPERATORS[operator].parameters)
+        if operator != "curve"
+        else tuple(numbers_of(shape, "knots"))
+        for operator in operators
+    ]
+    return chain(source, operators, numbers)
 
 
 def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Driver]:
@@ -285,8 +327,11 @@ def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Driver]:
     return made
 
 
-def _line(name: str, value: Values, source: str, parts: dict[str, float | str] | None = None) -> Driver:
-    return _driver(name, lambda inputs: value(inputs)[:, None], 1, "line", source, parts or {})
+def _line(
+    name: str, value: Value, source: str, parts: dict[str, float | str] | None = None, *, cause: bool = False
+) -> Driver:
+    made = _driver(name, lambda inputs: value(inputs)[:, None], 1, "line", source, parts or {})
+    return replace(made, effect=f"cause:{name}", grid=len(SLOPES)) if cause else made
 
 
 def _centre(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float | str]:
@@ -308,7 +353,7 @@ def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     return made
 
 
-def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
+def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Value:
     """Temperature and time from the middle of their range: else a product with them is nearly its other factor."""
     value = SCALARS[name][1]
     if name not in ("temperature", "time"):
@@ -317,7 +362,7 @@ def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
     return lambda inputs: value(inputs) - middle
 
 
-def _with_angle(name: str, value: Values, k: int, axis: str, parts: dict[str, float | str]) -> Driver:
+def _with_angle(name: str, value: Value, k: int, axis: str, parts: dict[str, float | str]) -> Driver:
 
     def columns(inputs: Inputs) -> Array:
         angle = inputs.angles[:, k]

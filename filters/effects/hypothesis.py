@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
+import numpy as np
+
 from filters.channels import ACCELS, GYROS, error_unit
 from filters.effects import plain_names
 from filters.effects.inputs import Inputs
@@ -43,7 +45,7 @@ class Hypothesis:
     `columns` gives the regressor of a channel, SI per SI of the parameters, shape (n, k).
     """
 
-    effect: str  # name in the catalogue, or driver:NAME
+    effect: str  # name in the catalogue, driver:NAME or cause:OPERATOR(NAME)
     channels: tuple[int, ...]  # those it acts on with the same θ: one, or several where it is shared
     # what it is a function of: "time", "temperature", "motion"; "run_specific" for what each run has its own of
     source: str
@@ -72,6 +74,14 @@ class Hypothesis:
 
     def __hash__(self) -> int:
         return hash(self.key)
+
+    def blank(self) -> Array:
+        """What `going_on` remembers before anything is known."""
+        return np.empty((0, 2))
+
+    def going_on(self, inputs: Inputs, channel: int, memory: Array) -> Array:
+        """Columns of instants that follow those before in a power-on; what is remembered is changed in place."""
+        return self.columns(inputs, channel)
 
     @property
     def channel(self) -> int:

@@ -34,8 +34,7 @@ PLAY_HALF_WIDTHS: Array = np.array([width * k / PLAYS for width, _ in BANKS for 
 PLAYS_AT_START: Array = np.repeat([start for _, start in BANKS], PLAYS) * PLAY_HALF_WIDTHS
 """Where every operator is before anything is known of it, K from the start's temperature, shape (BANKS · PLAYS,)."""
 
-TRAILS = (10.0, 40.0, 160.0)  # time constants of what follows motion from behind, s
-TRAILED = (*SENSED, "rate_norm")  # what is followed so: the inputs, and the size of the rate
+FOLLOWED = (*SENSED, "rate_norm")  # what operators with a memory follow of motion: the inputs, and the size of the rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +62,8 @@ class Inputs:
     table_accel: Array  # norm of the derivative of `rates`, rad/s², shape (n,)
     since_motion: Array  # s since the table last moved (since the start if it never did), shape (n,)
     direction: Array  # sign of the last motion of each axis, 0 before the first, shape (n, 3)
-    # `TRAILED` behind by each of `TRAILS`, from equality at the start, rad/s and m/s², shape (n, TRAILED, TRAILS); NaN
-    # where the past motion is not known
-    trail: Array
+    # `FOLLOWED`, once a block, rad/s and m/s², shape (n, FOLLOWED); NaN where the motion is not known
+    followed: Array
 
 
 def tilted(axes: AxisMap, C: Array, gravity: float) -> Array:

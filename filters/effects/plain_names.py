@@ -1,6 +1,6 @@
 """Effects and drivers in plain words. Standard library only, so that texts can be made without an array library."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 _EFFECTS = {
     "thermal_lin": "bias follows temperature",
@@ -59,6 +59,19 @@ _OF_AXES = {
     "settling": "how long ago the {} axis turned, and which way",
 }
 
+_OPERATORS = {
+    "lag": "lag of {}",
+    "play": "play in {}",
+    "relay": "relay of {}",
+    "hold": "{} held for a while",
+    "kink": "{} above a knee",
+    "dead_zone": "{} beyond a dead zone",
+    "creep": "creep with {}",
+    "power": "power of {}",
+    "curve": "curve over {}",
+    "rate": "rate of change of {}",
+}
+
 _PARAMETERS = {
     "k": "size",
     "k1": "linear term",
@@ -108,16 +121,26 @@ def driver(name: str) -> str:
 
 
 def effect(name: str) -> str:
-    """An effect in words, `driver:NAME` too; a name that is not known as it is, without underscores."""
+    """An effect in words, free ones too; a name that is not known as it is, without underscores."""
+    if name.startswith("cause:"):
+        return f"error follows {_chain(name.removeprefix('cause:'), driver)}"
     if name.startswith("driver:"):
         return f"error is a function of {driver(name.removeprefix('driver:'))}"
     return _EFFECTS.get(name, name.replace("_", " "))
+
+
+def _chain(name: str, words: Callable[[str], str]) -> str:
+    """A chain of operators in words, and its input by `words`."""
+    operator, _, inner = name.partition("(")
+    return _OPERATORS[operator].format(_chain(inner[:-1], words)) if inner and operator in _OPERATORS else words(name)
 
 
 def short(name: str) -> str:
     """An effect in three words, for a table: most codes are the field's terms as they are."""
     if name.startswith("driver:"):
         return f"curve over {name.removeprefix('driver:').replace('*', ' × ').replace('_', ' ')}"
+    if name.startswith("cause:"):
+        return _chain(name.removeprefix("cause:"), lambda of: of.replace("_", " "))
     return _SHORT.get(name, name.replace("_", " "))
 
 

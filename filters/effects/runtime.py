@@ -5,6 +5,7 @@ truly senses is the reference's where that is known, else what it reads. States 
 regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
 """
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
 from filters.effects.drivers import PAST_MOTION, SCALARS, Driver
 from filters.effects.hypothesis import Hypothesis, Parameter
-from filters.effects.inputs import TRAILED, TRAILS, Inputs, levered, tilted
+from filters.effects.inputs import Inputs, levered, tilted
 from filters.effects.records import Included
 from filters.effects.temperature import CausalTemperature
 from filters.errors import InputError
@@ -45,11 +46,12 @@ class CausalEffects:
     ) -> None:
         self._axes, self._site, self._period = axes, site, period
         for effect in included:
-            if effect.effect not in catalogue.EFFECTS and not effect.effect.startswith("driver:"):
+            if effect.effect not in catalogue.EFFECTS and not effect.effect.startswith(("driver:", "cause:")):
                 raise InputError(f'`effect` is "{effect.effect}", which is none of the catalogue')
             if effect.include_as in "AS" and not effect.states:
                 raise InputError(f'"{effect.effect}" has no states: without them it changes nothing')
-        self._parts = [_part(effect) for effect in included if effect.states]
+        self._parts = [(h := _part(effect), h.blank()) for effect in included if effect.states]
+        self._chains = [own for _, own in self._parts if own.size]
         states = [(effect, state) for effect in included for state in effect.states]
         self.names = tuple(f"{'/'.join(e.channels)} {e.effect} {s.name} ({s.unit})" for e, s in states)
         self.mean = np.array([s.mean for _, s in states])
@@ -65,8 +67,9 @@ class CausalEffects:
         self._C = np.eye(3)[None]
 
     def memory(self) -> str:
-        """What the terms with a memory of temperature remember, for `restore`; "" before any temperature is known."""
-        return self._thermal.memory()
+        """What terms that remember anything do remember, for `restore`; "" before any temperature is known."""
+        thermal = self._thermal.memory()
+        return json.dumps({**json.loads(thermal), "chains": [own.tolist() for own in self._chains]}) if thermal else ""
 
     def restore(self, memory: str) -> None:
         """Go on from what the effects of the file before remembered, before the first sample is shown.
@@ -74,6 +77,13 @@ class CausalEffects:
         Raises InputError if the text is none that `memory` gave.
         """
         self._thermal.restore(memory)
+        try:
+            found = [np.array(own, np.float64).reshape(-1, 2) for own in json.loads(memory).get("chains", [])]
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the memory of chains does not read as one ({error})") from error
+        if [own.shape for own in found] == [own.shape for own in self._chains]:
+            for own, before in zip(self._chains, found, strict=True):
+                own[:] = before
 
     def look_ahead(self, temperature: Array) -> None:
         """Take the temperatures of all samples before the first is shown, degC: regressors are then the tracer's."""
@@ -87,10 +97,10 @@ class CausalEffects:
         inputs = self._inputs(t, reading, temperature, known)
         phi = np.zeros((t.size, 6, len(self.names)))
         at = 0
-        for h in self._parts:
+        for h, memory in self._parts:
             scale, columns = np.array([p.si for p in h.parameters]), np.zeros((t.size, 6, len(h.parameters)))
             for c in h.channels:
-                columns[:, c] = h.columns(inputs, c)
+                columns[:, c] = h.going_on(inputs, c, memory)
             phi[:, :, at : at + scale.size] = self._in_body(columns, scale)
             at += scale.size
         return phi, self._noise(inputs), self._use(reading, inputs)
@@ -133,7 +143,7 @@ class CausalEffects:
             table_accel=np.zeros(n),
             since_motion=np.zeros(n),
             direction=zero,
-            trail=np.full((n, len(TRAILED), len(TRAILS)), np.nan),
+            followed=np.column_stack([x, np.linalg.norm(x[:, :3], axis=1)]),
         )
 
     def _attitudes(self, known: Array) -> Array:
@@ -193,8 +203,8 @@ def _part(effect: Included) -> Hypothesis:
     h = None if past else catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
     if h is None or (isinstance(h, Driver) and not h.in_filter):
         raise InputError(
-            f'"{effect.effect}" follows past motion, or what temperature has crossed, which the filter does'
-            " not keep: take it out of the file"
+            f'"{effect.effect}" follows past motion of the table, which the filter does not keep:'
+            " take it out of the file"
         )
     if len(h.parameters) != len(effect.states):
         raise InputError(f'"{effect.effect}" has {len(h.parameters)} states, and the file gives {len(effect.states)}')

@@ -28,6 +28,7 @@ from filters.tracing.trace_document import (
     Status,
     TraceFindings,
     UntestableEntry,
+    odds_of,
 )
 from filters.types import Array
 
@@ -167,6 +168,7 @@ def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict, power_ons: 
         "params": _parameters(sensors.chosen, effect, power_ons),
         "shape": dict(effect.shape),
         "score": chosen.score(effect),
+        "odds": odds_of(chosen.score(effect)),
         "gain": chosen.gain(effect),
         "heldout_gain": gain,
         "share_of_excess": share,
@@ -227,7 +229,9 @@ def _rivals(chosen: Choice, effect: Hypothesis) -> list[RivalEntry]:
     difference = 2.0 * float(np.log(max(2, chosen.count))) - loss
     if difference <= _RIVAL:
         return []
-    return [{"effect": "gravity", "label": "gravity has another magnitude", "score_difference": difference}]
+    odds = odds_of(min(chosen.score(e) for e in scales) + difference)
+    label = "gravity has another magnitude"
+    return [{"effect": "gravity", "label": label, "score_difference": difference, "odds": odds}]
 
 
 def _refuted(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> RefutedEntry:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from filters.effects.hypothesis import Hypothesis
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, TRAILED, TRAILS, Inputs
+from filters.effects.inputs import FOLLOWED, LAGS, PLAY_WIDTHS, Inputs
 from filters.types import Array
 
 _ROUNDS = 40
@@ -151,5 +151,5 @@ def _inputs(x: Array) -> Inputs:
         table_accel=np.zeros(n),
         since_motion=none,
         direction=zero,
-        trail=np.full((n, len(TRAILED), len(TRAILS)), np.nan),
+        followed=np.full((n, len(FOLLOWED)), np.nan),
     )

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects.inputs import TRAILED, TRAILS, Inputs, levered
+from filters.effects.inputs import FOLLOWED, Inputs, levered
 from filters.effects.temperature import TemperatureHistory, ThermalMemory, history
-from filters.first_order import first_order
 from filters.tracing.residual import residual, sensed
 from filters.tracing.run import Run
 from filters.types import Array
@@ -32,13 +31,13 @@ class SlowInputs:
     temperature: TemperatureHistory
     since_motion: Array  # s since the table last moved (since the run's start if it never did), shape (n,)
     direction: Array  # sign of the last motion of each axis, 0 before the first, shape (n, 3)
-    trail: Array  # what is sensed, followed from behind, shape (n, TRAILED, TRAILS), see `effects.inputs`
+    followed: Array  # what is sensed, once a block, shape (n, FOLLOWED), see `effects.inputs`
 
     def rows(self, blocks: NDArray[np.int_]) -> "SlowInputs":
         """Those of some blocks, by number, as often as named."""
         T = self.temperature
         picked = TemperatureHistory(T.level[blocks], T.rate[blocks], T.lagged[blocks], T.plays[blocks])
-        return SlowInputs(picked, self.since_motion[blocks], self.direction[blocks], self.trail[blocks])
+        return SlowInputs(picked, self.since_motion[blocks], self.direction[blocks], self.followed[blocks])
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ def _inputs(slow: SlowInputs, **fast: Array) -> Inputs:
         plays=T.plays,
         since_motion=slow.since_motion,
         direction=slow.direction,
-        trail=slow.trail,
+        followed=slow.followed,
         **fast,
     )
 
@@ -251,30 +250,23 @@ def _slow_inputs(
     """Inputs with a memory, at the blocks."""
     past = history(run.temperature, t, period, edges, before)
     if run.still:
-        trail = np.zeros((t.size, len(TRAILED), len(TRAILS)))
-        return SlowInputs(past, t - run.begins, np.zeros((t.size, 3)), trail)
+        return SlowInputs(past, t - run.begins, np.zeros((t.size, 3)), np.zeros((t.size, len(FOLLOWED))))
     rates = np.add.reduceat(run.rates, edges[:-1], axis=0) / np.diff(edges)[:, None]
     moves = np.abs(rates) > _AT_REST
     direction = _last_sign(np.where(moves, np.sign(rates), 0.0))
-    return SlowInputs(past, _since(t, moves.any(axis=1)), direction, _trail(run, t, period))
+    return SlowInputs(past, _since(t, moves.any(axis=1)), direction, _followed(run, t))
 
 
-def _trail(run: Run, t: Array, period: float) -> Array:
-    """What is sensed, followed from behind; taken once a block, which is short beside every time constant."""
+def _followed(run: Run, t: Array) -> Array:
+    """What is sensed in the middle of each block, which is short beside what operators remember; (n, FOLLOWED)."""
     per = max(1, round(run.t.size / t.size))
     x = sensed(run, slice(per // 2, None, per)).reading
     at = run.begins + run.t[per // 2 :: per]
     known = np.isfinite(x).all(axis=1)
     if not known.any():
-        return np.full((t.size, len(TRAILED), len(TRAILS)), np.nan)
+        return np.full((t.size, len(FOLLOWED)), np.nan)
     values = np.column_stack([x, np.linalg.norm(x[:, :3], axis=1)])[known]
-    out = np.empty((t.size, values.shape[1], len(TRAILS)))
-    for k, own in enumerate(values.T):
-        even = np.interp(t, at[known], own)
-        for j, tau in enumerate(TRAILS):
-            pole = float(np.exp(-period / tau))
-            out[:, k, j], _ = first_order(even, 1.0 - pole, pole, pole * float(even[0]))
-    return out
+    return np.stack([np.interp(t, at[known], own) for own in values.T], axis=1)
 
 
 def _since(t: Array, moves: NDArray[np.bool_]) -> Array:

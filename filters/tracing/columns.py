@@ -93,13 +93,15 @@ def _on(h: Hypothesis, channel: int) -> Callable[[Inputs], Array]:
 def _filled(stack: Stack, makers: Sequence[Maker]) -> Array:
     """Columns of hypotheses on channels at their places, over all runs, 0 where there is none; shape (n, K)."""
     out = np.zeros((stack.t.size, makers[-1][2].stop if makers else 0))
+    memories: dict[tuple[object, object], Array] = {}  # what parts of a power-on hand on to the next
     fast = [(_on(h, c), place) for h, c, place in makers if not h.is_slow]
     for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
         rows = slice(start, start + blocks.t.size)
-        at_rest = blocks.slow()
+        at_rest, power_on = blocks.slow(), blocks.run.power_on or start
         for h, c, place in makers:
             if h.is_slow:
-                out[rows, place] = h.columns(at_rest, c)
+                memory = memories.setdefault((h.key, power_on), h.blank())
+                out[rows, place] = h.going_on(at_rest, c, memory)
         if fast:
             blocks.mean(fast, out[rows])
     # in parts: what it makes by the way is as large as what it is given

@@ -22,12 +22,11 @@ from filters.tracing.beside_drift import by_seconds, is_judged, rows_of
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
 from filters.tracing.spectrum import Whitening
+from filters.tracing.trace_document import PRIOR
 from filters.tracing.whitening import Rows
 from filters.types import Array
 
-PRIOR = 0.1
-"""Probability that a slow effect acts on a channel that drifts, before the data are seen."""
-_FREE, _FREE_NAME = 0.3, "driver:"
+_FREE, _FREE_NAME = 0.3, ("driver:", "cause:")
 """Share of a free curve in that, over that of an effect of the catalogue, and how names of free curves begin."""
 _SIZES: Array = np.array([15.0, 50.0, 150.0, 500.0, 1500.0, 5000.0])  # norms over the white noise, of all rows
 _JUDGED = _SIZES[:4]  # those that are judged with steps: what is larger is told by any
@@ -323,7 +322,7 @@ class Judge:
 # The design's slow hypotheses of a channel as rivals of its drift.
 
 _ROWS, _ROWS_IN_ALL = 300, 1200  # at most of a power-on, and in all
-_WITH_SLOPE = ("thermal_lag", "hysteresis", "thermal_rate", "driver:temperature kink")
+_WITH_SLOPE = ("thermal_lag", "hysteresis", "thermal_rate", "cause:kink(temperature)", "cause:hold(temperature)")
 _DRIFT_ITSELF = ("driver:time hat",)  # a free curve in time is what drift is, in a single power-on
 
 
@@ -411,4 +410,6 @@ def _family(term: Term) -> str:
     h = term.hypothesis
     if not isinstance(h, Driver):
         return h.effect
-    return h.kind if h.kind in ("trail", "settling") else f"{h.effect} {h.kind}"
+    if h.source == "motion" and (h.chain or h.kind == "settling"):
+        return f"driver:{h.kind}"
+    return h.effect if h.chain else f"{h.effect} {h.kind}"

@@ -1,5 +1,6 @@
 """Findings: selected terms with their parameters and their rivals: same evidence, or the same part explained."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
 from filters.tracing.selection import Selection
 from filters.tracing.thermal_forms import Form, JointChoice, curve_in_kelvins
-from filters.tracing.trace_document import ParameterEntry
+from filters.tracing.trace_document import ParameterEntry, odds
 from filters.types import Array
 
 _MATERIAL = 9.0  # chi-square that a shared effect explains of a channel that it matters on
@@ -26,6 +27,7 @@ class Rival:
 
     term: Term
     score_difference: float
+    odds: float
     weight: float | None = None
 
 
@@ -40,6 +42,7 @@ class Finding:
     # score, gain: in chi-square, with and without the price of its parameters
     score: float
     gain: float
+    odds: float  # that it acts, against drift and noise alone
     rivals: tuple[Rival, ...]  # what else would do
     channels: tuple[int, ...]  # those on which it matters
     # whether it lowers the error of the held-out run beyond chance; None without one, or for what is run-specific
@@ -73,6 +76,7 @@ def findings_of(chosen: Selection) -> list[Finding]:
                 covariance=covariance,
                 score=gain - chosen.price(term),
                 gain=gain,
+                odds=chosen.odds_of(term),
                 rivals=tuple(_rivals(chosen, term, joint)),
                 channels=where,
                 joint=joint,
@@ -84,7 +88,7 @@ def findings_of(chosen: Selection) -> list[Finding]:
 def _rivals(chosen: Selection, term: Term, joint: JointChoice | None) -> list[Rival]:
     if joint is None:
         return rivals(chosen, term)
-    return rivals_of(joint, chosen.design, next(iter(term.places)))
+    return rivals_of(joint, chosen.design, next(iter(term.places)), chosen.odds_of(term))
 
 
 def _channels_of(chosen: Selection, term: Term, theta: Array) -> tuple[int, ...]:
@@ -113,7 +117,7 @@ def rivals(chosen: Selection, term: Term) -> list[Rival]:
     `chosen`: with the term in it.
     `term`: whose place they would take.
     """
-    design = chosen.design
+    design, known = chosen.design, chosen.odds_of(term)
     if isinstance(term.hypothesis, RunSpecific):
         return []
     rest = [a for a in chosen.terms if a is not term]
@@ -130,16 +134,21 @@ def rivals(chosen: Selection, term: Term) -> list[Rival]:
     gains = design.gains(rest, others)
     found: dict[str, Rival] = {}
     if term.hypothesis.effect == "gravity":  # always a pair: no motion separates them
-        found["scale"] = Rival(Term(deterministic.common_scale(), term.places), 0.0)
+        found["scale"] = Rival(Term(deterministic.common_scale(), term.places), 0.0, known)
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
         close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= term.size + 1)
         if not close or b.hypothesis.effect in found or contains(b, term):
             continue
-        found[b.hypothesis.effect] = Rival(b, difference)
+        found[b.hypothesis.effect] = Rival(b, difference, _beside(known, difference))
         if len(found) >= _MOST:
             break
     return list(found.values())
+
+
+def _beside(known: float, difference: float) -> float:
+    """Odds of what scores so much more than what has known odds."""
+    return odds(known * math.exp(min(0.5 * difference, 100.0)))
 
 
 def contains(b: Term, a: Term) -> bool:
@@ -147,20 +156,21 @@ def contains(b: Term, a: Term) -> bool:
     h, wide = a.hypothesis, b.hypothesis
     if wide.effect == "thermal_poly":
         return b.size > a.size and h.effect == "thermal_lin"
-    return len(h.over) == 1 and wide.effect == f"driver:{h.over[0]}"
+    free = wide.effect == f"driver:{h.over[0]}" if len(h.over) == 1 else False
+    return free or (wide.is_free and len(wide.over) == 1 and wide.over == h.over and wide.source != "motion")
 
 
 _IMPLAUSIBLE = 5.0
 
 
-def rivals_of(joint: JointChoice, design: Design, channel: int) -> list[Rival]:
+def rivals_of(joint: JointChoice, design: Design, channel: int, leading_odds: float) -> list[Rival]:
     """Other effects among the forms, each by its best one, with the evidence of all its forms."""
-    (leading, _), *others = joint.average.families
+    (leading, most), *others = joint.average.families
     found = []
     for form, weight in others:
         term = _term(form, design, channel)
         if term is not None:
-            found.append(Rival(term, leading.score - form.score, weight))
+            found.append(Rival(term, leading.score - form.score, odds(leading_odds * weight / most), weight))
     return found
 
 

@@ -44,9 +44,6 @@ class NoiseDriver:
         return self.high / self.low
 
 
-_OF_BIASES = ("threshold", "relay", "kink", "creep")  # forms of which a curve over the same is enough for noise
-
-
 def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
@@ -61,7 +58,8 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
         usable = [
             a
             for a in design.terms
-            if list(a.places) == [c] and isinstance(a.hypothesis, Driver) and a.hypothesis.kind not in _OF_BIASES
+            # of forms of one step or bend a curve over the same is enough
+            if list(a.places) == [c] and isinstance(h := a.hypothesis, Driver) and not h.chain and h.kind != "threshold"
         ]
         fitted, own = _channel(design, _windows(design, c, edges, means), usable)
         multiplier[:, c] = fitted

@@ -140,6 +140,7 @@ def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntr
         "params": _parameters(f),
         "shape": dict(h.shape),
         "score": f.score,
+        "odds": f.odds,
         "gain": f.gain,
         "heldout_gain": unseen_gain,
         "share_of_excess": f.share,
@@ -153,7 +154,8 @@ def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntr
 
 def _rival(r: Rival) -> RivalEntry:
     h = r.term.hypothesis
-    entry: RivalEntry = {"effect": h.effect, "label": h.label, "score_difference": r.score_difference}
+    difference = r.score_difference
+    entry: RivalEntry = {"effect": h.effect, "label": h.label, "score_difference": difference, "odds": r.odds}
     if r.weight is not None:
         entry["weight"] = r.weight
     return entry
@@ -267,8 +269,8 @@ def _weak(w: Weak, stack: Stack) -> WeakEntry:
         "limit": None if w.limit is None else w.limit / h.parameters[0].si,
         "why": w.why,
     }
-    if w.probability is not None:
-        entry["probability"] = w.probability
+    if w.odds is not None:
+        entry["odds"] = w.odds
     return entry
 
 

@@ -13,7 +13,7 @@ from filters.tracing.line_search import at_full_rate
 from filters.tracing.noise_level import NoiseDriver
 from filters.tracing.residual import perfect, residual_of
 from filters.tracing.run import Run
-from filters.tracing.trace_document import FindingEntry, ParameterEntry, UntestableEntry
+from filters.tracing.trace_document import FindingEntry, ParameterEntry, UntestableEntry, odds_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,5 +106,5 @@ def _finding(effect: str, label: str, channels: list[str], params: list[Paramete
     return {
         "effect": effect, "label": label, "channels": channels, "params": params, "shape": {}, "score": score,
         "gain": score, "heldout_gain": None, "share_of_excess": None, "driver_curve": None, "proposed_form": None,
-        "rivals": [], "include_as": "N", "confirmed": None,
+        "rivals": [], "include_as": "N", "confirmed": None, "odds": odds_of(score),
     }  # fmt: skip

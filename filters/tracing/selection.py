@@ -25,10 +25,11 @@ from filters.tracing.beside_drift import (
 )
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.evidence import SlowEffects
+from filters.tracing.evidence import SlowEffects, SlowRival
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
 from filters.tracing.thermal_forms import JointChoice
+from filters.tracing.trace_document import odds, odds_of
 from filters.tracing.whitening import NONE, Drift
 from filters.types import Array
 
@@ -61,7 +62,7 @@ class Weak:
     covariance: Array
     # size of the first parameter, SI, that would have been accepted; None where size is not what it lacks
     limit: float | None
-    probability: float | None = None  # of a slow effect beside drift, that it acts
+    odds: float | None = None  # of a slow effect beside drift, against drift alone
 
 
 @dataclass
@@ -74,6 +75,7 @@ class Selection:
     # gain on cells that the fit had not seen, by term's key
     unseen_gain: dict[object, float] = field(default_factory=dict)
     averages: dict[object, JointChoice] = field(default_factory=dict)  # averages of thermal forms, by term's key
+    odds: dict[object, float] = field(default_factory=dict)  # of what was told by evidence, by term's key
     slow: SlowEffects = field(init=False, repr=False)  # slow effects as rivals of drift
 
     def __post_init__(self) -> None:
@@ -95,6 +97,10 @@ class Selection:
         """Gain of an accepted term beside the others."""
         rest = [a for a in self.terms if a is not term]
         return float(self.design.gains(rest, [term])[0])
+
+    def odds_of(self, term: Term) -> float:
+        """Odds that an accepted term acts, against drift and noise alone."""
+        return self.odds.get(term.key, odds_of(self.own_gain(term) - self.price(term)))
 
     def fit(self) -> Fit:
         """Joint least-squares fit of all selected terms."""
@@ -138,7 +144,7 @@ class _Candidate:
     terms: tuple[Term, ...]
     channel: int
     drift: Drift | None = None
-    told: bool = False  # by its evidence beside drift
+    odds: float | None = None  # of what is told by its evidence beside drift
 
 
 @dataclass
@@ -209,6 +215,13 @@ def _judge_again(chosen: Selection, latest: _Candidate) -> None:
             chosen.terms = rest
         elif rivals[0].terms and term not in rivals[0].terms:
             chosen.terms = [*rest, *rivals[0].terms]
+            chosen.odds |= {a.key: _odds(rivals) for a in rivals[0].terms}
+
+
+def _odds(rivals: Sequence[SlowRival]) -> float:
+    """That one of some rivals acts, against drift alone."""
+    p = sum(r.probability for r in rivals)
+    return odds(p / max(1.0 - p, 1e-12))
 
 
 def _by_evidence(term: Term) -> bool:
@@ -309,7 +322,7 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
     levels = any(x.score > ACCEPT and x.terms and isinstance(x.terms[0].hypothesis, Telegraph) for x in found)
     if sum(r.probability for r in rivals) > (_LIKELIER if levels else _PROBABLE):
         score = max(ACCEPT + rivals[0].gain, slow, *(x + _RANK for x in events))
-        found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel, told=True))
+        found.append(_Candidate(score, rivals[0].gain, rivals[0].terms, channel, odds=_odds(rivals)))
     known.found = found
     return found
 
@@ -317,7 +330,7 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, term = chosen.design, candidate.terms[0]
-    if candidate.told:
+    if candidate.odds is not None:
         return _is_law(chosen, candidate)
     h = term.hypothesis
     made = h.made if isinstance(h, RunSpecific) else None
@@ -353,6 +366,7 @@ def _is_law(chosen: Selection, candidate: _Candidate) -> bool:
         others = [*chosen.terms, *(a for a in terms if a is not term)]
         drifts = [drift if k == c else d for k, d in enumerate(design.drift)]
         chosen.unseen_gain[term.key] = unseen_gain(design, others, term, None, drifts)[0]
+        chosen.odds[term.key] = candidate.odds or 0.0
     return True
 
 
@@ -415,7 +429,7 @@ def _list_weak(chosen: Selection, channels: Sequence[int]) -> None:
             if _kind(r.terms[-1]) not in taken:
                 why = "may act beside drift, which alone would do as well"
                 made = weak_of(chosen, [*chosen.terms, *r.terms[:-1]], r.terms[-1], r.gain, 0.0, why, None)
-                chosen.weak.append(replace(made, probability=r.probability))
+                chosen.weak.append(replace(made, odds=_odds([r])))
 
 
 def _settle_drift(chosen: Selection, channels: Sequence[int]) -> None:

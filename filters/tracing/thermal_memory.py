@@ -91,6 +91,9 @@ def _replace(chosen: Selection, c: int, own: list[Term], back: Array, found: Ave
     theta = np.array([carried, *np.zeros(len(across))])
     sd = np.array([float(np.sqrt(1.0 - carried)), *np.ones(len(across))])
     chosen.averages[term.key] = JointChoice(found, theta, sd)
+    known = [chosen.odds[a.key] for a in own if a.key in chosen.odds]
+    if known:
+        chosen.odds[term.key] = max(known)
     chosen.weak = [w for w in chosen.weak if not (replaceable(w.term) and c in w.term.places)]
     design.set_drift(c, likeliest_drift(design, chosen.terms, c)[1])
 

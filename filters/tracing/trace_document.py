@@ -6,9 +6,24 @@ Needs the standard library only, so that texts can be made of a document where n
 the separating experiment's profile as text. Figures that are not finite are None in a finished document.
 """
 
+import math
 from typing import Annotated, Literal, NotRequired, TypeAlias, TypedDict
 
 SEPARATES = 5.0  # a d of this tells two effects apart
+PRIOR = 0.1
+"""Probability that a slow effect acts on a channel that drifts, before the data are seen; of others the same."""
+MOST_ODDS = 1e6  # beyond it nothing is known of how often they are right
+
+
+def odds_of(score: float) -> float:
+    """Odds of a cause by its score, twice the logarithm of how much likelier it makes the data, its choice paid."""
+    return odds(PRIOR / (1.0 - PRIOR) * math.exp(min(0.5 * score, 100.0)))
+
+
+def odds(value: float) -> float:
+    """Odds as they are told."""
+    return min(value, MOST_ODDS)
+
 
 Ends: TypeAlias = Annotated[list[float], 2]  # of an interval
 HeldOut = Literal["run", "part", "folds"]
@@ -28,12 +43,14 @@ class ParameterEntry(TypedDict):
 class RivalEntry(TypedDict):
     """Another effect that would do in a finding's place; the difference of scores is rival minus finding.
 
-    `weight` is its share of the evidence where several forms were averaged, of which the finding is the leading one.
+    `odds` are against drift and noise alone. `weight` is its share of the evidence where several forms were averaged,
+    of which the finding is the leading one.
     """
 
     effect: str
     label: str
     score_difference: float
+    odds: NotRequired[float]
     weight: NotRequired[float]
 
 
@@ -49,7 +66,10 @@ class DriverCurveEntry(TypedDict):
 
 
 class FindingEntry(TypedDict):
-    """An effect that was found; `common` is the number of the common cause, in `common`, that it is part of."""
+    """An effect that was found; `common` is the number of the common cause, in `common`, that it is part of.
+
+    `odds` are those that it acts, against drift and noise alone.
+    """
 
     effect: str
     label: str
@@ -57,6 +77,7 @@ class FindingEntry(TypedDict):
     params: list[ParameterEntry]
     shape: dict[str, float | str | list[float]]
     score: float
+    odds: NotRequired[float]
     gain: float
     heldout_gain: float | None
     share_of_excess: float | None
@@ -170,7 +191,7 @@ class WeakEntry(TypedDict):
     guarded_score: float
     limit: float | None
     why: str
-    probability: NotRequired[float]  # of a slow effect beside drift, that it acts
+    odds: NotRequired[float]  # of a slow effect beside drift, against drift alone
 
 
 class DriftEntry(TypedDict):

@@ -268,7 +268,7 @@ def _all_inputs(temperature: Array, **known: Array) -> Inputs:
     """Drivers of which only some are known, the others being zero."""
     n = temperature.size
     shapes = {"x": (6,), "x_dot": (6,), "lagged": (0,), "plays": (0,), "spin": (3,), "horizontal": (3, 2),
-              "centripetal": (3, 3), "angles": (3,), "rates": (3,), "direction": (3,), "trail": (0, 0)}  # fmt: skip
+              "centripetal": (3, 3), "angles": (3,), "rates": (3,), "direction": (3,), "followed": (0,)}  # fmt: skip
     zeros = {field.name: np.zeros((n, *shapes.get(field.name, ()))) for field in fields(Inputs)}
     return Inputs(**zeros | {"temperature": temperature} | known)
 

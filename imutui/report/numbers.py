@@ -58,6 +58,13 @@ def share(x: float) -> str:
     return f"{percent:.0f} %" if percent < 99.5 else f"{min(99.9, math.floor(percent * 10.0) / 10.0):.1f} %"
 
 
+def odds(x: float) -> str:
+    """Odds for, or against, in whole numbers."""
+    if x >= 1000.0:
+        return "odds over 1000:1"
+    return f"odds {x:.0f}:1" if x >= 1.0 else f"odds 1:{1.0 / max(x, 1e-3):.0f}"
+
+
 def duration(seconds: float) -> str:
     """Seconds, or minutes, or hours."""
     if seconds < 600.0:

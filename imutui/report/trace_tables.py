@@ -11,11 +11,12 @@ from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import ParameterEntry, RivalEntry, TraceDocument
 from imutui.report import plain, trace_glance, wrapping
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Table
-from imutui.report.numbers import NOTHING, duration, plus_minus, readings, share, three_digits
+from imutui.report.numbers import NOTHING, duration, odds, plus_minus, readings, share, three_digits
 from imutui.report.trace_glance import TERMINAL, Places
 
 _IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")  # parameters that the label of a finding says
 _FEW = 3
+_CERTAIN = 1000.0  # odds from which on they need not be told
 _RULE = (
     "± is one standard deviation. A cause joins where its score, beside drift too, is above 9; of a channel that"
     " drifts, a step, or what channels share, needs more than 30. A slow effect joins where its odds over drift"
@@ -118,6 +119,8 @@ def _causes(d: TraceDocument, places: Places) -> Table:
 def _findings(d: TraceDocument) -> Iterator[list[Row]]:
     for f in d.get("findings", []):
         told = [f"score {f['score']:.0f}"]
+        if (known := f.get("odds")) is not None and known < _CERTAIN:
+            told.append(odds(known))
         confirmed = f.get("confirmed")
         if (
             (explained := f.get("share_of_excess")) is not None
@@ -249,7 +252,8 @@ def _weak(d: TraceDocument) -> Table:
     for x in sorted(d.get("weak", []), key=lambda x: (CHANNELS.index(x["channels"][0]), -x["score"])):
         parameters = _parameters(x.get("params", []))
         sizes = [value if len(parameters) == 1 else f"{name} {value}" for _, name, value in parameters]
-        told = [f"score {x['score']:.0f}" + (f": {x['why']}" if x.get("why") else "")]
+        known = f", {odds(x['odds'])}" if "odds" in x else ""
+        told = [f"score {x['score']:.0f}{known}" + (f": {x['why']}" if x.get("why") else "")]
         if x.get("limit") is not None and x.get("params"):
             unit = x["params"][0]["unit"].removeprefix("1")
             told.append(f"{x['limit']:.2g} {unit}".rstrip() + " would be used")

@@ -108,7 +108,7 @@ def test_a_finding_has_its_parameters_and_rivals_below_it() -> None:
     at = next(n for n, row in enumerate(rows) if row[0] == "gy")
     assert rows[at : at + 2] == [
         ("gy", "bias follows temperature (thermal_lin)",
-         "0.0200 ± 0.0010 deg/s/K; score 812, explains 97 %, confirmed"),
+         "0.0200 ± 0.0010 deg/s/K; score 812, odds 40:1, explains 97 %, confirmed"),
         ("", "or: bias follows the rate of temperature (thermal_rate)", "score -3"),
     ]  # fmt: skip
     at = next(n for n, row in enumerate(rows) if row[0] == "ax ay az")

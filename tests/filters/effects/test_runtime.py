@@ -110,6 +110,14 @@ MEMBERS: dict[str, Included] = {
     "harmonic": included("harmonic", ("gx",), {"axis": "inner", "order": 2.0}),
     "driver:temperature": included("driver:temperature", ("gx",), {"basis": "hat", "knots": [22.1, 27.4]}),
     "driver:angle_inner": included("driver:angle_inner", ("gx",), {"basis": "fourier", "order": 3.0}),
+    "cause:relay(temperature)": included("cause:relay(temperature)", ("gz",), {"down_degc": 24.1, "up_degc": 26.2}),
+    "cause:curve(lag(temperature))": included(
+        "cause:curve(lag(temperature))", ("ay",), {"tau_s": 10.0, "knots": [22.1, 24.0, 27.4]}
+    ),
+    "cause:hold(temperature)": included("cause:hold(temperature)", ("gx",), {"period_s": 17.0}),
+    "cause:lag(wz)": included("cause:lag(wz)", ("ax",), {"tau_s": 10.0}),
+    "cause:play(fx)": included("cause:play(fx)", ("ax",), {"width_g": 0.1}),
+    "cause:rate(wx)": included("cause:rate(wx)", ("gx",), {"basis": "line"}),
     "gauss_markov": Included("gauss_markov", ("gx",), "S", {}, (DRIFT,)),
     "random_walk": Included("random_walk", ("ay",), "S", {}, (State("drift", "mg", 0.0, 1e-9, np.inf, 0.1),)),
     "tone": Included(
@@ -159,7 +167,10 @@ def test_one_by_one_is_all_at_once_to_the_last_bit() -> None:
 
 
 def test_memory_goes_on_in_other_effects_to_the_last_bit() -> None:
-    members = [MEMBERS[name] for name in ("thermal_lin", "thermal_rate", "thermal_lag", "hysteresis")]
+    members = [
+        MEMBERS[name]
+        for name in ("thermal_lin", "thermal_rate", "thermal_lag", "hysteresis", "cause:relay(temperature)")
+    ]
     n, cut = 600, 251
     together = rows(causal(*members), False, [slice(0, n)])[0][cut:]
     first, second, forgetful = (causal(*members) for _ in range(3))
@@ -179,7 +190,8 @@ def test_all_members_together_are_what_the_filter_asks_for() -> None:
     assert len(effects.names) == len(set(effects.names))
 
 
-LOOSE = {"thermal_rate": 0.1, "thermal_lag": 0.1, "lever_arm": 0.4, "delay": 0.15}
+LOOSE = {"thermal_rate": 0.1, "thermal_lag": 0.1, "lever_arm": 0.4, "delay": 0.15, "cause:rate(wx)": 0.4}
+LOOSE |= {"cause:lag(wz)": 0.06}
 PLAIN = [name for name, e in MEMBERS.items() if e.include_as == "A"]
 
 

@@ -134,16 +134,17 @@ WALK = Effect("random_walk", ("gy",), {"dps_per_sqrt_s": 0.002})
 
 
 @pytest.mark.parametrize(
-    ("form", "effect", "basis"),
+    ("form", "effects"),
     [
-        (lambda T, t: 0.03 * np.maximum(T - 27.0, 0.0), "driver:temperature", "kink"),
-        (lambda T, t: 0.09 * np.log1p(t / 10.0), "driver:time", "creep"),
+        (lambda T, t: 0.03 * np.maximum(T - 27.0, 0.0), {"cause:kink(temperature)"}),
+        (lambda T, t: 0.09 * np.log1p(t / 10.0), {"cause:creep(time)", "cause:power(time)"}),
     ],
 )
-def test_forms_that_the_catalogue_lacks_are_named_by_what_they_follow(form, effect: str, basis: str) -> None:  # type: ignore[no-untyped-def]
+def test_forms_that_the_catalogue_lacks_are_named_by_what_they_follow(form, effects: set[str]) -> None:  # type: ignore[no-untyped-def]
     runs = power_ons(WALK)
     for run in runs:
         assert run.temperature is not None
         run.reading[:, 1] += form(run.temperature, run.t) * DPS
     chosen = select(Design(Stack.of([average(run) for run in runs])), [1])
-    assert [(a.hypothesis.effect, a.hypothesis.shape["basis"]) for a in chosen.terms] == [(effect, basis)]
+    (found,) = chosen.terms
+    assert found.hypothesis.effect in effects

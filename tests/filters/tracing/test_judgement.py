@@ -30,6 +30,7 @@ def judged(seed: int, truth: float, told: float) -> tuple[list[Finding], int]:
         covariance=np.zeros((1, 1)),
         score=50.0,
         gain=60.0,
+        odds=1e6,
         rivals=(),
         channels=(1,),
     )

@@ -1,18 +1,22 @@
-"""Drivers with a memory: a state that flips between two temperatures, and what follows motion from behind."""
+"""Chains of operators with a memory: they are found, named by their composition, and join the filter."""
 
-from dataclasses import replace
+import itertools
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from helpers.runs import TUMBLE, power_ons
 
 from filters.channels import DPS, G
-from filters.effects import catalogue, drivers
+from filters.effects import drivers
 from filters.effects.drivers import Driver
-from filters.effects.inputs import TRAILED, TRAILS
+from filters.effects.inputs import FOLLOWED, Inputs
+from filters.effects.operators import OPERATORS, Values, nested
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
+from filters.errors import InputError
 from filters.imu import AxisMap
+from filters.motion.reference import COLUMNS
 from filters.tracing import trace
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
@@ -42,14 +46,14 @@ def test_a_state_that_flips_between_two_temperatures_is_found_with_both() -> Non
     chosen = selected([flipped(run, 0.1 * DPS) for run in power_ons()], 0)
     h = chosen.terms[0].hypothesis
     assert isinstance(h, Driver)
-    assert (h.effect, h.kind) == ("driver:temperature_threshold", "relay")
+    assert (h.effect, h.kind) == ("cause:relay(temperature)", "relay")
     assert h.shape["up_degc"] == pytest.approx(UP, abs=0.6)
     assert h.shape["down_degc"] == pytest.approx(DOWN, abs=0.6)
     assert chosen.fit().theta[0][0] == pytest.approx(0.1 * DPS, rel=0.15)
 
 
 def test_a_state_keeps_what_it_was_between_its_temperatures() -> None:
-    made = drivers.relay(20.0, 30.0)
+    made = drivers.chain("temperature", ["relay"], [(20.0, 30.0)])
     T = np.array([24.0, 29.0, 31.0, 25.0, 21.0, 19.0, 24.0, 26.0])
     inputs = average(power_ons(count=1, seconds=60.0)[0]).slow()
     columns = made.columns(replace(inputs, temperature=T), 0)[:, 0]
@@ -71,31 +75,73 @@ def test_what_follows_the_force_of_another_axis_from_behind_is_named_by_it() -> 
     chosen = selected([lagging(run, 40.0) for run in runs], 3)
     h = chosen.terms[0].hypothesis
     assert isinstance(h, Driver)
-    assert (h.effect, h.kind, h.shape["tau_s"]) == ("driver:fy", "trail", 40.0)
+    assert (h.effect, h.shape["tau_s"]) == ("cause:lag(fy)", 40.0)
     assert chosen.fit().theta[0][0] / G == pytest.approx(0.003, rel=0.3)
 
 
-def test_a_trail_is_named_by_what_it_follows() -> None:
-    inputs = average(power_ons(count=1, profile=TUMBLE, seconds=60.0)[0]).slow()
-    trails = [b for b in drivers.bases(dict.fromkeys(drivers.SCALARS, (0.0, 1.0))) if b.kind == "trail"]
-    assert [b.name for b in trails] == [name for name in TRAILED for _ in TRAILS]
-    for number, basis in enumerate(trails):
-        k, j = divmod(number, len(TRAILS))
-        unit = G if basis.name[0] == "f" else DPS
-        np.testing.assert_array_equal(basis.columns(inputs, 0)[:, 0], inputs.trail[:, k, j] / unit)
+def test_every_chain_goes_on_from_part_to_part_as_if_it_were_one() -> None:
+    """To the last bit, wherever it is cut, and one by one too."""
+    whole = average(power_ons(count=1, profile=TUMBLE, seconds=TUMBLE.duration)[0]).slow()
+    whole = replace(whole, x=whole.followed[:, :6])  # what does not remember takes them where it is sensed
+    slow = {"temperature": whole.temperature, "temperature_rate": whole.temperature_rate, "time": whole.t}
+    ranges = {name: (float(x.min()), float(x.max())) for name, x in slow.items()} | {"since_motion": (0.0, 9.0)}
+    ranges |= {name: (-90.0, 90.0) if name[0] == "w" else (-1.0, 1.0) for name in FOLLOWED[:6]}
+    chains = [b for b in drivers.bases(ranges | {"rate_norm": (0.0, 90.0)}) if b.chain]
+    assert {b.effect for b in chains} == {f"cause:{nested(rest, of)}" for of, *rest in drivers.CHAINS}
+    varying = [b for b in chains if np.ptp(b.columns(whole, 0), axis=0).max() > 0.0]
+    assert {b.effect for b in varying} == {b.effect for b in chains}
+    for b in {b.effect: b for b in varying}.values():
+        together = b.going_on(whole, 0, b.blank())
+        for cuts in ([137], [1, 2, 3, 200]):
+            memory = b.blank()
+            made = [b.going_on(part, 0, memory) for part in parts(whole, cuts)]
+            assert np.concatenate(made).tobytes() == together.tobytes(), b.effect
 
 
-def test_neither_is_in_the_effects_file_and_the_filter_refuses_both() -> None:
-    """It keeps neither past motion nor what temperature has crossed: a file that has them would be refused."""
+def parts(inputs: Inputs, cuts: list[int]) -> list[Inputs]:
+    ends = [0, *cuts, inputs.t.size]
+    return [
+        replace(inputs, **{f.name: getattr(inputs, f.name)[a:b] for f in fields(Inputs)})
+        for a, b in itertools.pairwise(ends)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("operator", "numbers", "u", "expected"),
+    [
+        ("play", (2.0,), [0.0, 0.5, 1.5, 3.0, 2.5, 0.5], [0.0, 0.0, 0.5, 2.0, 2.0, 1.5]),
+        ("hold", (2.0,), [1.0, 2.0, 4.0, 7.0, 11.0, 16.0], [0.0, -1.0, 0.0, -3.0, 0.0, -5.0]),
+        ("kink", (2.0,), [1.0, 2.0, 4.0], [0.0, 0.0, 2.0]),
+        ("dead_zone", (2.0,), [-3.0, -1.0, 1.0, 4.0], [-1.0, 0.0, 0.0, 2.0]),
+        ("relay", (1.0, 3.0), [2.5, 3.5, 2.0, 0.5, 2.0], [1.0, 1.0, 1.0, 0.0, 0.0]),
+    ],
+)
+def test_what_an_operator_makes(operator: str, numbers: Values, u: list[float], expected: list[float]) -> None:
+    t = np.arange(len(u), dtype=float)
+    made = OPERATORS[operator].course(np.array(u), t, numbers, np.full(2, np.nan))
+    assert made.tolist() == expected
+
+
+def test_a_relay_is_in_the_effects_file_and_the_filter_follows_it() -> None:
     runs = [flipped(run, 0.1 * DPS) for run in power_ons(count=3)]
     found = trace.trace(runs[:2], runs[2])
-    assert "driver:temperature_threshold" in {f["effect"] for f in found.document["findings"]}
-    assert "driver:temperature_threshold" not in {effect.effect for effect in found.included}
-    state = State("k", "deg/s", 0.1, 0.01)
-    for effect, shape in (
-        ("driver:temperature_threshold", {"basis": "relay", "down_degc": 26.0, "up_degc": 29.0}),
-        ("driver:fy", {"basis": "trail", "tau_s": 40.0}),
-    ):
-        assert isinstance(catalogue.hypothesis(effect, ("gx",), shape), Driver)
-        with pytest.raises(ValueError, match="take it out of the file"):
-            CausalEffects([Included(effect, ("gx",), "A", shape, (state,))], np.eye(1), AxisMap(), runs[0].site, 0.05)
+    (entry,) = [f for f in found.document["findings"] if f["effect"] == "cause:relay(temperature)"]
+    assert "relay of temperature, up at 2" in entry["label"]
+    assert entry["odds"] > 1.0
+    (own,) = [effect for effect in found.included if effect.effect == "cause:relay(temperature)"]
+    effects = CausalEffects([own], np.eye(1), AxisMap(), runs[2].site, 1.0 / runs[2].rate_hz)
+    T, zero = runs[2].temperature, np.zeros((runs[2].t.size, 3))
+    assert T is not None
+    phi, _, _ = effects.rows(runs[2].t, zero, zero, T, np.full((T.size, COLUMNS), np.nan))
+    truth = flipped(replace(runs[2], reading=np.zeros((T.size, 6))), 1.0).reading[:, 0]
+    followed = AxisMap().gyro_to_instrument(np.moveaxis(phi[:, 3:], 1, 2))[:, 0, 0] / DPS
+    # but for what smoothing and the nearest levels that are tried make late
+    assert np.mean(np.abs(followed - truth)) < 0.12
+
+
+def test_an_effects_file_with_the_tables_past_motion_is_refused() -> None:
+    (run,) = power_ons(count=1, seconds=60.0)
+    state, shape = State("k", "deg/s", 0.1, 0.01), {"basis": "settling", "tau_s": 10.0}
+    effect = Included("driver:settling_inner", ("gx",), "A", shape, (state,))
+    with pytest.raises(InputError, match="take it out of the file"):
+        CausalEffects([effect], np.eye(1), AxisMap(), run.site, 0.05)

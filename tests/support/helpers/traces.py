@@ -99,13 +99,19 @@ def document() -> dict[str, Any]:
         "channels": ["gy"],
         "params": [{"name": "k", "value": 0.02, "sd": 0.001, "unit": "deg/s/K", "plausible": True}],
         "score": 812.0,
+        "odds": 40.0,
         "gain": 830.0,
         "heldout_gain": 700.0,
         "share_of_excess": 0.971,
         "driver_curve": None,
         "proposed_form": None,
         "rivals": [
-            {"effect": "thermal_rate", "label": "bias follows the rate of temperature", "score_difference": -3.0}
+            {
+                "effect": "thermal_rate",
+                "label": "bias follows the rate of temperature",
+                "score_difference": -3.0,
+                "odds": 9.0,
+            }
         ],
         "include_as": "A",
         "confirmed": True,
