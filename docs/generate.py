@@ -46,7 +46,8 @@ and `g`: `thermal_lin` has `dps_per_k` on gy and `mg_per_k` on ay. "Reported" ar
 `imutui trace`; a value beyond five times the plausible size is marked as implausible for this physics.
 
 Beside these names the tracer tries free curves over whatever was logged. They are called `driver:NAME` in its results:
-`driver:temperature`, `driver:wx*fy` and so on, see [Tracing](tracing.md#free-curves).
+`driver:temperature`, `driver:wx*fy` and so on, see [Tracing](tracing.md#free-curves); and chains of operators, such as
+`cause:relay(temperature)`, see [Chains of operators](tracing.md#chains-of-operators).
 """
 
 FAMILIES = {
