@@ -3,8 +3,8 @@
 `catalogue` names every effect, with its equation and its family; a family is a module:
 
 additive       `deterministic` a sensor's own errors, as data: of temperature, of time, of what it senses (thermal_lin …
-               g_squared) · `drivers` where no name is known: free curves over anything that was logged (driver:NAME) and
-               chains of `operators` over it (cause:OPERATOR(NAME))
+               g_squared) · `drivers` where no name is known: free curves over what was logged (driver:NAME) and chains
+               of `operators` over it (cause:OPERATOR(NAME))
 motion         `deterministic` too: errors of the reference, one parameter over several channels (mounting, earth_rate,
                delay, lever_arm, tilt, gravity), and harmonics of a table's angle
 run_specific   `run_specific` what each run has its own of (tone, step, telegraph)

@@ -74,7 +74,7 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     Raises InputError if there is no such effect, or its shape is not one that it can have.
     """
     for s in deterministic.shared():
-        if s.effect == effect:
+        if s.effect == effect and channels in ((), tuple(CHANNELS[c] for c in s.channels)):
             return s
     if len(channels) != 1:
         raise InputError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')

@@ -35,6 +35,7 @@ def of_sensor(channel: int) -> list[Hypothesis]:
         *(hysteresis(channel, bank) for bank in range(len(BANKS))),
         *(warmup(channel, tau) for tau in WARMUP_TAUS),
         *(g_squared(channel, axis) for axis in range(3)),
+        delay((channel,)),
     ]
 
 
@@ -44,8 +45,9 @@ def harmonics(channel: int) -> list[Hypothesis]:
 
 
 def shared() -> list[Hypothesis]:
-    """Errors of the reference, or of the whole unit, whose parameters several channels share."""
-    return [mounting(), earth_rate(), delay(), lever_arm(), tilt(), gravity()]
+    """Errors of the reference, or of the whole unit or a triad, whose parameters several channels share."""
+    whole = [mounting(), earth_rate(), delay(), lever_arm(), tilt(), gravity()]
+    return whole + [of(triad) for of in (mounting, delay) for triad in (GYROS, ACCELS)]
 
 
 # ---------------------------------------------------------------------------------------------- temperature and time
@@ -217,14 +219,15 @@ def _shared(effect: str, channels: tuple[int, ...], columns: Columns, *own: Para
     return Hypothesis(effect=effect, channels=channels, source="motion", parameters=own, columns=columns, **more)
 
 
-def mounting() -> Hypothesis:
-    """e = v × d, v = ω and f with the same d: the sensors are turned in their case."""
+def mounting(channels: tuple[int, ...] = ALL) -> Hypothesis:
+    """e = v × d, v = ω and f with the same d: the sensors are turned in their case; or those of one triad alone."""
 
     def columns(u: Inputs, c: int) -> Array:
         v = u.x[:, :3] if c < 3 else u.x[:, 3:]
         return np.cross(v[:, None, :], np.eye(3)[None])[:, :, c % 3]
 
-    return _shared("mounting", ALL, columns, *(Parameter(x, "rad", 1.0, 0.01) for x in "xyz"), follows_rates=True)
+    d = (Parameter(x, "rad", 1.0, 0.01) for x in "xyz")
+    return _shared("mounting", channels, columns, *d, follows_rates=True, **_triad(channels))
 
 
 def earth_rate() -> Hypothesis:
@@ -232,10 +235,15 @@ def earth_rate() -> Hypothesis:
     return _shared("earth_rate", GYROS, lambda u, c: u.spin[:, c, None], Parameter("k", "1", 1.0, 1.0))
 
 
-def delay() -> Hypothesis:
-    """e = -tau x'."""
-    tau = Parameter("tau", "s", 1.0, 5e-3)
-    return _shared("delay", ALL, lambda u, c: -u.x_dot[:, c, None], tau, follows_rates=True)
+def delay(channels: tuple[int, ...] = ALL) -> Hypothesis:
+    """e = -tau x', of all channels, of one triad, or of one channel."""
+    tau, columns = Parameter("tau", "s", 1.0, 5e-3), lambda u, c: -u.x_dot[:, c, None]
+    return _shared("delay", channels, columns, tau, follows_rates=True, **_triad(channels))
+
+
+def _triad(channels: tuple[int, ...]) -> dict[str, Any]:
+    """What choosing some channels of all costs."""
+    return {"grid": {len(ALL): 1, len(GYROS): 3}.get(len(channels), 9)}
 
 
 def lever_arm() -> Hypothesis:
