@@ -121,6 +121,11 @@ class Driver(Hypothesis):
         return super().label + "".join(details)
 
     @property
+    def refines(self) -> bool:
+        """Whether it is sought between the numbers of its grid: where a few seconds late is another effect."""
+        return self.source == "temperature" and len(self.chain) == 1
+
+    @property
     def in_filter(self) -> bool:
         """Whether the filter can have it from what it knows: not what remembers the table's motion."""
         return not self.name.startswith(PAST_MOTION)
@@ -279,6 +284,23 @@ def chain(source: str, operators: Sequence[str], numbers: Sequence[Values], choi
         value=value,
     )
     return made
+
+
+def near(h: Driver, grid: Sequence[Driver], share: float) -> list[Driver]:
+    """A chain and others whose numbers are up to two steps away, each a share of the spacing of a grid's.
+
+    `grid`: the same chain with other numbers.
+    """
+    ((name, own),) = h.chain
+    every = np.array([other.chain[0][1] for other in grid])
+    tried = []
+    for x, column in zip(own, every.T, strict=True):
+        at = np.unique(column)
+        place = int(np.clip(np.searchsorted(at, x), 1, at.size - 1))
+        step = share * float(at[place] - at[place - 1])
+        tried.append([x + side * step for side in (-2, -1, 0, 1, 2)])
+    source = h.name.removeprefix(f"{name}(")[:-1]
+    return [chain(source, [name], [own], h.grid) for own in itertools.product(*tried) if list(own) == sorted(set(own))]
 
 
 def chain_of(name: str, shape: Mapping[str, ShapeValue]) -> Driver:

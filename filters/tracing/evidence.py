@@ -9,17 +9,19 @@ other, and pays for their places. What repeats with its input from power-on to p
 would have to do by chance.
 """
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from filters.effects.drivers import Driver
+from filters.effects.drivers import Driver, near
 from filters.effects.run_specific import Tone
 from filters.tracing.beside_drift import by_seconds, is_judged, rows_of
-from filters.tracing.columns import Term
+from filters.tracing.columns import Term, columns_on
 from filters.tracing.design_matrix import Design
 from filters.tracing.spectrum import Whitening
 from filters.tracing.trace_document import PRIOR
@@ -67,6 +69,7 @@ class Candidates:
         size, whole = np.linalg.norm(own, axis=0), np.linalg.norm(columns, axis=0)
         seen = size > _VARIES * whole
         self.columns = own / np.where(seen, size, 1.0)
+        self.total = len(groups)
         kept, bases = [], []
         for number, group in enumerate(groups):
             if seen[group].all():
@@ -92,6 +95,18 @@ class Candidates:
             W = self.whitening.white(k, self.columns)
             self._gram[k] = W.T @ W
         return self._gram[k]
+
+    def joined_by(self, others: "Candidates") -> "Candidates":
+        """These and others over the same rows, whose numbers go on from the last."""
+        out = copy.copy(self)
+        first = self.columns.shape[1]
+        out.columns = np.column_stack([self.columns, others.columns])
+        out.numbers = np.append(self.numbers, others.numbers + self.total)
+        out.groups = [*self.groups, *(g + first for g in others.groups)]
+        out.bases = [*self.bases, *others.bases]
+        out.families = np.append(self.families, others.families)
+        out.count = {name: int(np.sum(out.families == name)) for name in dict.fromkeys(out.families.tolist())}
+        return out
 
     def of(self, number: int) -> Array:
         """Orthonormal columns of a kept hypothesis, shape (n, k)."""
@@ -151,25 +166,40 @@ class _Greedy:
 
 
 class Judge:
-    """Rivals of a channel: its residual, and columns of what is selected there already; of the used rows."""
+    """Rivals of a channel: its residual, and columns of what is selected there already; of the used rows.
 
-    def __init__(self, candidates: Candidates, y: Array, beside: Array) -> None:
-        self._all, self._beside = candidates, beside
+    `refined`: what makes more hypotheses of those that do best, given this.
+    """
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        y: Array,
+        beside: Array,
+        refined: Callable[["Judge"], Candidates | None] = lambda judge: None,
+    ) -> None:
+        self._all, self._beside, self._refined = candidates, beside, refined
         self._y = y
         w = candidates.whitening
+        self._nothing = Candidates(w, np.zeros((y.size, 0)), [], [])
         self._places = np.concatenate([np.arange(p.start, p.stop - 1) for p in w.parts])
         self._known: dict[int, tuple[Array, Array, Array, Array, float]] = {}
         self._of: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
+        self._known_evidence: dict[Candidates, tuple[Array, Array]] = {}
 
     def rivals(self) -> list[Rival]:
         """Families with their probabilities, the most probable first; drift alone is the rest of 1."""
-        names = list(self._all.count)
-        if not names:
+        if not self._all.count:
             return []
-        raw, tidy = self._first()
+        raw, tidy = self._evidence(self._all)
+        more = self._refined(self)
+        if more is not None:
+            raw, tidy = (np.hstack([x, y[:, 1:]]) for x, y in zip((raw, tidy), self._evidence(more), strict=True))
+            self._all = self._all.joined_by(more)
         of_all = np.logaddexp(raw, tidy - (tidy[:, 0].max() - raw[:, 0].max()))
         prior = np.log(np.append(1.0, [1.0 / self._all.count[f] for f in self._all.families.tolist()]))
         spectra = np.argsort(-logsumexp(of_all + prior, axis=1))[:_SPECTRA].tolist()
+        names = list(self._all.count)
         each = [logsumexp(x, axis=0) for x in (raw, tidy)]
         each = [x[1:] - x[0] for x in each]
         own = {f: np.flatnonzero(self._all.families == f) for f in names}
@@ -194,19 +224,33 @@ class Judge:
         ]
         return sorted(made, key=lambda rival: -rival.probability)
 
-    def _first(self) -> tuple[Array, Array]:
+    def best(self, candidates: Candidates | None = None, most: int = 1) -> dict[str, list[int]]:
+        """The most likely hypotheses of each family without steps, the best first, by the numbers of their groups."""
+        own = self._all if candidates is None else candidates
+        order = np.argsort(-logsumexp(self._evidence(own)[0], axis=0)[1:])
+        return {f: own.numbers[order[own.families[order] == f][:most]].tolist() for f in own.count}
+
+    def _evidence(self, candidates: Candidates) -> tuple[Array, Array]:
         """ln evidence without steps, (spectra, 1 + h): of the residual, and of it less the steps that drift has."""
+        if candidates not in self._known_evidence:
+            both = candidates.log_evidence(self._residuals, self._beside)
+            self._known_evidence[candidates] = both[:, :, 0], both[:, :, -1]
+        return self._known_evidence[candidates]
+
+    @cached_property
+    def _residuals(self) -> Array:
+        """The residual, and it less the steps that drift has where it has any; shape (n, 1) or (n, 2)."""
         y = self._y[:, None]
-        alone = self._all.log_evidence(y, self._beside)[:, :, 0]
-        at = np.argsort(-alone[:, 0])[:: max(1, len(alone) // 6)].tolist()[:_SPECTRA]
+        alone = self._nothing.log_evidence(y, self._beside)[:, 0, 0]
+        at = np.argsort(-alone)[:: max(1, len(alone) // 6)].tolist()[:_SPECTRA]
         found = max((self._greedy(k, None, 0.0) for k in at), key=lambda g: g.log_evidence)
         if not found.steps:
-            return alone, alone
+            return y
         tidy = y.copy()
         for row, size in found.steps:
             part = next(p for p in self._all.whitening.parts if p.start <= row < p.stop)
             tidy[row + 1 : part.stop] -= size
-        return alone, self._all.log_evidence(tidy, self._beside)[:, :, 0]
+        return np.hstack([y, tidy])
 
     def _family(
         self, name: str, picks: list[int], own: NDArray[np.int_], each: Sequence[Array], spectra: Sequence[int]
@@ -321,6 +365,11 @@ class Judge:
 # ------------------------------------------------------------------------------------------------------- slow effects
 # The design's slow hypotheses of a channel as rivals of its drift.
 
+_REFINED = (
+    1.0 / 3.0,
+    1.0 / 9.0,
+    1.0 / 27.0,
+)  # of the grid's spacing: how near to each other numbers of a chain are tried
 _ROWS, _ROWS_IN_ALL = 300, 1200  # at most of a power-on, and in all
 _WITH_SLOPE = ("thermal_lag", "hysteresis", "thermal_rate", "cause:kink(temperature)", "cause:hold(temperature)")
 _DRIFT_ITSELF = ("driver:time hat",)  # a free curve in time is what drift is, in a single power-on
@@ -374,9 +423,43 @@ class SlowEffects:
         beside = rows.values[used, 1:]
         size = np.linalg.norm(beside, axis=0)
         beside = beside[:, size > _VARIES * float(size.max(initial=0.0))]
-        found = Judge(candidates, rows.values[used, 0], beside).rivals()
-        named = [(tuple(a for a in groups[r.best].terms if a.key not in taken), r) for r in found]
-        return [SlowRival(group, r.probability, r.gain) for group, r in named]
+        count = len(groups)
+        refined = partial(self._refined, groups, channel, candidates.whitening)
+        found = Judge(candidates, rows.values[used, 0], beside, refined).rivals()
+        return [
+            SlowRival(self._in_design(groups[r.best], taken, is_new=r.best >= count), r.probability, r.gain)
+            for r in found
+        ]
+
+    def _in_design(self, group: _Group, taken: Collection[object], *, is_new: bool) -> tuple[Term, ...]:
+        """Terms of a group that are not selected yet, with their columns in the design."""
+        if not is_new:
+            return tuple(a for a in group.terms if a.key not in taken)
+        (term,) = group.terms
+        columns = columns_on(self._design.stack, [term])
+        return (self._design.add(term.hypothesis, columns[term.key, term.hypothesis.channel]),)
+
+    def _refined(self, groups: list[_Group], channel: int, whitening: Whitening, judge: Judge) -> Candidates | None:
+        """Chains between those of the grid that do best: one of each family, which `groups` then has too."""
+        made = []
+        for numbers in judge.best(most=_PICKS).values():
+            found = [h for k in numbers if isinstance(h := groups[k].terms[-1].hypothesis, Driver) and h.refines]
+            same = [a.hypothesis for g in groups for a in g.terms if found and a.hypothesis.effect == found[0].effect]
+            grid = [own for own in same if isinstance(own, Driver)]
+            for share in _REFINED if len(grid) > 1 else ():
+                chains = [own.on(channel) for h in found for own in near(h, grid, share)]
+                candidates = self._over([_of_one(own) for own in chains], channel, whitening)
+                found = [chains[k] for own in judge.best(candidates).values() for k in own] or found
+            made += [_of_one(h) for h in found[:1] if h not in grid]
+        groups += [_Group((term,)) for term in made]
+        return self._over(made, channel, whitening) if made else None
+
+    def _over(self, terms: Sequence[Term], channel: int, whitening: Whitening) -> Candidates:
+        """Terms of one column that the design does not have, over the rows of a channel."""
+        known = columns_on(self._design.stack, terms)
+        raw = np.hstack([known[a.key, channel] for a in terms])
+        columns = by_seconds(self._design, channel, raw, self._row_s).values[whitening.used]
+        return Candidates(whitening, columns, list(np.arange(len(terms))[:, None]), [_family(a) for a in terms])
 
     def _groups(self, channel: int) -> list[_Group]:
         terms = [a for a in self._design.terms if channel in a.places and is_judged(a)]
@@ -403,6 +486,11 @@ class SlowEffects:
             families = [_family(g.terms[-1]) for g in groups]
             self._made[key] = Candidates(whitening, columns[whitening.used], own, families)
         return self._made[key]
+
+
+def _of_one(h: Driver) -> Term:
+    """A hypothesis of one column that no design has."""
+    return Term(h, {h.channel: np.zeros(1, int)})
 
 
 def _family(term: Term) -> str:

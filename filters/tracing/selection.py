@@ -294,11 +294,13 @@ def _laws_first(found: list[_Candidate], laws: list[_Candidate]) -> list[_Candid
     """
     most = max((x.gain for x in laws), default=0.0)
     alike = [x for x in laws if x.gain > _TEMPERATURE_SHARE * most]
-    law = min(alike, key=lambda x: x.terms[0].hypothesis.rank, default=None)
+    told = (x for x in found if x.odds is not None and x.terms[0].hypothesis.source == "temperature")
+    law = next(told, min(alike, key=lambda x: x.terms[0].hypothesis.rank, default=None))
     steps = [x for x in found if x.terms and isinstance(x.terms[0].hypothesis, Step)]
     if law is None or not any(law.gain > _TEMPERATURE_SHARE * x.gain for x in steps):
         return found
-    return [law, *(replace(x, score=min(x.score, law.score - _RANK)) if x in steps else x for x in found)]
+    others = (x for x in found if x is not law)
+    return [law, *(replace(x, score=min(x.score, law.score - _RANK)) if x in steps else x for x in others)]
 
 
 def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -> list[_Candidate]:

@@ -17,6 +17,7 @@ from filters.effects.runtime import CausalEffects
 from filters.errors import InputError
 from filters.imu import AxisMap
 from filters.motion.reference import COLUMNS
+from filters.simulation import Effect
 from filters.tracing import trace
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
@@ -58,6 +59,20 @@ def test_a_state_keeps_what_it_was_between_its_temperatures() -> None:
     inputs = average(power_ons(count=1, seconds=60.0)[0]).slow()
     columns = made.columns(replace(inputs, temperature=T), 0)[:, 0]
     assert columns.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+
+
+def test_beside_drift_its_temperatures_are_found_between_those_of_the_grid() -> None:
+    """Some seconds late, at the nearest temperatures that are tried, free steps would do as well.
+
+    What is smoothed over 5 s crosses them a little later than the thermometer does.
+    """
+    walk = Effect("random_walk", ("gx",), {"dps_per_sqrt_s": 0.001})
+    chosen = selected([flipped(run, 0.06 * DPS) for run in power_ons(walk)], 0)
+    (found,) = chosen.terms
+    assert found.hypothesis.effect == "cause:relay(temperature)"
+    assert found.hypothesis.shape["up_degc"] == pytest.approx(UP, abs=0.15)
+    assert found.hypothesis.shape["down_degc"] == pytest.approx(DOWN, abs=0.15)
+    assert chosen.odds_of(found) > 9.0
 
 
 def lagging(run: Run, seconds: float) -> Run:
