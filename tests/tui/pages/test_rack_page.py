@@ -1,9 +1,12 @@
 """The rack page: the units of a batch, what is wrong with each, and what is asked of all or of chosen ones."""
 
+from pathlib import Path
+
 import pytest
 from helpers.fake_batch import BAD_AXIS, Batch, Unit, settled
 from helpers.pilot import SMALLEST
 
+from imutui.session import end_report
 from imutui.session.client import SessionGoneError
 
 
@@ -134,3 +137,21 @@ async def test_s_stops_a_unit_after_asking(batch: Batch) -> None:
         await see("j s → Stop these units? | 1 unit: 9900002")
         await see("s → stopped: 1 unit | × ENDED")
     assert batch.asked() == [[], ["stop"], [], []]
+
+
+async def test_one_that_was_asked_to_end_is_no_fault(batch: Batch, home: Path) -> None:
+    end_report.write("lot:2", "ana on pts/1", None)
+    async with batch.opened() as see:
+        batch.units["lot:2"].gone = 'the acquisition "lot:2" has ended.'
+        await see("j → – ENDED | ended by ana on pts/1 | 1 × RED  2 ● GREEN | S starts it again")
+        end_report.write("lot:2", "", "the disk is full")
+        await see("→ × ENDED | the disk is full | 2 × RED")
+
+
+async def test_one_profile_is_taken_for_all_while_none_records(batch: Batch, home: Path) -> None:
+    async with batch.opened() as see:
+        await see("p → A table profile for all | six positions, 30 s each, 7 segments")
+        await see("1 → is taken: 4 units")
+        await see("r → ● REC 4 of 4")
+        await see("p → finish the recordings first")
+    assert batch.asked() == [["configure reference_file", "record"]] * 4

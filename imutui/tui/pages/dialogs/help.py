@@ -54,7 +54,8 @@ ON THE RACK PAGE
   Enter    the pages of this unit, 2 to 5 that page of it; 0 comes back
   w        worst first. What is wrong stands in full below the list
   x        choose units: keys then act on those alone, else on all
-  r m n    start or finish recordings, one mark, one note for all
+  r m n p  start or finish recordings; one mark, one note, one table
+           profile for all
   b t c    begin the table profile; t: the table is there, which serves
            all units that wait for this segment; c cancels, b resumes
   s  S     stop a unit or the chosen ones, after asking; start what does not

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import ClassVar
 
 from textual import work
@@ -24,12 +25,13 @@ from imutui.tui.pages.base import PAGES, RACK, Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog
 from imutui.tui.pages.rack import text
+from imutui.tui.pages.table import profiles
 from imutui.tui.widgets.option_rows import OptionRows
 from imutui.tui.widgets.page_frame import StatusHeader
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, WrappedText
 
 _LOUD = LEVEL_STYLES["bad"]
-_DRAW_EVERY_S, _LOOK_EVERY_S = 0.5, 5.0
+_NEWS_S, _DRAW_EVERY_S, _LOOK_EVERY_S = 0.25, 1.0, 5.0
 _OF_A_UNIT = ",".join(key for key, title in PAGES if title in ("Live", "Record", "Filter", "Table"))
 
 
@@ -74,6 +76,7 @@ class RackPage(Page):
         Binding("b", "guide('begin')", "begin", tooltip="Record, and be guided through the table profile"),
         Binding("t", "guide('next')", "there", tooltip="The table is where the segment wants it, for all units"),
         Binding("c", "guide('cancel')", "cancel", show=False, tooltip="Stop being guided; the recordings go on"),
+        Binding("p", "profile", "profile", show=False, tooltip="Have all filters go by one table profile"),
         Binding("s", "stop", "stop", show=False, tooltip="Stop units, after asking"),
         Binding(
             "S", "start", "start", show=False, tooltip="Start units that do not run: others may be in their places"
@@ -89,7 +92,7 @@ class RackPage(Page):
         self._chosen: set[str] = set()
         self._worst_first = False
         self._step = text.step(())
-        self._looked_at = 0.0
+        self._looked_at = self._drawn_at = 0.0
 
     def header(self) -> StatusHeader:
         return RackHeader([RACK, *PAGES], self.TITLE)
@@ -103,12 +106,13 @@ class RackPage(Page):
 
     def on_mount(self) -> None:
         super().on_mount()
-        self.set_interval(_DRAW_EVERY_S, self._draw_news)
+        self.set_interval(_NEWS_S, self._draw_news)
         self._look()
 
     def on_screen_resume(self) -> None:
         super().on_screen_resume()
         if self.rack is not None:
+            self.rack.seen = True
             self.rack.hurry()
         self._draw()
 
@@ -120,15 +124,17 @@ class RackPage(Page):
         super().show(view)
 
     def _draw_news(self) -> None:
-        """Draw if a unit has answered, and look for others now and then."""
+        """Draw once a second if a unit has answered, at once before all have, and look for others now and then."""
         rack = self.rack
         if rack is None or not self.is_whole:
             return
         rack.seen = self.app.screen_stack[0] is self
         if rack.seen and time.monotonic() - self._looked_at > _LOOK_EVERY_S:
             self._look()
-        if rack.seen and rack.news.is_set():
+        due = time.monotonic() - self._drawn_at > _DRAW_EVERY_S or any(unit.answer is None for unit in self._shown)
+        if rack.seen and due and rack.news.is_set():
             rack.news.clear()
+            self._drawn_at = time.monotonic()
             self.redraw()
 
     @work(exclusive=True, group="look")
@@ -262,6 +268,28 @@ class RackPage(Page):
             self._ask(targets, text.GUIDED[do], lambda client: client.guide(do))
         else:
             self.say(f"not now: {self._step.said} {self._step.then}", "wait")
+
+    @work(group="profile", exclusive=True)
+    async def action_profile(self) -> None:
+        """Choose a table profile, which the operator moves the table through by hand."""
+        targets = self._targets()
+        if any(unit.now is not None and unit.now["recording"] is not None for unit in targets):
+            self.say(text.NO_PROFILE, "wait")
+            return
+        logs = Path(getattr(self.app, "logs_folder", "logs"))
+        found = await in_thread(
+            lambda: [profiles.by_hand(one) for one in profiles.found([Path(), logs]) if not one.error]
+        )
+        offers = {str(n): offer for n, offer in enumerate(found[:9], 1)}
+        answers = [Answer(key, key, f"{offer.name}, {offer.segments} segments") for key, offer in offers.items()]
+
+        def chosen(key: str | None) -> None:
+            if key is not None:
+                offer = offers[key]
+                file = (offer.file, offer.text)
+                self._ask(targets, f"{offer.name} is taken", lambda client: client.configure(reference_file=file))
+
+        self.app.push_screen(ChoiceDialog("A table profile for all", text.PROFILES, answers), chosen)
 
     def action_stop(self) -> None:
         here = self._here

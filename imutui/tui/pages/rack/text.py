@@ -5,24 +5,28 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from imutui.session.batch import CONNECTING, ENDED
+from imutui.session.batch import CONNECTING, ENDED, Answer
 from imutui.session.snapshot import GuideSnapshot, ProfileDescription
 from imutui.tui import formatting, messages
 from imutui.tui.connection.rack import UnitView
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.table.text import guided
+from imutui.verdict import sources
 from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
 
-MORE = " also: n note  c cancel profile  s stop  S start again  2-5 its pages  d detach"
+MORE = " also: n note  p profile  c cancel it  s stop  S start again  2-5 pages  d detach"
 TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
 ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
 _NAME, _PLACE, _WIDE, _SEVERAL = 9, 30, 112, 2
 _STYLES = {"good": "$text-success", "wait": "$text-warning", "bad": "$text-error", "none": "dim"}
 NOTE_HINT = "Enter takes it, for all units that are meant; Esc: not yet."
+EXCHANGE = "s stops it, and S then starts the unit that is there"
 AGAIN = "S starts it again, once that is put right or another unit is in its place"
+PROFILES = "Filters begin anew with it. The batch's file may name one: profile = NAME or FILE."
+NO_PROFILE = "finish the recordings first: each has one reference. r does"
 GUIDED = {"begin": "begun", "next": "the table is there", "cancel": "cancelled", "resume": "resumed"}
 """What is said once guides have done something."""
-_NOT_GUIDED = "no table profile: the units stand as their reference says"
+_NOT_GUIDED = "no table profile: the units stand as their reference says; p takes one for all"
 
 
 class Wrong(NamedTuple):
@@ -98,7 +102,8 @@ def badge(unit: UnitView) -> str:
     if unit.answer is None or unit.answer.missing == CONNECTING:
         return f"{SIGNS['WAIT']} WAIT"
     if unit.now is None:
-        return f"{SIGNS['RED']} {'ENDED' if unit.answer.missing == ENDED else 'SILENT'}"
+        sign = SIGNS["RED" if level(unit) == "bad" else "ENDED"]
+        return f"{sign} {'ENDED' if unit.answer.missing == ENDED else 'SILENT'}"
     if unit.verdict is None or RANK[level(unit)] > RANK[unit.verdict.level]:
         word = WORDS[level(unit)]
         return f"{SIGNS[word]} {word}"
@@ -111,14 +116,14 @@ def wrong(unit: UnitView) -> Wrong:
     if answer is None or answer.missing == CONNECTING:
         return Wrong("connecting to its instrument", "wait")
     if now is None and answer.missing == ENDED:
-        return Wrong(answer.why, "bad", AGAIN)
+        return _ended(answer)
     if now is None or verdict is None:
         return Wrong("its process lives, but does not answer", "bad")
     if now["error"] or now["state"] != "running":
         return Wrong(now["error"] or now["state"], "bad" if now["error"] else "wait")
     silent = messages.silence(now)
     if silent is not None:
-        return Wrong(silent, "bad")
+        return Wrong(silent, "bad", EXCHANGE)
     todo = verdict.todo.replace(TRACE_KEY, TRACE)
     if verdict.word == "WAIT":
         return Wrong(verdict.reason.replace(" 5 Table,", ""), "none")
@@ -130,6 +135,16 @@ def wrong(unit: UnitView) -> Wrong:
     if verdict.level == "wait":
         return Wrong("; ".join([verdict.reason, *also]), "wait", todo)
     return Wrong("; ".join(also), "wait" if also else verdict.level)
+
+
+def _ended(answer: Answer) -> Wrong:
+    """Of a unit that does not run: why, and what its filter said at last. To be asked to end is no fault."""
+    report = answer.report
+    if report is None or report["error"] is not None:
+        return Wrong(answer.why, "bad", AGAIN)
+    found = sources.of_document(report["result"]) if report["result"] is not None else None
+    last = "" if found is None else f"; at its end {found.word}: {found.reason}"
+    return Wrong(answer.why + last, "bad" if found is not None and found.level == "bad" else "none", AGAIN)
 
 
 def worst_first(units: Sequence[UnitView]) -> list[UnitView]:
