@@ -306,8 +306,8 @@ class Leaving:
         jobs = context.jobs()
         if isinstance(app.screen, ModalScreen):
             app.screen.dismiss(None)
-        elif context.rack is not None:
-            app.push_screen(quit_rack_dialog(context.rack.name, context.rack.running(), jobs), self._after_quit)
+        elif context.rack is not None and (units := context.rack.running()):
+            app.push_screen(quit_rack_dialog(context.rack.name, units, jobs), self._after_quit)
         elif context.connection.client is not None:
             app.push_screen(quit_dialog(context.connection.newest, jobs), self._after_quit)
         elif jobs:

@@ -40,7 +40,7 @@ async def test_a_mark_goes_to_all_and_to_chosen_ones(batch: Batch) -> None:
         await see("m → no unit records: r starts recordings")
         await see("r → ● REC 4 of 4 | recording: 4 units")
         await see("m 'door' enter → marked: door: 4 units")
-        await see("j x x → 2 chosen, Esc chooses none")
+        await see("j x x → 2 chosen, Esc: none")
         await see("m 'fan' enter → marked: fan: 2 units")
         await see("escape n 'lot 8' enter → noted: 4 units")
     both = ["record", "mark door", "mark fan", "describe lot 8 None"]
@@ -124,7 +124,7 @@ async def test_enter_goes_to_a_unit_and_0_comes_back(batch: Batch) -> None:
 @pytest.mark.parametrize(("key", "stopped"), [("l", False), ("s", True)])
 async def test_quitting_asks_what_becomes_of_all_units(batch: Batch, key: str, stopped: bool) -> None:
     async with batch.opened() as see:
-        await see("q → The batch lot is running | 4 units of it | imutui attach --batch lot")
+        await see("q → The batch lot is running | 4 units of it are | imutui attach --batch lot comes back")
         await see(f"{key} →")
         await see.until(lambda: see.app.return_code is not None)
         said = "stopped: 4 units" if stopped else "The batch lot goes on: 4 units."

@@ -108,10 +108,11 @@ def quit_rack_dialog(batch: str, units: Sequence[str], jobs: Sequence[str] = ())
     """The same of all units of a batch."""
     count = formatting.plural(len(units), "unit")
     answers = [
-        Answer("l", "leave", f"leave them running (come back with: imutui attach --batch {batch})"),
+        Answer("l", "leave", f"leave them running; imutui attach --batch {batch} comes back"),
         Answer("s", "stop", "finish the files, stop all units and quit"),
     ]
-    return ChoiceDialog(f"The batch {batch} is running", "\n".join([f"{count} of it.", *_ending(jobs)]), answers)
+    said = [f"{count} of it {'is' if len(units) == 1 else 'are'} being acquired.", *_ending(jobs)]
+    return ChoiceDialog(f"The batch {batch} is running", "\n".join(said), answers)
 
 
 def jobs_dialog(jobs: Sequence[str]) -> ChoiceDialog:

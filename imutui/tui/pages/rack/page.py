@@ -26,6 +26,7 @@ from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog
 from imutui.tui.pages.rack import text
 from imutui.tui.pages.table import profiles
+from imutui.tui.pages.table import text as table_text
 from imutui.tui.widgets.option_rows import OptionRows
 from imutui.tui.widgets.page_frame import StatusHeader
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, WrappedText
@@ -153,8 +154,8 @@ class RackPage(Page):
         header = self.query_one(RackHeader)
         line = header.line
         self._step = text.step(self._targets())
-        right = f"{len(self._chosen)} chosen, Esc chooses none" if self._chosen else "worst first" * self._worst_first
-        first = header.spread(line((self._step.said, "bold")), line(right), width - 2)
+        right = f"{len(self._chosen)} chosen, Esc: none" if self._chosen else "worst first" * self._worst_first
+        first = header.spread(line((self._step.said, "bold")), line(f"  {right}"), width - 2)
         lines = [first, line(self._step.then), *([line((common, _LOUD))] if (common := text.common(units)) else [])]
         self.query_one("#step", Static).update(Content("\n").join(lines))
         self.query_one("#columns", Static).update(line(text.heading(width).ljust(width)))
@@ -276,6 +277,7 @@ class RackPage(Page):
         if any(unit.now is not None and unit.now["recording"] is not None for unit in targets):
             self.say(text.NO_PROFILE, "wait")
             return
+        self.say(table_text.LOOKING, "wait")
         logs = Path(getattr(self.app, "logs_folder", "logs"))
         found = await in_thread(
             lambda: [profiles.by_hand(one) for one in profiles.found([Path(), logs]) if not one.error]

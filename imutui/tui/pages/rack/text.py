@@ -14,7 +14,7 @@ from imutui.tui.pages.table.text import guided
 from imutui.verdict import sources
 from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
 
-MORE = " also: n note  p profile  c cancel it  s stop  S start again  2-5 pages  d detach"
+MORE = " also: n note  p profile  c cancel it  s stop  S start  2-5 its pages  d detach"
 TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
 ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
 _NAME, _PLACE, _WIDE, _SEVERAL = 9, 30, 112, 2
@@ -125,13 +125,13 @@ def wrong(unit: UnitView) -> Wrong:
     if silent is not None:
         return Wrong(silent, "bad", EXCHANGE)
     todo = verdict.todo.replace(TRACE_KEY, TRACE)
-    if verdict.word == "WAIT":
-        return Wrong(verdict.reason.replace(" 5 Table,", ""), "none")
     if verdict.level == "bad":
         return Wrong(verdict.reason, "bad", todo)
     also = [*now["findings"][-1:]]
     if now["lost_packets"] or now["bad_checksums"]:
         also.append(f"lost {messages.lost(now)}, bad checksums {now['bad_checksums']}: {now['advice']['losses']}")
+    if verdict.word == "WAIT":
+        return Wrong("; ".join([*also, verdict.reason.replace(" 5 Table,", "")]), "wait" if also else "none")
     if verdict.level == "wait":
         return Wrong("; ".join([verdict.reason, *also]), "wait", todo)
     return Wrong("; ".join(also), "wait" if also else verdict.level)
