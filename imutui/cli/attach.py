@@ -36,7 +36,7 @@ def open_ui() -> None:
     from imutui.session import batch, client
 
     names, batches = client.running(), batch.running()
-    if len(names) > 1 and len(batches) == 1 and batch.names(batches[0]) == names:
+    if len(batches) == 1 and batch.names(batches[0]) == names:
         show_batch(batches[0])
     _show(client.attach(names[0], stays=True) if len(names) == 1 else None)
 

@@ -5,6 +5,7 @@ import signal
 from contextlib import ExitStack
 from pathlib import Path
 
+from helpers.commands import imutui
 from helpers.fake_client import FakeClient
 from helpers.pilot import SMALLEST, See
 from helpers.units import served
@@ -63,6 +64,8 @@ async def test_a_batch_of_four_is_started_watched_and_mended_from_the_page_alone
             screen = await see("→ × ENDED | ● REC 3 of 4")
             assert "× ENDED" in row(screen, "9900002")
             await see("home j S → started: 1 unit | ● REC 4 of 4 | !ENDED")
+            assert "Running: lot." in imutui("attach", "--batch", "other", check=4).stderr
+            assert "needs a terminal" in imutui("attach", "--batch", "lot", check=2).stderr
             await see("q s →")
             await see.until(lambda: app.return_code is not None)
         app.finish()
