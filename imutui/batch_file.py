@@ -33,7 +33,7 @@ from filters.errors import InputError
 from filters.imu import parse_mount
 from imutui import outside_file, toml_text
 from imutui.config import ALLOWED
-from imutui.instrument.names import NAMES
+from imutui.instrument.names import NAMES, VIRTUAL_PORT
 from imutui.toml_text import Table, tables_of
 
 _TEXTS = ("filter", "note", "operator", "table", "place", "profile")
@@ -118,7 +118,7 @@ def _batch(document: dict[str, Any], path: Path) -> Batch:
         seen: dict[str, int] = {}
         for number, unit in enumerate(units, 1):
             value = getattr(unit, key)
-            if value and value in seen:
+            if value and value in seen and value != VIRTUAL_PORT:
                 raise InputError(f'[[unit]] {number}: `{key}` is "{value}", as that of [[unit]] {seen[value]}')
             seen[value] = number
     texts = {key: top.text(key, None) for key in _TEXTS}

@@ -62,6 +62,10 @@ def test_what_is_wrong_is_said_by_file_table_and_key(tmp_path: Path, text: str, 
     assert "Nothing was started" in str(wrong.value)
 
 
+def test_several_units_may_be_virtual_ones_of_their_own(tmp_path: Path) -> None:
+    assert len(read(tmp_path, '[[unit]]\nport = "virtual"\n' * 3).units) == 3
+
+
 def test_a_file_that_is_not_there_is_told_with_what_writes_one(tmp_path: Path) -> None:
     with pytest.raises(BatchError, match=r"none\.toml: No such file.*imutui devices --probe -o FILE"):
         batch_file.read(tmp_path / "none.toml")

@@ -19,7 +19,7 @@ from imutui.report import replay_text
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.identity import not_said, unit_in_words
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.tui.messages import lost, silence
 from imutui.verdict import sources
@@ -133,14 +133,19 @@ def verdict(result: "ResultDocument | None", connection: Client) -> int:
     else:
         fine = sources.of_document(result).passes
     if result is not None and not fine:
-        say(f"{sources.hence(result)}, hence exit code 1; the recording itself is complete")
+        say(f"{_whose(connection)}{sources.hence(result)}, hence exit code 1; the recording itself is complete")
     return FINDINGS if connection.findings or not fine else FINE
 
 
 def say_findings(connection: Client) -> None:
     """Say on stderr what must be said of an acquisition that has ended."""
     for finding in connection.findings:
-        say(finding["text"])
+        say(f"{_whose(connection)}{finding['text']}")
+
+
+def _whose(connection: Client) -> str:
+    """Name of one of a batch, before what is said of it."""
+    return f"{connection.name}: " if batch_of(connection.name) else ""
 
 
 def _watch(connection: Client) -> "ResultDocument | None":

@@ -8,6 +8,7 @@ import textwrap
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -41,6 +42,7 @@ from imutui.session import batch as batches
 from imutui.session import client, end_report
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan, batch_of
+from imutui.session.snapshot import NO_SERIES
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -198,7 +200,8 @@ class Follower:
     def _lines(self) -> str:
         """A unit a line."""
         order = [unit.name for unit in self.batch.units]
-        units = {one.name.removeprefix(self._prefix): one for one in batches.ask(list(self._here))}
+        answers = [batches.answer_of(one.name, partial(one.snapshot, since=NO_SERIES)) for one in self._here.values()]
+        units = {one.name.removeprefix(self._prefix): one for one in answers}
         units = dict(sorted(units.items(), key=lambda row: order.index(row[0]) if row[0] in order else len(order)))
         widest = max(map(len, units), default=0)
         rows = [

@@ -17,11 +17,11 @@ from typing import Any, TypeVar
 from filters.errors import InputError
 from imutui import batch_file
 from imutui.batch_file import Batch, BatchError, Unit
-from imutui.instrument.names import DEFAULT
+from imutui.instrument.names import DEFAULT, VIRTUAL_PORT
 from imutui.session import client, end_report, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
 from imutui.session.end_report import EndReport
-from imutui.session.plan import VIRTUAL_PORT, Plan, batch_of
+from imutui.session.plan import Plan, batch_of
 from imutui.session.preloaded import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
@@ -48,7 +48,7 @@ class Answer:
         if self.missing != ENDED:
             return ""
         if self.report is None:
-            return "it is not running and left no word: not started yet, or killed. What was recorded is on the disk"
+            return "it left no word: not started yet, or killed. What was recorded is on the disk"
         ended_by = self.report["ended_by"]
         return self.report["error"] or (f"ended by {ended_by}" if ended_by else "it ended by itself")
 
@@ -84,7 +84,7 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
             if unit.instrument or unit.port == VIRTUAL_PORT:
                 own["instrument"] = unit.instrument or DEFAULT
             if unit.port == VIRTUAL_PORT:
-                own["virtual"] = ("--instrument", own["instrument"])
+                own["virtual"] = ("--instrument", own["instrument"], "--seed", str(number))
             if unit.mount:
                 own["mount"] = unit.mount
             if unit.effects:

@@ -10,6 +10,7 @@ from filters.imu import STANDARD_GRAVITY
 from imutui import toml_text
 from imutui.instrument.instrument import Instrument as Instrument
 from imutui.instrument.names import DEFAULT
+from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
@@ -22,7 +23,6 @@ _LONGEST_S = 10 * 366 * 86400.0
 LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
 FILE_MODE = "0640"  # permissions of logs, unless configured
 MIN_FREE_MB = 200.0  # megabytes that recording leaves free, unless configured
-VIRTUAL_PORT = "virtual"  # port name that starts a virtual instrument of the acquisition's own
 
 
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with

@@ -237,7 +237,7 @@ def test_a_service_is_not_started_again_for_what_a_filter_found(
     """Whoever stops it gets 0; one that ended by itself tells why it did; by hand the verdict counts."""
     result: Any = {"log": "a.mcap", "converged": False}
     finding = {"text": "the unit was silent at the end", "exit_code": 4}
-    connection: Any = SimpleNamespace(findings=[finding], ended_by_itself=by_itself)
+    connection: Any = SimpleNamespace(name="a", findings=[finding], ended_by_itself=by_itself)
     asked = Plan("p", unattended=unattended)
     assert follow_acquisition.exit_code(asked, result, connection, terminated) == code
 

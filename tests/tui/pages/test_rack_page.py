@@ -91,7 +91,7 @@ async def test_a_unit_that_fails_stays_as_a_row_while_the_others_go_on(batch: Ba
         batch.units["lot:2"].gone = 'the acquisition "lot:2" has ended.'
         screen = await see("→ × ENDED")
         assert "× ENDED" in row(screen, "9900002")
-        await see("w → it is not running and left no word | S starts it again")
+        await see("w → it left no word | S starts it again")
         await see("enter → 9900002 does not run: there is nothing to look at")
         await see("r → recording: 3 units | ● REC 3 of 4")
         batch.units["lot:2"] = Unit(2)  # another one is in its place
