@@ -4,6 +4,7 @@
     python benchmarks/acquisition.py flush [--flushes 120] [--folder FOLDER]
     python benchmarks/acquisition.py jitter [--seconds 60] [--size 200x60] [--fps 60]
     python benchmarks/acquisition.py stream [--seconds 60]
+    python benchmarks/acquisition.py rack [--seconds 20] [--units 1 2 5 10] [--before FOLDER]
 
 cost: processor share of the acquisition's process alone, from its own account, while it records a virtual unit at
 133 Hz: without a filter, with one at two rates, and with a viewer that asks ten times a second.
@@ -15,11 +16,18 @@ packet's last byte was written; lateness is the host's stamp less that. For jitt
 as ever, the other by the same reader (`session/reader_thread`) in a thread of the screen's process, which shows the
 acquisition in a terminal that takes all it draws. For stream both are recorded and filtered; what one acquisition
 records is streamed to Foxglove's protocol, and a client in a process of its own has subscribed to all of it.
+
+rack: so many units at 133 Hz, nobody looking on: processor share and memory (proportional set size: what is shared
+counts once) of all acquisitions together, and lateness; forked from one parent, as threads of one process, and as they
+are at another commit, whose working tree is in the folder. Beside them what reads the same bytes with less: pyserial
+into a file, and `cat`.
 """
 
 import contextlib
 import json
 import multiprocessing
+import os
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -106,17 +114,26 @@ def unit(output: Path, pipe: Connection) -> None:
     sent = Sent()
     with served(VirtualUnit(SimulatedReadings(Scenario()), UnitOptions(version=SIMULATED)), sent) as port:  # type: ignore[arg-type]
         pipe.send(port)
-        pipe.recv()
+        while pipe.recv() != "end":
+            np.save(output, sent.packets())
+            pipe.send("saved")
     np.save(output, sent.packets())
 
 
 @contextmanager
 def unit_process(output: Path) -> Iterator[str]:
+    with unit_beside(output) as ours:
+        yield ours.recv()
+
+
+@contextmanager
+def unit_beside(output: Path) -> Iterator[Connection]:
+    """A unit in a process of its own: its port comes first, and when it has saved what it sent since the beginning."""
     ours, theirs = SPAWN.Pipe()
     process = SPAWN.Process(target=unit, args=(output, theirs))
     process.start()
     try:
-        yield ours.recv()
+        yield ours
     finally:
         ours.send("end")
         process.join(30.0)
@@ -237,12 +254,153 @@ def stream(folder: Path, seconds: float) -> None:
     print(f"the viewer received {received} messages")
 
 
+# What acquires from some ports, by itself: arguments are the folder, the filter and the ports; it prints what is
+# measured, processes and logs, and ends with its stdin. Each is run with the packages of one commit.
+_ALONE = """
+import json, sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from imutui.session import client
+from imutui.session.plan import Plan
+folder, name, *ports = sys.argv[1:]
+plans = [Plan(port, 133.0, logs=folder, record=True, name=f"rack-{k}", filter=name) for k, port in enumerate(ports)]
+with ExitStack() as stack:
+    options = {}
+    if hasattr(client, "Parent"):
+        options["parent"] = stack.enter_context(client.Parent(filters=name != "none"))
+    with ThreadPoolExecutor(len(plans)) as pool:
+        clients = list(pool.map(lambda plan: client.start(plan, **options), plans))
+logs = [client.snapshot(2**62)["recording"]["path"] for client in clients]
+print(json.dumps([[client.pid for client in clients], logs]), flush=True)
+sys.stdin.read()
+with ThreadPoolExecutor(len(plans)) as pool:
+    list(pool.map(lambda client: client.stop(), clients))
+"""
+_THREADS = """
+import json, os, sys, time
+from imutui.instrument.port import Port
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.session.engine import Engine
+from imutui.session.plan import Plan
+from imutui.session import live_filter
+folder, name, *ports = sys.argv[1:]
+sys.setswitchinterval(0.0005)
+engines = []
+for port in ports:
+    plan = Plan(port, 133.0, logs=folder, record=True, filter=name)
+    host = INSTRUMENTS[plan.instrument].host(Port(port, plan.baud), 133.0)
+    engines.append(Engine(plan, host, host.open(plan.baud)))
+    engines[-1].start()
+logs = [str(engine._acquisition.recorder.recording.writer.path) for engine in engines]
+print(json.dumps([[os.getpid()], logs]), flush=True)
+sys.stdin.read()
+for engine in engines:
+    engine.request_stop()
+for engine in engines:
+    engine.lifecycle.ended.wait()
+"""
+_LOGGERS = """
+import json, subprocess, sys, termios
+from serial import Serial
+folder, name, *ports = sys.argv[1:]
+code = "import sys, serial; port = serial.Serial(sys.argv[1], 38400, timeout=0.05); file = open(sys.argv[2], 'wb')\\n"
+code += "while True: file.write(port.read(18))"
+made = []
+for k, port in enumerate(ports):
+    line = Serial(port, 38400)
+    attributes = termios.tcgetattr(line.fd)
+    attributes[6][termios.VMIN] = 1  # else `cat` takes a quiet line for an end
+    termios.tcsetattr(line.fd, termios.TCSANOW, attributes)
+    line.write(b"cC")
+    log = f"{folder}/{k}.bytes"
+    command = [sys.executable, "-c", code, port, log] if name == "pyserial" else ["cat", port]
+    made.append((subprocess.Popen(command, stdout=subprocess.DEVNULL), line))
+print(json.dumps([[process.pid for process, _ in made], []]), flush=True)
+sys.stdin.read()
+for process, line in made:
+    process.kill()
+    process.wait()
+    line.write(b"P")
+"""
+
+
+def memory_mb(pid: int) -> float:
+    """Proportional set size: a page that n processes share counts an nth."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith("Pss:"))
+
+
+def ran_s(pid: int) -> float:
+    """Processor time of a process so far, by the scheduler's own account, which knows no ticks."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
+    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
+
+
+def rack(folder: Path, seconds: float, counts: list[int], before: Path | None) -> None:
+    """All cases on the same units, one after the other."""
+    ways = {"now": (_ALONE, bench.ROOT), "now, threads of one process": (_THREADS, bench.ROOT)}
+    ways |= {} if before is None else {"before": (_ALONE, before.resolve())}
+    cases = [(name, count, way) for name in ("none", "spkf") for count in counts for way in ways]
+    names = "filter", "units", "version", "% of a processor", "of each", "memory, MB", "each further, MB"
+    with ExitStack() as units:
+        outputs = [folder / f"unit{k}.npy" for k in range(max(counts))]
+        pipes = [units.enter_context(unit_beside(output)) for output in outputs]
+        ports = [pipe.recv() for pipe in pipes]
+        bench.head(*names, "stamp p99, ms (worst unit)", "lost")
+        alone: dict[tuple[str, str], float] = {}
+        for number, (name, count, way) in enumerate(cases):
+            share, memory, logs, since = measured(folder / str(number), *ways[way], name, ports[:count], seconds)
+            for pipe in pipes[:count]:
+                pipe.send("save")
+                pipe.recv()
+            late = [lateness_of(log, output, since) for log, output in zip(logs, outputs, strict=False)]
+            least = alone.setdefault((name, way), memory)
+            further = "" if count == counts[0] else f"{(memory - least) / (count - counts[0]):.0f}"
+            worst, lost = max(p99 for p99, _ in late), sum(missing for _, missing in late)
+            what = name, count, way, f"{share:.2f}", f"{share / count:.2f}", f"{memory:.0f}"
+            bench.row(*what, further, f"{worst:.2f}", lost)
+        for peer in ("pyserial", "cat"):
+            share, memory, _, _ = measured(folder / peer, _LOGGERS, bench.ROOT, peer, ports, seconds)
+            bench.row("", len(ports), peer, f"{share:.2f}", f"{share / len(ports):.2f}", f"{memory:.0f}", "", "", "")
+
+
+def measured(
+    folder: Path, code: str, tree: Path, name: str, ports: list[str], seconds: float
+) -> tuple[float, float, list[Path], float]:
+    """Share (%) and memory (MB) of all processes of a case, their logs, and since when it was measured (ns)."""
+    folder.mkdir()
+    command = [sys.executable, "-P", "-c", code, str(folder), name, *ports]
+    environ = {**os.environ, "PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(command, env=environ, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        pids, logs = json.loads(process.stdout.readline())
+        time.sleep(WARM_UP_S)
+        before, since = sum(map(ran_s, pids)), time.monotonic()
+        time.sleep(seconds)
+        share = 100.0 * (sum(map(ran_s, pids)) - before) / (time.monotonic() - since)
+        memory = sum(map(memory_mb, pids))
+        process.stdin.close()
+    return share, memory, [Path(log) for log in logs], since * 1e9
+
+
+def lateness_of(log: Path, output: Path, since_ns: float) -> tuple[float, int]:
+    """99 % of a log's packets were stamped so soon after their last byte, ms; and how many are missing."""
+    from reliability.setting import log_packets, places
+
+    held, sent = log_packets(log), np.load(output)
+    at = places(held, sent)
+    late = (held[:, 0] - sent[at, 0])[held[:, 0] > since_ns] / 1e6
+    return float(np.percentile(late, 99.0)), int(at[-1] - at[0] + 1 - len(held))
+
+
 def main() -> None:
     if sys.argv[1:2] == ["screen"]:
         screen(*sys.argv[2:])
         return
-    parts = ("cost", "flush", "jitter", "stream")
-    asked = bench.options(__doc__, *parts, seconds=60.0, flushes=120, size="200x60", fps=60.0, folder=Path)
+    parts = ("cost", "flush", "jitter", "stream", "rack")
+    numbers = {"seconds": 60.0, "flushes": 120, "units": [1, 2, 5, 10]}
+    asked = bench.options(__doc__, *parts, **numbers, size="200x60", fps=60.0, folder=Path, before=Path)
     print(bench.describe("mcap", "numpy", "numba", "textual", "pyserial"), flush=True)
     runner.warm_up()  # else the first acquisition has a compiler in it
     with bench.folder_for(asked.folder) as folder:
@@ -255,6 +413,8 @@ def main() -> None:
                 jitter(folder, asked.seconds, asked.size, asked.fps)
             case "stream":
                 stream(folder, asked.seconds)
+            case "rack":
+                rack(folder, asked.seconds, asked.units, asked.before)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from helpers.documents import effect, effects_toml, state
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 
-from imutui.instrument.clock import Stamp
+from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
@@ -28,7 +28,7 @@ from imutui.session import engine, live_filter, recorder
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import Plan
 from imutui.session.recording import Recording, finish_file
-from imutui.session.sample_pipeline import Averager, Sample, SamplePipeline
+from imutui.session.sample_pipeline import Averager, Sample, SamplePipeline, Stamped
 from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
@@ -97,6 +97,41 @@ def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
         pipeline.packets([(packet, Stamp(k * 7_518_797, False), k * 7_518_797)])
     finish_file(writer, pipeline, 5 * 7_518_797)
     assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").valid) == valid
+
+
+def messages_of(path: Path, rate_hz: float, size: int) -> list[tuple[str, int, int, int, bytes]]:
+    """All of a log whose packets came in blocks of a size, with losses and readings at the limit among them."""
+    info = SessionInfo(rate_hz=rate_hz)
+    writer = LogWriter(path, info, "", START)
+    pipeline = SamplePipeline(info, Timebase(START), writer)
+    rng, block = np.random.default_rng(3), list[Stamped]()
+    for k in range(600):
+        counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
+        counts[1] = -32768 if k % 97 == 50 else counts[1]
+        stamp = Stamp(k * 7_518_797, k % 5 == 0, k, Gap(0.015, 1, 2) if k % 41 == 7 else None)
+        packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k % 7, -k % 65536)
+        block.append((packet, stamp, stamp.monotonic_ns + 2_000_000))
+        if len(block) == size:
+            pipeline.packets(block)
+            block = []
+    if block:
+        pipeline.packets(block)
+    finish_file(writer, pipeline, 600 * 7_518_797)
+    with path.open("rb") as stream:
+        found = NonSeekingReader(stream).iter_messages(log_time_order=False)
+        messages = [(c.topic, m.log_time, m.publish_time, m.sequence, m.data) for _, c, m in found]
+    # how long ago the disk took all is by the clock of now
+    return [message for message in messages if message[0] != schemas.DIAGNOSTICS]
+
+
+@pytest.mark.parametrize("rate_hz", [133.0, 20.0])
+def test_blocks_of_any_size_make_the_same_file(tmp_path: Path, rate_hz: float) -> None:
+    live_filter.PLAIN.begin()
+    assert live_filter.PLAIN.ready.wait(120.0)
+    one = messages_of(tmp_path / "1.mcap", rate_hz, 1)
+    assert {topic for topic, *_ in one} >= {schemas.RAW, schemas.IMU, schemas.TEMPERATURE, schemas.ESTIMATE}
+    for size in (2, 7, 67, 600):
+        assert messages_of(tmp_path / f"{size}.mcap", rate_hz, size) == one
 
 
 @pytest.mark.usefixtures("catalogue")
