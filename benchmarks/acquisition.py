@@ -263,7 +263,10 @@ from contextlib import ExitStack
 from imutui.session import client
 from imutui.session.plan import Plan
 folder, name, *ports = sys.argv[1:]
-plans = [Plan(port, 133.0, logs=folder, record=True, name=f"rack-{k}", filter=name) for k, port in enumerate(ports)]
+plans = [
+    Plan(port, 133.0, logs=f"{folder}/{k}", record=True, name=f"rack-{k}", filter=name)
+    for k, port in enumerate(ports)
+]
 with ExitStack() as stack:
     options = {}
     if hasattr(client, "Parent"):

@@ -320,7 +320,7 @@ class Clock:
     def _advance(self, packet: _Packet, wraps: int, doubt_ns: float = 0.0) -> Stamp:
         """Go on to a packet; returns its stamp, with what is missing before it."""
         step = packet.step + WRAP * wraps
-        packets, regular = self._grid.count(step), self._grid.is_regular(step)
+        packets, regular = self._grid.place(step)
         moved = self._time.advance(step, packet.arrival_ns)
         self._grid.advance(step, packets)
         missing, seconds = packets - 1, step * self.tick_ns / 1e9

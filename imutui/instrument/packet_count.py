@@ -65,17 +65,25 @@ class PacketGrid:
         """Packets that a step spans, by where it leads on the grid; at least one."""
         return max(1, round((step + self._phase) / self.spacing))
 
+    def place(self, step: float) -> tuple[int, bool]:
+        """`count` and `is_regular` of a step."""
+        packets = self.count(step)
+        return packets, abs(step + self._phase - packets * self.spacing) <= self._tolerance()
+
     def is_regular(self, step: float) -> bool:
         """Whether a step leads onto the grid, as whole packets do."""
-        return abs(step + self._phase - self.count(step) * self.spacing) <= self._tolerance
+        return self.place(step)[1]
 
     def is_next(self, step: float) -> bool:
         """Whether a step is that of the very next packet."""
-        return self.count(step) == 1 and self.is_regular(step)
+        return self.place(step) == (1, True)
 
     def may_be_next(self, step: float) -> bool:
         """Whether a step may be that of the very next packet, from wherever it is on the grid."""
-        return abs(step - self.spacing) <= self._tolerance + self._spread
+        return abs(step - self.spacing) <= self._tolerance() + self._spread
+
+    def _tolerance(self) -> float:
+        return min(_MOST_SPREAD * self.spacing, _TOLERANCE * self.spacing + 1.2 * self._spread)
 
     def advance(self, step: float, packets: int) -> None:
         """Take a step that spans so many packets."""
@@ -86,7 +94,3 @@ class PacketGrid:
         self._spread = max(abs(self._phase), self._spread * (1.0 - _SPREAD_DECAY))
         self.spacing += _SPACING_GAIN * self._phase
         self._phase -= _PHASE_GAIN * self._phase
-
-    @property
-    def _tolerance(self) -> float:
-        return min(_MOST_SPREAD * self.spacing, _TOLERANCE * self.spacing + 1.2 * self._spread)

@@ -101,8 +101,16 @@ class LogWriter:
 
     def all_encoded(self, messages: Iterable[Encoded]) -> None:
         """Write the bytes of some messages of `schemas`, in order."""
-        for message in messages:
-            self._add(*message)
+        counts, channels, add = self._counts, self._channels, self._writer.add_message
+        if self._also is not None or not counts[schemas.TRANSFORMS]:
+            for message in messages:
+                self._add(*message)
+            return
+        with self._or_abandoned():
+            for topic, data, log_ns, stamp_ns in messages:
+                count = counts[topic]
+                counts[topic] = count + 1
+                add(channels[topic], log_ns, data, stamp_ns, count & 0xFFFFFFFF)
 
     def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
         """Write any other message of `schemas`."""

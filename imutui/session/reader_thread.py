@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +29,7 @@ _WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
 _SCATTER_NS = 154_508_497
 
 
-@dataclass(frozen=True, slots=True)
-class PacketArrival:
+class PacketArrival(NamedTuple):
     """A packet as it was read."""
 
     packet: DataPacket
@@ -300,12 +300,15 @@ class Reader:
         self, events: Sequence[DataPacket | Discarded], host_ns: int, decoder: PacketStream, *, behind: bool
     ) -> None:
         # a packet that waited for the next one to vouch for it arrived before that one did
-        newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)
+        newest = 0
+        if len(events) > 1:
+            newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)
         for event in events:
             if isinstance(event, Discarded):
                 self._follows = False
             else:
-                arrived_ns = arrival_before(host_ns, event.ticks, newest, self._host.counter)
+                alone = len(events) == 1
+                arrived_ns = host_ns if alone else arrival_before(host_ns, event.ticks, newest, self._host.counter)
                 self._arrived(event, arrived_ns, decoder, contiguous=self._follows, quiet=self._quiet, behind=behind)
                 self._follows, self._quiet = True, False
 

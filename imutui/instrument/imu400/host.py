@@ -191,7 +191,8 @@ _JUMPS = 3
 
 def may_be_volts(packet: DataPacket) -> bool:
     """Whether all six words would do as voltages."""
-    return all(0 <= word <= _MOST_VOLTS for word in _words(packet))
+    words = _words(packet)
+    return min(words) >= 0 and max(words) <= _MOST_VOLTS
 
 
 def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
