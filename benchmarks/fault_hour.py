@@ -95,17 +95,16 @@ def virtual(folder: Path, text: str) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What the file holds: frames, arrival, stamp and its uncertainty of each packet; gaps told, by log time."""
+    """What the file holds: frames and stamp of each packet; gaps told, by the number of the packet behind them."""
 
     frames: list[bytes]
-    log_ns: np.ndarray
     stamp_ns: np.ndarray
     gaps: dict[int, tuple[int, int]]
     lost_packets: int
 
 
 def recorded(path: Path) -> Recorded:
-    frames, log_ns, stamp_ns, gaps, lost = [], [], [], {}, 0
+    frames, stamp_ns, gaps, lost = [], [], {}, 0
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
             if channel.topic == schemas.RAW:
@@ -113,17 +112,17 @@ def recorded(path: Path) -> Recorded:
                 words = [*packet.counts, packet.temperature, packet.ticks]
                 payload = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
                 frames.append(b"\xff" + payload + bytes([sum(payload) % 256]))
-                log_ns.append(message.log_time)
                 stamp_ns.append(message.publish_time + packet.host_monotonic_ns - message.log_time)
             elif channel.topic == schemas.EVENTS:
                 event = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
                 found = _BOUNDS.search(event.msg)
                 if event.name == "gap" and found:
-                    gaps[message.log_time] = int(found[1]), int(found[2])
+                    # written behind its packet, but as late as what was written before that
+                    gaps[len(frames) - 1] = int(found[1]), int(found[2])
             elif channel.topic == schemas.DIAGNOSTICS:
                 values = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], message.data).status[0].values
                 lost = int(next(v.value for v in values if v.key == "lost_packets"))
-    return Recorded(frames, np.array(log_ns), np.array(stamp_ns), gaps, lost)
+    return Recorded(frames, np.array(stamp_ns), gaps, lost)
 
 
 def truth(folder: Path) -> tuple[list[bytes], np.ndarray, np.ndarray]:
@@ -156,17 +155,17 @@ def told_of(folder: Path, log: Path, faults: Counter[str]) -> dict[str, str]:
     sent, sampled_ns, whole = truth(folder)
     held = recorded(log)
     where, invented = places(held.frames, sent)
-    found = where >= 0
-    where, held_ns, stamp_ns = where[found], held.log_ns[found], held.stamp_ns[found]
+    number = np.flatnonzero(where >= 0)
+    where, stamp_ns = where[number], held.stamp_ns[number]
     first, last = int(where[0]), int(where[-1])
     steps = np.diff(where)
     holes = np.flatnonzero(steps > 1)
     missing = np.setdiff1d(np.arange(first, last + 1), where)
-    told = {int(k): held.gaps.get(int(held_ns[k + 1])) for k in holes}
+    told = {int(k): held.gaps.get(int(number[k + 1])) for k in holes}
     bounds = [(int(steps[k]) - 1, gap) for k, gap in told.items()]
     in_told = {n for k in holes if told[int(k)] for n in range(int(where[k]) + 1, int(where[k + 1]))}
     by_host = [int(n) for n in missing if whole[n]]
-    hole_ends = {int(held_ns[k + 1]) for k in holes}
+    hole_ends = {int(number[k + 1]) for k in holes}
     false = [gap for at, gap in held.gaps.items() if at not in hole_ends]
     late_ms = (stamp_ns - sampled_ns[where]) / 1e6
     late_ms = np.abs(late_ms - np.median(late_ms))
@@ -199,7 +198,7 @@ def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) ->
         links = [stack.enter_context(virtual(folder, text)) for folder, text in zip(folders, texts, strict=True)]
         plans = [
             Plan(
-                str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name), batch=NAME,
+                str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
                 record=True, filter=options.filter, duration_s=seconds,
             )
             for link, folder in zip(links, folders, strict=True)
