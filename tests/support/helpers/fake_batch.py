@@ -78,7 +78,8 @@ class Batch:
         rack = self.rack()
         async with ImutuiApp(rack=rack).run_test(size=size) as pilot:
             see = See(pilot, FakeClient())
-            await see("→ batch lot  4 units | 9900001 | 9900002 | 9900003 | 9900004 | !WAIT")
+            serials = " | ".join(unit.changes["serial_number"] for unit in self.units.values())
+            await see(f"→ batch lot  {len(self.units)} units | {serials} | !WAIT")
             yield see
         rack.close()
 

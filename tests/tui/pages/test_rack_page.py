@@ -81,9 +81,19 @@ async def test_what_all_units_have_in_common_is_told_of_the_table(batch: Batch) 
         said = f"segment 4: {('ax', 'az')[n % 2]} reads 971.4 mg less than the model: 83 deg off"
         unit.changes["filter"] = settled(departure=said)
     async with batch.opened() as see:
-        await see("→ 4 × RED | All units depart from the model at segment 4: look at the table, the profile")
+        await see("→ 4 × RED | All depart from the model at segment 4: look at table, profile or room first")
         batch.units["lot:4"].changes["filter"] = settled()
-        await see("→ 1 ● | !All units")
+        await see("→ 1 ● | !All depart")
+
+
+async def test_ten_units_fit_the_smallest_terminal_with_all_that_is_said(batch: Batch) -> None:
+    batch.units = {f"lot:{n}": Unit(n) for n in range(10)}
+    for unit in batch.units.values():
+        unit.at("go", 3)
+        unit.changes["filter"] = settled(departure=BAD_AXIS)
+    async with batch.opened() as see:
+        screen = await see("end → All depart | 9900009: IMU400CD | speaks against the unit | t on 4 Filter | d detach")
+        assert all(row(screen, f"990000{n}") for n in range(10))
 
 
 async def test_a_unit_that_fails_stays_as_a_row_while_the_others_go_on(batch: Batch) -> None:

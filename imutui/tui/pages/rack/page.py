@@ -62,9 +62,9 @@ class RackPage(Page):
     CSS = """
     RackPage #step { height: auto; min-height: 2; padding: 0 1; }
     RackPage #columns { height: 1; text-style: bold underline; }
-    RackPage #units { height: auto; max-height: 1fr; }
-    RackPage #detail { height: 5; padding: 0 1; margin: 1 0 0 0; }
-    RackPage #more { height: 1; dock: bottom; margin: 0 0 1 0; color: $foreground 60%; }
+    RackPage #units { height: 1fr; }
+    RackPage #detail { height: 5; padding: 0 1; }
+    RackPage #more { height: 1; color: $foreground 60%; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "unit('live')", "unit", key_display="enter", tooltip="The pages of this unit"),

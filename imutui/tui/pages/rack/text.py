@@ -75,7 +75,7 @@ def common(units: Sequence[UnitView]) -> str:
     steps = {_departure(unit).partition(":")[0] for unit in units}
     if len(units) < _SEVERAL or len(steps) != 1 or "" in steps:
         return ""
-    return f"All units depart from the model at {steps.pop()}: look at the table, the profile or the room first."
+    return f"All depart from the model at {steps.pop()}: look at table, profile or room first."
 
 
 def label(unit: UnitView) -> str:
