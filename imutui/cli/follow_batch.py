@@ -20,7 +20,7 @@ from rich.text import Text
 
 from filters.errors import InputError
 from imutui import batch_file
-from imutui.batch_file import Batch, Unit
+from imutui.batch_file import Batch
 from imutui.cli import follow_acquisition
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import (
@@ -39,7 +39,7 @@ from imutui.cli.follow_acquisition import HungUpError, TerminatedError
 from imutui.cli.session_options import refuse
 from imutui.plain_text import in_line
 from imutui.session import batch as batches
-from imutui.session import client, end_report
+from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES
@@ -102,21 +102,10 @@ class Follower:
         self._over = queue.SimpleQueue[tuple[Client, Any]]()
         self._here: dict[str, Client] = {}  # those that run, by their names
 
-    def start(self, plans: Mapping[str, tuple[Unit, Plan]]) -> None:
-        """Start units, those first whose port is known; say of each whether it runs."""
-        sought = {name: unit.serial for name, (unit, plan) in plans.items() if not plan.port}
-        with batches.parent_of([plan for _, plan in plans.values()]) as parent:
-            batches.start([plan for _, plan in plans.values() if plan.port], self._begun, parent)
-            if not sought:
-                return
-            show_progress(f"asking ports for {', '.join(sought.values())}")
-            found = batches.find([*sought.values()])
-            at = {name: port for name, serial in sought.items() if isinstance(port := found[serial], str)}
-            for name, serial in sought.items():
-                if isinstance(error := found[serial], SessionError):
-                    end_report.write(name, "", str(error))
-                    self._did_not_begin(name, error)
-            batches.start([replace(plans[name][1], port=port) for name, port in at.items()], self._begun, parent)
+    def start(self, plans: Sequence[Plan]) -> None:
+        """Start units; say of each whether it runs."""
+        show_progress("" if all(plan.port for plan in plans) else "units are looked for by their numbers")
+        batches.start(self.batch, plans, self._begun)
 
     def _begun(self, plan: Plan, outcome: Client | SessionError) -> None:
         if isinstance(outcome, SessionError):
@@ -242,11 +231,11 @@ class _Signals:
             raise HungUpError
 
 
-def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, json: bool) -> NoReturn:
+def follow(batch: Batch, base: Plan, plans: Sequence[Plan], *, json: bool) -> NoReturn:
     """Start the acquisitions of a batch, show them until all have ended, print their results, and exit.
 
     `base`: of which the plans are made.
-    `plans`: by the names of the acquisitions; those of units known by their numbers have no port.
+    `plans`: of what is to be started.
     """
     follower, signals, interrupted = Follower(batch, base), _Signals(), False
     handlers = {signal.SIGTERM: signals.terminate, signal.SIGHUP: signals.hang_up}
@@ -262,7 +251,7 @@ def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, 
             follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
             told = {end.name for end in follower.ends}
             follower.ends += [
-                End(name, FINE, error=follow_acquisition.ENDED_EARLY) for name in plans if name not in told
+                End(plan.name, FINE, error=follow_acquisition.ENDED_EARLY) for plan in plans if plan.name not in told
             ]
     except TerminatedError:
         raise SessionError(follower.left()) from None
@@ -271,7 +260,7 @@ def follow(batch: Batch, base: Plan, plans: Mapping[str, tuple[Unit, Plan]], *, 
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    order = [*plans]
+    order = [plan.name for plan in plans]
     ends = sorted(follower.ends, key=lambda end: order.index(end.name) if end.name in order else len(order))
     code = tell_ends(ends, json=json)
     if any(end.result for end in ends):
@@ -289,14 +278,14 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
     """
     unsaid: dict[str, Any] = dict.fromkeys(given)
     batch = replace(batch_file.read(path), **unsaid)
-    plans = batches.plans(batch, replace(base, foxglove_port=0))
+    plans = batches.plans(batch, base)
     remarks = dict[str, None]()
     for number, plan in enumerate(plans, 1):
         try:
             remarks |= dict.fromkeys(refuse(plan))
         except InputError as error:
             raise batch.wrong(f"[[unit]] {number}: {error}") from error
-    of = {plan.name: (unit, plan) for unit, plan in zip(batch.units, plans, strict=True)}
+    of = {plan.name: plan for plan in plans}
     wanted = [*of] if name is None else [batches.acquisition_of(batch.name, each) for each in name.split(",")]
     for each in wanted:
         if each not in of:
@@ -305,11 +294,11 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
     runs = [each for each in wanted if each in client.running()]
     for each in runs:
         say(f"{each} runs already and is left alone; `imutui stop --name {each}` ends it")
-    asked = {each: of[each] for each in wanted if each not in runs}
+    asked = [of[each] for each in wanted if each not in runs]
     if not asked:
         raise fail(INSTRUMENT, f"all of it runs already; `imutui stop --batch {batch.name}` ends it.")
     if port is not None:
-        asked = {each: (unit, replace(plan, port=port)) for each, (unit, plan) in asked.items()}
+        asked = [replace(plan, port=port) for plan in asked]
     for remark in remarks:
         say(remark)
     batches.begin(batch)

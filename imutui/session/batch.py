@@ -89,7 +89,7 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
                 own["mount"] = unit.mount
             if unit.effects:
                 own["effects"] = effects_file.from_file(Path(unit.effects)).decode("utf-8-sig")
-            found.append(replace(base, **(common | own)))
+            found.append(replace(base, **(common | own), foxglove_port=0))  # a stream is of one
     except InputError as error:
         raise batch.wrong(f"{which}{error}") from error
     return found
@@ -122,20 +122,30 @@ def _told(answer: ProbeAnswer) -> str:
     return answer["serial_number"] or "a unit without a number" if answer["answers"] else "no answer"
 
 
-def parent_of(plans: Sequence[Plan]) -> contextlib.AbstractContextManager[Parent | None]:
-    """The process that acquisitions are forked from, so that several share what they load; None for a single one."""
-    if len(plans) < 2:
-        return contextlib.nullcontext()
-    return Parent(filters=any(plan.filter != "none" for plan in plans), effects=any(plan.effects for plan in plans))
+def start(batch: Batch, asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None]) -> None:
+    """Start units of a batch, those first whose port is known; `begun` hears of each: it, or what is wrong.
 
-
-def start(
-    asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None], parent: Parent | None = None
-) -> None:
-    """Start acquisitions, some at a time, each when it is its turn; `begun` hears of each: it, or what is wrong.
-
+    `asked`: of `plans`. Several are forked from one process, so that they share what they load.
     One that does not start keeps no other from it. Whatever `begun` raises gives up those on their way up.
     """
+    serials = {acquisition_of(batch.name, unit.name): unit.serial for unit in batch.units}
+    filters, effects = any(plan.filter != "none" for plan in asked), any(plan.effects for plan in asked)
+    with Parent(filters=filters, effects=effects) if len(asked) > 1 else contextlib.nullcontext() as parent:
+        _start([plan for plan in asked if plan.port], begun, parent)
+        sought, ready = [plan for plan in asked if not plan.port], list[Plan]()
+        found = find([serials[plan.name] for plan in sought]) if sought else {}
+        for plan in sought:
+            port = found[serials[plan.name]]
+            if isinstance(port, SessionError):
+                end_report.write(plan.name, "", str(port))
+                begun(plan, port)
+            else:
+                ready.append(replace(plan, port=port))
+        _start(ready, begun, parent)
+
+
+def _start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None], parent: Parent | None) -> None:
+    """Start acquisitions, some at a time, each when it is its turn."""
     waiting, coming = [*asked], list[Starting]()
     try:
         while waiting or coming:

@@ -102,18 +102,8 @@ class Rack:
             raise SessionError(f"the file of the batch {self.name} is not there any more")
         read = batch_file.read(path)
         plans = [plan for plan in batch.plans(read, replace(base, record=True)) if plan.name in units]
-        serials = {batch.acquisition_of(read.name, unit.name): unit.serial for unit in read.units}
-        found = batch.find([serials[plan.name] for plan in plans if not plan.port])
         replies: dict[str, Client | SessionError] = {}
-        asked = list[Plan]()
-        for plan in plans:
-            port = plan.port or found[serials[plan.name]]
-            if isinstance(port, SessionError):
-                replies[plan.name] = port
-            else:
-                asked.append(replace(plan, port=port))
-        with batch.parent_of(asked) as parent:
-            batch.start(asked, lambda plan, outcome: replies.update({plan.name: outcome}), parent)
+        batch.start(read, plans, lambda plan, outcome: replies.update({plan.name: outcome}))
         for reply in replies.values():
             if isinstance(reply, Client):
                 reply.close()
