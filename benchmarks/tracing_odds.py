@@ -4,8 +4,8 @@
 
 The cases are those of `tracing.py --cases slow` whose units stand still: an effect and its temperature are simulated,
 the noise and its drift are measured, and five channels of six have no effect. Each channel is judged by its evidence
-alone (`filters/tracing/evidence.py`), beside nothing that was selected. Told is what has odds of 9:1; it is named when
-the leading family is an effect that the truth is. d counts white noise, as in `tracing_real_cases`.
+alone (`filters/tracing/slow_effects.py`), beside nothing that was selected. Told is what has odds of 9:1; it is named
+when the leading family is an effect that the truth is. d counts white noise, as in `tracing_real_cases`.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from tracing_real_cases import SIZES
 
 from filters.tracing.blocks import average_all
 from filters.tracing.design_matrix import Design
-from filters.tracing.evidence import SlowEffects
+from filters.tracing.slow_effects import SlowEffects
 from filters.tracing.stack import Stack
 
 TOLD = 0.9

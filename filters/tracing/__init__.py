@@ -18,7 +18,7 @@ all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.mot
    be seen      would show, and what a motion lets be told before it is made
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise, of a channel that drifts too · `beside_drift` whether drift would do as well, fitted on both
-                sides · `evidence` slow effects as rivals of drift and its steps, summed over all that is not known,
+                sides · `slow_effects` as rivals of drift and its steps, `evidence` summed over all that is not known,
                 `spectrum` the spectra of drift · `left_out_runs` gain on cells that the fit has not seen, whether a
                 term carries over · `thermal_forms` curve, memory and drift together, `thermal_memory` where they take
                 the place of single effects, and what of them carries over

@@ -4,8 +4,8 @@
 
 A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_gain`), and if
 it still does so when both models have their own best drift process (`guarded_score`). Slow effects of a channel are
-judged as rivals of its drift (`evidence`) and join at odds of 9:1. What scores and does not join is weak, with its size
-and the size that would have joined.
+judged as rivals of its drift (`slow_effects`) and join at odds of 9:1. What scores and does not join is weak, with its
+size and the size that would have joined.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +25,9 @@ from filters.tracing.beside_drift import (
 )
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.evidence import SlowEffects, SlowRival
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
+from filters.tracing.slow_effects import SlowEffects, SlowRival
 from filters.tracing.thermal_forms import JointChoice
 from filters.tracing.trace_document import odds, odds_of
 from filters.tracing.whitening import NONE, Drift
