@@ -241,9 +241,12 @@ def _prune(chosen: Selection, least: float) -> None:
 
 def _own_score(chosen: Selection, term: Term) -> float:
     """Score of an accepted term beside the others; of one told beside drift the gain under one drift says little."""
-    if _by_evidence(term) and chosen.design.drift[term.hypothesis.channel].level > 0.0:
+    drifts = chosen.design.drift[term.hypothesis.channel].level > 0.0
+    if drifts and _by_evidence(term):
         return np.inf
-    return chosen.own_gain(term) - chosen.price(term)
+    # a step beside drift leaves at half of what it joins at, as all else does
+    more = 0.5 * (_ACCEPT_ON_DRIFT - ACCEPT) if drifts and isinstance(term.hypothesis, Step) else 0.0
+    return chosen.own_gain(term) - chosen.price(term) - more
 
 
 def _drop_untransferred(chosen: Selection) -> Term | None:
