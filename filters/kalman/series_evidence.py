@@ -121,15 +121,16 @@ def _metric(P: Array, H: Array) -> tuple[Array, Array]:
 
 
 def log_factor(share: Array, columns: int, n: int) -> Array:
-    """Logarithm of the Bayes factor of candidates that explain a share of yᵀPy, mean over g."""
+    """Logarithm of the Bayes factor of candidates that explain a share of yᵀPy, mean over g; n < 150."""
     share = np.minimum(share, 1.0 - 1e-12)
-    total = np.full(share.shape, -np.inf)
+    total = np.zeros(share.shape)
     for g in _G.tolist():
-        one = np.log1p(-g / (1.0 + g) * share)
+        # at most (1 + g)^(n/2), which does not overflow
+        one = np.log(1.0 - g / (1.0 + g) * share)
         one *= -0.5 * (n - 1)
-        one -= 0.5 * columns * np.log1p(g) + np.log(_G.size)
-        np.logaddexp(total, one, out=total)
-    return total
+        one -= 0.5 * columns * np.log1p(g)
+        total += np.exp(one, out=one)
+    return np.asarray(np.log(total / _G.size))
 
 
 class Look:
@@ -142,8 +143,7 @@ class Look:
     def __init__(self, y: Array, drift: float = 1.0) -> None:
         self.design = _design(y.size)
         self.y = y - y.mean()
-        q = np.einsum("i,mij,j->m", self.y, self.design.P, self.y, optimize=True)
-        self.q = np.maximum(q, 1e-300)
+        self.q = np.maximum((self.design.P @ self.y) @ self.y, 1e-300)
         self.null = self.design.base - 0.5 * (y.size - 1) * np.log(self.q)
         self.null[1:] += np.log(drift)
         self._weights: dict[str, Array] = {}  # of each case of a kind, not yet with its prior
@@ -189,7 +189,7 @@ class Look:
         d = self.design
         first, last = d.first, d.last
         share = ((scores[:, first] - scores[:, last]) / d.box_norm[:, first, last]) ** 2 / self.q[:, None]
-        likely = self.null[:, None] - 0.5 * (d.n - 1) * np.log1p(-np.minimum(share, 1.0 - 1e-12))
+        likely = self.null[:, None] - 0.5 * (d.n - 1) * np.log(1.0 - np.minimum(share, 1.0 - 1e-12))
         best = int(np.argmax(likely.max(axis=0)))
         # all about the likeliest of a coarse grid: a level whose ends lie between its lines looks like drift
         near = np.arange(1 - d.stride, d.stride)
