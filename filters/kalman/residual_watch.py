@@ -76,8 +76,8 @@ class _Told:
         most = max(now for _, now in self.odds.values())
         if odds >= 1.0:
             old, new = self.cause, same or self.cause
-            # a line that is too weak to be told now may wander all the same
-            of = new if new.odds >= max(1.0, most) else replace(old, hz=new.hz)
+            # a line of a periodogram that is too weak to be told now may wander all the same
+            of = new if new.odds >= max(1.0, most) else replace(old, hz=old.hz if key[0] else new.hz)
             self.cause = replace(of, t=end, since=old.since)
         self.cause = replace(self.cause, odds=most)
 
