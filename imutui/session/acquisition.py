@@ -117,17 +117,21 @@ class Acquisition:
                     self.recorder.begin_planned()
                 else:
                     self.recorder.rotate_if_full(arrivals[first].host_ns)
-                last = self._together(stamps, first)
+                last = self._together(arrivals, stamps, first)
                 self._use_block(arrivals[first:last], stamps[first:last])
                 first = last
         finally:
             events.handled_ns = None
 
-    def _together(self, stamps: list[Stamp], first: int) -> int:
+    def _together(self, arrivals: list[PacketArrival], stamps: list[Stamp], first: int) -> int:
         """End of the packets of which nothing is to be told; one of which something is stands alone."""
-        if stamps[first].gap is not None or not self.lifecycle.streaming.is_set() or self.line.is_away:
+        is_first = self.recorder.pipeline.started_ns is None or not self.lifecycle.streaming.is_set()
+        if stamps[first].gap is not None or is_first or self.line.is_away:
             return first + 1
-        last = next((k for k in range(first, len(stamps)) if stamps[k].gap is not None), len(stamps))
+        full_ns = self.recorder.full_ns()
+        last = first + 1
+        while last < len(stamps) and stamps[last].gap is None and arrivals[last].host_ns < full_ns:
+            last += 1
         return self.recorder.duration.until(stamps, first, last)
 
     def _use_block(self, arrivals: list[PacketArrival], stamps: list[Stamp]) -> None:

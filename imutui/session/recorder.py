@@ -3,6 +3,7 @@
 Nothing here knows packets' stamps, the line or viewers: `imutui.session.acquisition` calls these methods.
 """
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -22,7 +23,7 @@ from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS
-from imutui.session.recording import Recording
+from imutui.session.recording import MIN_FILE_S, Recording
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 
@@ -228,6 +229,13 @@ class Recorder:
             return
         if self.recording.is_full((now_ns - started) / 1e9):
             self._rotate(self.recording)
+
+    def full_ns(self) -> float:
+        """When the present file has had its time, monotonic; infinity if it never has."""
+        started, limited = self.pipeline.started_ns, self.plan.rotates and self.plan.rotate_minutes > 0.0
+        if self.recording is None or started is None or not limited:
+            return math.inf
+        return started + 1e9 * max(MIN_FILE_S, 60.0 * self.plan.rotate_minutes)
 
     def look_after_file(self, now_ns: int) -> bool:
         """See whether the file is where it was made; returns whether its disk is too full to go on. Raises OSError."""

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 
 _MB = 1_000_000
-_MIN_FILE_S = 1.0
+MIN_FILE_S = 1.0
 
 
 def is_full(plan: Plan, seconds: float, size: int) -> bool:
     """Whether a file has had its time or its size, and another may follow; never before it is a second long."""
-    if seconds < _MIN_FILE_S or not plan.rotates:
+    if seconds < MIN_FILE_S or not plan.rotates:
         return False
     return 0.0 < plan.rotate_minutes * 60.0 <= seconds or 0.0 < plan.rotate_mb * _MB <= size
 
