@@ -36,6 +36,7 @@ from helpers.processes import processor_s
 from mcap.reader import make_reader
 
 from filters.simulation import FAULT_KINDS
+from imutui.batch_file import Batch, Unit
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.logbook import schemas
 from imutui.session import batch as batches
@@ -203,6 +204,7 @@ def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) ->
             )
             for link, folder in zip(links, folders, strict=True)
         ]  # fmt: skip
+        found = zip(folders, links, strict=True)
         clients: dict[Path, Client] = {}
 
         def begun(plan: Plan, outcome: Client | SessionError) -> None:
@@ -210,8 +212,8 @@ def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) ->
                 raise outcome
             clients[Path(plan.logs)] = outcome
 
-        with batches.parent_of(plans) as parent:
-            batches.start(plans, begun, parent)
+        batch = Batch(Path(f"{NAME}.toml"), tuple(Unit(folder.name, port=str(link)) for folder, link in found))
+        batches.start(batch, plans, begun)
         logs: dict[Path, Path] = {}
         for folder, client in clients.items():
             recording = client.snapshot(2**62)["recording"]

@@ -100,10 +100,13 @@ class Acquisition:
             )
         self._use(stamps)
 
-    def held_packets(self) -> None:
-        """Use packets that were held long enough for others to make their stamps sure. Raises OSError."""
+    def held_packets(self, until_ns: int) -> None:
+        """Use packets that were held long enough for others to make their stamps sure. Raises OSError.
+
+        `until_ns`: until when packets that came were handed on; later ones may be on their way.
+        """
         if self._unstamped:
-            self._use(self._clock.due(time.monotonic_ns()))
+            self._use(self._clock.due(until_ns))
 
     def _use(self, stamps: list[Stamp]) -> None:
         arrivals, events = [self._unstamped.popleft() for _ in stamps], self.recorder.events

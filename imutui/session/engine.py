@@ -198,9 +198,10 @@ class Engine:
         next_second = self._reader.next_block_ns(time.monotonic_ns()) / 1e9 + 1.0 + _AFTER_BLOCK_S
         while self._reader.is_alive() or not self._queue.empty():
             try:
+                handed_on_ns = self._reader.handed_on_ns()  # before the queue is looked at, which then has all of it
                 with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
                     self._handle_all(self._queue.get(timeout=max(0.0, min(_LOOK_S, next_second - time.monotonic()))))
-                self._acquisition.held_packets()
+                self._acquisition.held_packets(handed_on_ns)
                 late_s = time.monotonic() - next_second
                 # what came before is written before: log time does not go back
                 if late_s >= 0.0 and (self._queue.empty() or late_s > _BEHIND_S):
