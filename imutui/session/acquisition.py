@@ -113,7 +113,7 @@ class Acquisition:
         first = 0
         try:
             # what was read while the worker was held up may be of after the end
-            while first < len(stamps) and not self.recorder.duration.has_all():
+            while first < len(stamps) and not self.recorder.duration.has_all(arrivals[first].host_ns):
                 events.handled_ns = arrivals[first].host_ns
                 if self.recorder.begins_with_packet:
                     self.line.begin_recording()

@@ -195,7 +195,7 @@ class Engine:
 
     def _loop(self) -> None:
         # soon after a block of packets has come: what is not on the disk yet is then as little as can be
-        next_second = self._reader.next_block_ns(time.monotonic_ns()) / 1e9 + 1.0 + _AFTER_BLOCK_S
+        next_second = self._reader.next_block_ns(time.monotonic_ns()) / 1e9 + _AFTER_BLOCK_S
         while self._reader.is_alive() or not self._queue.empty():
             try:
                 handed_on_ns = self._reader.handed_on_ns()  # before the queue is looked at, which then has all of it

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 # the packet that completes the last period may be on its way
-_LEEWAY_NS = 2 * BLOCK_NS
+_LEEWAY_NS = 250_000_000
 
 
 class Duration:
@@ -52,10 +52,10 @@ class Duration:
         self._from_ns = stamp_ns if self._from_ns is None else self._from_ns
         self._until_ns = stamp_ns
 
-    def has_all(self) -> bool:
-        """Whether the packets reach the end."""
+    def has_all(self, read_ns: int) -> bool:
+        """Whether the packets reach the end, or one that was read then is too late to be waited for."""
         end_ns = self._end_ns()
-        return end_ns is not None and self._until_ns >= end_ns
+        return end_ns is not None and (self._until_ns >= end_ns or read_ns >= self.late_ns())
 
     def until(self, stamps: Sequence[Stamp], first: int, last: int) -> int:
         """Of packets from `first` to before `last`, which there is nothing between: up to where they are recorded."""
@@ -67,7 +67,12 @@ class Duration:
     def is_over(self, now_ns: int) -> bool:
         """Whether the end has come, by the packets or by the clock."""
         end_ns = self._end_ns()
-        return end_ns is not None and (self.has_all() or now_ns >= end_ns + _LEEWAY_NS)
+        return end_ns is not None and (self._until_ns >= end_ns or now_ns >= end_ns + _LEEWAY_NS + BLOCK_NS)
+
+    def late_ns(self) -> float:
+        """When a packet is read too late to be waited for."""
+        end_ns = self._end_ns()
+        return math.inf if end_ns is None else end_ns + _LEEWAY_NS
 
     def _end_ns(self) -> int | None:
         if self._seconds is None or self._from_ns is None:
@@ -231,11 +236,12 @@ class Recorder:
             self._rotate(self.recording)
 
     def full_ns(self) -> float:
-        """When the present file has had its time, monotonic; infinity if it never has."""
+        """When the present file has had its time, or all has, monotonic; infinity if that never is."""
         started, limited = self.pipeline.started_ns, self.plan.rotates and self.plan.rotate_minutes > 0.0
+        late_ns = self.duration.late_ns()
         if self.recording is None or started is None or not limited:
-            return math.inf
-        return started + 1e9 * max(MIN_FILE_S, 60.0 * self.plan.rotate_minutes)
+            return late_ns
+        return min(late_ns, started + 1e9 * max(MIN_FILE_S, 60.0 * self.plan.rotate_minutes))
 
     def look_after_file(self, now_ns: int) -> bool:
         """See whether the file is where it was made; returns whether its disk is too full to go on. Raises OSError."""
