@@ -27,7 +27,7 @@ from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
+from imutui.session.reader_thread import BLOCK_NS, PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
@@ -76,6 +76,7 @@ class Acquisition:
         self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
         self._line_errors = (0, 0)
         self._last_stamp_ns = self.started_ns
+        self._last_read_ns = 0
         self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
         watches = self.line, self.status, GravityCheck(self._instrument), ClockStepMonitor(self.timebase)
         self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
@@ -149,7 +150,7 @@ class Acquisition:
         for _, at, host_ns in stamped:
             if lost or host_ns - at.monotonic_ns > HELD_UP_S * 1e9:
                 self.loss_advice.packet(lost, host_ns / 1e9, (host_ns - at.monotonic_ns) / 1e9)
-        self._last_stamp_ns = stamp.monotonic_ns
+        self._last_stamp_ns, self._last_read_ns = stamp.monotonic_ns, newest.host_ns
         t = (np.array([at.monotonic_ns for at in stamps]) - self.started_ns) / 1e9
         self.recent.add(t, counts)
         self.status.take(packet for packet, _, _ in stamped)
@@ -229,9 +230,11 @@ class Acquisition:
 
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
-        self.recorder.events.handled_ns = now = time.monotonic_ns()  # what comes meanwhile is written behind it
+        # packets that were read since wait for their block, and are written behind it: log time does not go back
+        now, read_ns = time.monotonic_ns(), self._last_read_ns
+        self.recorder.events.handled_ns = written_ns = read_ns if now - read_ns < BLOCK_NS else now
         try:
-            self.recorder.pipeline.flush(now)
+            self.recorder.pipeline.flush(written_ns)
             if self.recorder.stream is not None:
                 self.reader.be_watched()
             if self.recorder.look_after_file(now):
