@@ -70,8 +70,8 @@ SCALARS: dict[str, tuple[str, Value, str]] = {
 }  # name to unit, value, and what it is a function of
 
 
-SLOPES = {f"rate({name})": _slope(k) for k, name in enumerate(SENSED)}
-"""How fast what is sensed changes: inputs by themselves, for they are taken where it is sensed."""
+SLOPES = {f"rate({name})": _slope(k) for k, name in enumerate(SENSED[:3])}
+"""Angular accelerations: inputs by themselves, for they are taken where it is sensed."""
 
 CHAINS: tuple[tuple[str, ...], ...] = (
     ("temperature", "relay"),
@@ -372,7 +372,7 @@ def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Driver]:
     for a, (k, axis) in itertools.product(("temperature", "time"), enumerate(AXES)):
         if a in ranges and axis in ranges:
             made.append(_with_angle(a, _centred(a, ranges), k, axis, _centre(a, ranges)))
-    return made
+    return [replace(product, grid=len(made)) for product in made]  # which of them it is was chosen
 
 
 def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Value:

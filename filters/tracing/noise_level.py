@@ -44,6 +44,11 @@ class NoiseDriver:
         return self.high / self.low
 
 
+def _may_drive(h: Driver) -> bool:
+    """Whether noise is tried to follow a driver: of forms of one step or bend a curve over the same is enough."""
+    return h.kind == "lag" or not (h.chain or h.kind == "threshold")
+
+
 def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
@@ -56,10 +61,7 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
     means = np.add.reduceat(design.columns, edges, axis=0) / counts
     for c in channels:
         usable = [
-            a
-            for a in design.terms
-            # of forms of one step or bend a curve over the same is enough
-            if list(a.places) == [c] and isinstance(h := a.hypothesis, Driver) and not h.chain and h.kind != "threshold"
+            a for a in design.terms if list(a.places) == [c] and isinstance(h := a.hypothesis, Driver) and _may_drive(h)
         ]
         fitted, own = _channel(design, _windows(design, c, edges, means), usable)
         multiplier[:, c] = fitted
@@ -179,7 +181,7 @@ def _driver(windows: _Windows, term: Term, theta: Array, score: float) -> NoiseD
         knots, at = h.knots, np.exp(0.5 * (np.append(0.0, theta) - np.median(whole)))
     return NoiseDriver(
         channel=windows.channel,
-        driver=h.effect.removeprefix("driver:"),
+        driver=h.effect.removeprefix("driver:").rpartition("(")[2].rstrip(")"),
         low=float(low),
         high=float(high),
         score=score,

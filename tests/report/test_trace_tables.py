@@ -124,7 +124,10 @@ def test_a_finding_has_its_parameters_and_rivals_below_it() -> None:
     assert told["gz", "noise changes with the size of the rate (rate_norm)"] == "by up to 1.60 ×"
     assert told["ax", "not traced"] == "1.42 × the noise's variance at 16 s"
     free = told["az", "error is a function of since_motion (driver:since_motion)"]
-    assert free == "0.50 ± 0.10 mg at 5.0, the largest of 6 points; score 812, NOT confirmed, not used, form tanh"
+    assert (
+        free
+        == "0.50 ± 0.10 mg at 5.0, the largest of 6 points; score 812, odds 40:1, NOT confirmed, not used, form tanh"
+    )
 
 
 def test_what_carries_over_has_its_standard_deviation() -> None:
