@@ -75,6 +75,8 @@ class Candidates:
         self.groups = [groups[k] for k in kept]
         self.bases = bases
         self.families = np.array([families[k] for k in kept])
+        # logarithm of how much of the prior of a hypothesis of the family it has
+        self.shares: Array = np.zeros(len(kept))
         self.count = {name: int(np.sum(self.families == name)) for name in dict.fromkeys(self.families.tolist())}
         sizes = np.array([g.size for g in self.groups], int)
         self._by_size = [
@@ -99,6 +101,7 @@ class Candidates:
         out.groups = [*self.groups, *(g + first for g in others.groups)]
         out.bases = [*self.bases, *others.bases]
         out.families = np.append(self.families, others.families)
+        out.shares = np.append(self.shares, others.shares)
         out.count = {name: int(np.sum(out.families == name)) for name in dict.fromkeys(out.families.tolist())}
         return out
 
@@ -188,7 +191,8 @@ class Judge:
         raw, tidy = self._evidence(self._all)
         more = self._refined(self)
         if more is not None:
-            raw, tidy = (np.hstack([x, y[:, 1:]]) for x, y in zip((raw, tidy), self._evidence(more), strict=True))
+            shared = (x[:, 1:] + more.shares for x in self._evidence(more))
+            raw, tidy = (np.hstack([x, y]) for x, y in zip((raw, tidy), shared, strict=True))
             self._all = self._all.joined_by(more)
         of_all = np.logaddexp(raw, tidy - (tidy[:, 0].max() - raw[:, 0].max()))
         prior = np.log(np.append(1.0, [1.0 / self._all.count[f] for f in self._all.families.tolist()]))
@@ -218,10 +222,14 @@ class Judge:
         ]
         return sorted(made, key=lambda rival: -rival.probability)
 
+    def values(self, candidates: Candidates) -> Array:
+        """ln evidence of each hypothesis without steps, spectra summed."""
+        return np.asarray(logsumexp(self._evidence(candidates)[0], axis=0)[1:])
+
     def best(self, candidates: Candidates | None = None, most: int = 1) -> dict[str, list[int]]:
         """The most likely hypotheses of each family without steps, the best first, by the numbers of their groups."""
         own = self._all if candidates is None else candidates
-        order = np.argsort(-logsumexp(self._evidence(own)[0], axis=0)[1:])
+        order = np.argsort(-self.values(own))
         return {f: own.numbers[order[own.families[order] == f][:most]].tolist() for f in own.count}
 
     def _evidence(self, candidates: Candidates) -> tuple[Array, Array]:
@@ -254,7 +262,7 @@ class Judge:
         for h in picks:
             x = max(each, key=lambda values: float(values[h]))
             # what the picks leave of the family's own evidence is counted with them
-            left = float(logsumexp(x[own]) - logsumexp(x[picks])) - np.log(self._all.count[name])
+            left = float(logsumexp(x[own]) - logsumexp(x[picks])) - np.log(self._all.count[name]) + self._all.shares[h]
             for k in spectra:
                 terms += [(left + self._greedy(k, h, s * s).log_evidence - np.log(_SIZES.size), h) for s in _JUDGED]
         values = np.array([v for v, _ in terms])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.special import logsumexp
 
 from filters.effects.drivers import Driver, near
 from filters.effects.run_specific import Tone
@@ -92,7 +93,7 @@ class SlowEffects:
 
     def _refined(self, groups: list[_Group], channel: int, whitening: Whitening, judge: Judge) -> Candidates | None:
         """Chains between those of the grid that do best: one of each family, which `groups` then has too."""
-        made = []
+        made, shares = [], []
         for numbers in judge.best(most=PICKS).values():
             found = [h for k in numbers if isinstance(h := groups[k].terms[-1].hypothesis, Driver) and h.refines]
             same = [a.hypothesis for g in groups for a in g.terms if found and a.hypothesis.effect == found[0].effect]
@@ -101,9 +102,18 @@ class SlowEffects:
                 chains = [own.on(channel) for h in found for own in near(h, grid, share)]
                 candidates = self._over([_of_one(own) for own in chains], channel, whitening)
                 found = [chains[k] for own in judge.best(candidates).values() for k in own] or found
-            made += [_of_one(h) for h in found[:1] if h not in grid]
+            for h in (h for h in found[:1] if h not in grid):
+                made.append(_of_one(h))
+                # it stands for as many of the numbers between those of the grid as do as well
+                values = judge.values(candidates)
+                size = len(h.shape) * float(np.log(share))
+                shares.append(min(0.0, float(logsumexp(values) - values.max()) + size))
         groups += [_Group((term,)) for term in made]
-        return self._over(made, channel, whitening) if made else None
+        if not made:
+            return None
+        more = self._over(made, channel, whitening)
+        more.shares = np.array(shares)[more.numbers]
+        return more
 
     def _over(self, terms: Sequence[Term], channel: int, whitening: Whitening) -> Candidates:
         """Terms of one column that the design does not have, over the rows of a channel."""
