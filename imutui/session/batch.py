@@ -84,7 +84,9 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
             if unit.instrument or unit.port == VIRTUAL_PORT:
                 own["instrument"] = unit.instrument or DEFAULT
             if unit.port == VIRTUAL_PORT:
-                own["virtual"] = ("--instrument", own["instrument"], "--seed", str(number))
+                # units of a batch are told apart by their serial numbers
+                own_number = ("--seed", str(number), "--serial-number", str(number))
+                own["virtual"] = ("--instrument", own["instrument"], *own_number)
             if unit.mount:
                 own["mount"] = unit.mount
             if unit.effects:
