@@ -74,4 +74,6 @@ async def test_a_batch_of_four_is_started_watched_and_mended_from_the_page_alone
     assert sorted(log.info.serial_number for log in found) == [f"990000{n}" for n in (1, 2, 2, 3, 4)]
     assert [log.info.batch for log in found] == ["lot"] * 5
     assert sorted(log.finished for log in found) == [False, True, True, True, True]
-    assert sum("door closed" in [event.text for event in log.events] for log in found) == 4
+    marked = [log for log in found if "door closed" in [event.text for event in log.events]]
+    # a kill may cost the last second, and with it the mark of the unit that was killed
+    assert sum(log.finished for log in marked) == 3
