@@ -227,7 +227,7 @@ def mounting(channels: tuple[int, ...] = ALL) -> Hypothesis:
         return np.cross(v[:, None, :], np.eye(3)[None])[:, :, c % 3]
 
     d = (Parameter(x, "rad", 1.0, 0.01) for x in "xyz")
-    return _shared("mounting", channels, columns, *d, follows_rates=True, **_triad(channels))
+    return _shared("mounting", channels, columns, *d, follows_rates=True, grid=_choices(channels))
 
 
 def earth_rate() -> Hypothesis:
@@ -238,12 +238,12 @@ def earth_rate() -> Hypothesis:
 def delay(channels: tuple[int, ...] = ALL) -> Hypothesis:
     """e = -tau x', of all channels, of one triad, or of one channel."""
     tau, columns = Parameter("tau", "s", 1.0, 5e-3), lambda u, c: -u.x_dot[:, c, None]
-    return _shared("delay", channels, columns, tau, follows_rates=True, **_triad(channels))
+    return _shared("delay", channels, columns, tau, follows_rates=True, grid=_choices(channels))
 
 
-def _triad(channels: tuple[int, ...]) -> dict[str, Any]:
-    """What choosing some channels of all costs."""
-    return {"grid": {len(ALL): 1, len(GYROS): 3}.get(len(channels), 9)}
+def _choices(channels: tuple[int, ...]) -> int:
+    """How many sets of channels there are to choose from, down to those of this size: all, triads, single ones."""
+    return {len(ALL): 1, len(GYROS): 3}.get(len(channels), 9)
 
 
 def lever_arm() -> Hypothesis:

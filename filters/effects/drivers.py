@@ -35,7 +35,7 @@ Value = Callable[[Inputs], Array]
 
 
 def _unit(column: int) -> float:
-    return G if SENSED[column : column + 1] and SENSED[column][0] == "f" else DPS
+    return G if FOLLOWED[column][0] == "f" else DPS
 
 
 def _input(column: int) -> Value:
@@ -143,11 +143,9 @@ class Driver(Hypothesis):
 
     def on(self, channel: int) -> "Driver":
         """The same on a channel."""
-        if self.chain:
-            per = _PER[self.unit] if all(OPERATORS[name].per for name, _ in self.chain) else ""
-            own = _parameters(channel, len(self.parameters), self.knots, self.unit, per)
-        else:
-            own = _parameters(channel, len(self.parameters), self.knots, self.unit)
+        has_unit = bool(self.chain) and all(OPERATORS[name].per for name, _ in self.chain)
+        per = _PER[self.unit] if has_unit else ""
+        own = _parameters(channel, len(self.parameters), self.knots, self.unit, per)
         return replace(self, channels=(channel,), parameters=own)
 
 
@@ -306,7 +304,7 @@ def near(h: Driver, grid: Sequence[Driver], share: float) -> list[Driver]:
 def chain_of(name: str, shape: Mapping[str, ShapeValue]) -> Driver:
     """A chain from its name and shape, as a trace wrote them: the numbers of its operators, and a curve's knots.
 
-    Raises InputError if there is no such chain, or a number is missing.
+    Raises InputError if there is no such chain, or a number is missing or not possible.
     """
     if name in SLOPES:
         return _line(name, SLOPES[name], "motion", cause=True)
@@ -322,6 +320,11 @@ def chain_of(name: str, shape: Mapping[str, ShapeValue]) -> Driver:
         else tuple(numbers_of(shape, "knots"))
         for operator in operators
     ]
+    for operator, own in zip(operators, numbers, strict=True):
+        if len(own) == 1 and not (own[0] > 0.0 or OPERATORS[operator].signed):
+            raise InputError(f'the number of {operator} in "cause:{name}" is {own[0]:g}, not above zero')
+        if list(own) != sorted(set(own)) or (operator == "curve" and len(own) < 2):
+            raise InputError(f'the numbers of {operator} in "cause:{name}" are {list(own)}, not two or more that rise')
     return chain(source, operators, numbers)
 
 

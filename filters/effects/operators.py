@@ -31,6 +31,7 @@ class Operator:
     grid: Callable[[float, float, bool], Sequence[Values]]
     remembers: bool  # whether it depends on the past
     per: bool = True  # whether what it makes has the input's unit
+    signed: bool = False  # whether its number may be zero or less
 
 
 # -------------------------------------------------------------------------------------------------------- with memory
@@ -168,7 +169,7 @@ OPERATORS: dict[str, Operator] = {
     "hold": Operator(
         _hold, ("period_s",), ", every {0:.3g} s", _each(*(10.0 * 1.15**k for k in range(30))), remembers=True
     ),
-    "kink": Operator(_kink, ("knee_{}",), ", {0:.3g} {u}", _inner, remembers=False),
+    "kink": Operator(_kink, ("knee_{}",), ", {0:.3g} {u}", _inner, remembers=False, signed=True),
     "dead_zone": Operator(_dead_zone, ("limit_{}",), ", {0:.3g} {u}", _shares(0.05, 0.15, 0.3), remembers=False),
     "creep": Operator(
         _creep, ("tau_s",), ", as ln(1 + t / {0:g} s)", _each(1.0, 3.0, 10.0, 30.0, 100.0, 300.0), remembers=False,

@@ -117,7 +117,7 @@ class Reader:
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._follows = self._quiet = False  # of the next packet of a stream, see `PacketArrival`
         self._watched_until_ns = 0
-        self._pending_ns: int | None = None  # when the first bytes came that are not decoded yet
+        self._decoded_ns: int | None = None  # of a stream: until when all that came is decoded
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._counted = (0, 0)
@@ -253,28 +253,29 @@ class Reader:
         amid = AmidStream(self._host, decoder, self._known)
         reads, due_ns = list[tuple[int, bytes]](), 0
         self._follows = self._quiet = False
+        self._decoded_ns = time.monotonic_ns()
         try:
             while not self._wake.is_set():
                 data = self._port.take()
                 host_ns = time.monotonic_ns()
                 if data:
                     reads.append((host_ns, data))
-                    self._pending_ns = reads[0][0]
                     if host_ns < due_ns and self._last is not None:
                         continue
                 self._decode(reads, decoder)
-                reads, due_ns, self._pending_ns = [], self.next_block_ns(host_ns), None
+                reads, due_ns = [], self.next_block_ns(host_ns)
                 if not data:
                     self._pause(host_ns, decoder, amid)
+                self._decoded_ns = host_ns
         finally:
             self._decode(reads, decoder)
-            self._pending_ns = None
+            self._decoded_ns = None
         self._count(decoder)
 
     def handed_on_ns(self) -> int:
         """Until when all that came is decoded, and among what was emitted before this was asked; monotonic, ns."""
-        pending_ns = self._pending_ns
-        return time.monotonic_ns() if pending_ns is None else pending_ns
+        decoded_ns = self._decoded_ns
+        return time.monotonic_ns() if decoded_ns is None else decoded_ns
 
     def next_block_ns(self, now_ns: int) -> int:
         """When what comes from now on is decoded. Of several processes each has instants of its own."""

@@ -284,6 +284,12 @@ def test_a_driver_comes_back_with_the_same_columns() -> None:
         ("g_sensitivity", ("ax",), {"axes": "x"}, "ax"),
         ("scale", ("gx", "gy"), {}, "one channel"),
         ("driver:moon", ("gx",), {"basis": "hat"}, "moon"),
+        ("cause:relay(moon)", ("gx",), {}, "no chain that is known"),
+        ("cause:lag(wx)", ("gx",), {}, "tau_s"),
+        ("cause:lag(wx)", ("gx",), {"tau_s": 0.0}, "not above zero"),
+        ("cause:hold(temperature)", ("gx",), {"period_s": -3.0}, "not above zero"),
+        ("cause:relay(temperature)", ("gx",), {"up_degc": 20.0, "down_degc": 30.0}, "that rise"),
+        ("cause:curve(lag(temperature))", ("gx",), {"tau_s": 10.0, "knots": [20.0]}, "that rise"),
     ],
 )
 def test_what_no_effect_is_called_or_shaped_like_is_refused(

@@ -191,6 +191,7 @@ def test_all_members_together_are_what_the_filter_asks_for() -> None:
 
 
 LOOSE = {"thermal_rate": 0.1, "thermal_lag": 0.1, "lever_arm": 0.4, "delay": 0.15, "cause:rate(wx)": 0.4}
+# a block is as long as it takes a lag of 10 s to go a fortieth of its way
 LOOSE |= {"cause:lag(wz)": 0.06}
 PLAIN = [name for name, e in MEMBERS.items() if e.include_as == "A"]
 

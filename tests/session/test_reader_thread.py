@@ -1,11 +1,13 @@
-"""The reader and a unit that zeroes its rate sensors, over a pseudo-terminal."""
+"""The reader over a pseudo-terminal: until when all is handed on, and a unit that zeroes its rate sensors."""
 
 import queue
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from helpers.processes import wait_until
 from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
@@ -41,6 +43,20 @@ def packets(items: "queue.SimpleQueue[ReaderEvent]", n: int) -> list[PacketArriv
             assert isinstance(item, PacketArrival)
             found.append(item)
     return found
+
+
+def test_what_came_until_it_says_so_is_handed_on_before_it_does() -> None:
+    """Else packets that are held after a pause are judged as if nothing had come since: a block is on its way."""
+    with reading(UnitOptions(), None) as (reader, items):
+        packets(items, 20)  # the first ones wait for those that vouch for them
+        for _ in range(6):
+            # in the midst of a block, which is on its way
+            wait_until(lambda: time.monotonic_ns() - reader.handed_on_ns() > 100_000_000)
+            until_ns = reader.handed_on_ns()
+            while not items.empty():
+                items.get()
+            (after,) = packets(items, 1)
+            assert after.host_ns >= until_ns
 
 
 def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[PacketArrival], ZeroingFinished]:
