@@ -30,6 +30,11 @@ _TILT_SD = np.deg2rad(2.0)
 _HEADING_SD = np.deg2rad(10.0)
 _STEP = 0.05
 _BIAS = np.deg2rad(5.0)
+_SLOPE_S = 1e-3
+_BLOCK_S = 2.0
+_TELLS = 1e-3  # share of a channel's own slope that its other unknowns do not follow
+_TOLD_SD = 2e-3  # s: of a lag that counts
+_APART = 5.0  # standard deviations from where a lag is another one
 _NOT_THIS_ONE = "is not what the gyros saw (another profile, another `sign`, or another mounting)"
 
 
@@ -227,6 +232,65 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
             break
     _check_fit(gyro, expected)
     return offset, sd
+
+
+def shift_of_most(profile: Profile, t: Array, offset: float, site: Site, reading: Array, latency: Array) -> float:
+    """How much later than `offset` a profile starts by most of the six channels, s; 0 where they agree with it.
+
+    A gyro that answers angular acceleration reads as one that is late. Where two do, the offset that all three give
+    makes every other channel look early, so the time that clearly more channels have in common counts.
+
+    `t`: samples, s, shape (N,).
+    `reading`: what the sensors read, body axes, rad/s and m/s², shape (N, 6).
+    `latency`: how late they are known to read, s, shape (6,).
+    """
+    lags, sds = _lags(profile, t, offset, site, reading)
+    lags -= latency
+    told = sds < _TOLD_SD
+    lags, sds = lags[told], sds[told]
+
+    def apart(at: float) -> Array:
+        return np.minimum(((lags - at) / sds) ** 2, _APART**2)
+
+    best = min((float(lag) for lag in lags), key=lambda lag: float(apart(lag).sum()), default=0.0)
+    most = apart(best) < _APART**2
+    if not most.any() or apart(0.0).sum() - apart(best).sum() < _APART**2:
+        return 0.0
+    return float(np.average(lags[most], weights=sds[most] ** -2))
+
+
+def _lags(profile: Profile, t: Array, offset: float, site: Site, reading: Array) -> tuple[Array, Array]:
+    """How late each channel reads, and its standard deviation, s, each (6,); infinite where it does not tell.
+
+    The lag is one of the unknowns beside bias, scale factor, cross axes and, of an accelerometer, lever arm. What these
+    leave is no white noise, so that the deviation is that of sums over `_BLOCK_S`.
+    """
+
+    def inputs(at: Array) -> tuple[Array, Array]:
+        C_nb = kinematics.attitudes(profile.angles(at))
+        return _rates(profile, at), -site.gravity * C_nb[:, 2]
+
+    at = t - offset
+    (rate, force), early, late = inputs(at), inputs(at - _SLOPE_S), inputs(at + _SLOPE_S)
+    x_dot = np.hstack([b - a for a, b in zip(early, late, strict=True)]) / (2.0 * _SLOPE_S)
+    # ω × (ω × r) + ω' × r for r along each axis, shape (N, 3, 3)
+    arms = np.stack(
+        [np.cross(rate, np.cross(rate, r)) + np.cross(x_dot[:, :3], r) for r in np.eye(3)],
+        axis=2,
+    )
+    block = (t // _BLOCK_S).astype(np.int64)
+    lags, sds = np.zeros(6), np.full(6, np.inf)
+    for c in range(6):
+        beside = [np.ones((t.size, 1)), rate if c < 3 else force, *([arms[:, c - 3]] if c >= 3 else [])]
+        both = np.column_stack([x_dot[:, c], reading[:, c]])
+        columns = np.hstack(beside)
+        z, e = (both - columns @ np.linalg.lstsq(columns, both, rcond=None)[0]).T
+        energy = float(np.sum(z**2))
+        if energy > _TELLS * float(np.sum(x_dot[:, c] ** 2)) > 0.0:
+            lags[c] = -float(np.sum(z * e)) / energy
+            sums = np.bincount(block - block[0], z * (e + lags[c] * z))
+            sds[c] = float(np.sqrt(np.sum(sums**2))) / energy
+    return lags, sds
 
 
 def _best_shift(seen: Array, wanted: Array) -> int:

@@ -44,12 +44,13 @@ class Motion:
     carried: NDArray[np.bool_] | None = None
 
 
-def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_latency: float = 0.0) -> Motion:
+def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, latency: Array | None = None) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
     `info`: from `replay.session_of`.
     `options`: `reference` and `overrides` count.
-    `gyro_latency`: how late the gyros read, s: a profile that is joined by them is joined so much too late.
+    `latency`: how late the six channels are known to read, s, shape (6,): a profile that is joined by them is joined
+      so much too late.
     Raises InputError if the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
@@ -62,7 +63,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
         return _from_table(log, info)
     known = replay.motion_of(log, info, options, 0.0)
     if isinstance(known, Profile):
-        return _from_profile(log, info, known, gyro_latency)
+        return _from_profile(log, info, known, np.zeros(6) if latency is None else latency)
     if isinstance(known, Trajectory):
         return _from_trajectory(log, known)
     raise InputError(
@@ -98,8 +99,8 @@ def _calm_mean(force: Array) -> Array:
 # --------------------------------------------------------------------------------------------------- a table's profile
 
 
-def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: float) -> Motion:
-    t = log.seconds()
+def _from_profile(log: Log, info: SessionInfo, profile: Profile, latency: Array) -> Motion:
+    t, settings = log.seconds(), info.settings()
     offset, how = 0.0, ""
     if profile.align == "gyro":
         use = log.valid
@@ -107,9 +108,12 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
             offset, sd = alignment.offset_of_profile(profile, t[use], log.gyro[use])
         except InputError as error:
             raise InputError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
-        offset -= gyro_latency
-        how = f"the profile starts at {offset:.3f} ± {sd:.3f} s (1 sd) of the log, found from the gyros"
-    settings = info.settings()
+        offset -= float(latency[:3].mean())
+        reading = np.hstack([log.gyro[use], log.accel[use]])
+        shift = alignment.shift_of_most(profile, t[use], offset, settings.site, reading, latency)
+        offset += shift
+        by = "found from the gyros" + (f", {1e3 * shift:+.1f} ms for most channels" if shift else "")
+        how = f"the profile starts at {offset:.3f} ± {sd:.3f} s (1 sd) of the log, {by}"
     table = TableMotion(profile, settings.site, settings.spec, 1.0 / info.rate_hz, offset)
     for event in log.events:
         if event.name == "mark":

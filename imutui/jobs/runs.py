@@ -56,7 +56,7 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
     seconds = float(log.seconds()[-1])
     if seconds < shortest:
         raise InputError(f"{path} lasts {seconds:.1f} s; at least {shortest:.0f} s are needed. Record a longer one.")
-    motion = motion_of(log, info, options, float((_figures(info) if log.own else _UNKNOWN)[2][:3].mean()))
+    motion = motion_of(log, info, options, (_figures(info) if log.own else _UNKNOWN)[2])
     first_ns = log.first_ns
     return LoggedRun(
         path,
