@@ -54,12 +54,14 @@ FLOORS = {
     "filters.fleet": GROUND,
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
+    "imutui.table": {"filters.motion", "filters.simulation", "imutui.instrument"},
     "imutui.logbook": {"filters", "imutui.filter_snapshot"},
     "imutui.session": {
         "imutui.batch_file",
         "imutui.filter_snapshot",
         "imutui.instrument",
         "imutui.logbook",
+        "imutui.table",
         "imutui.verdict",
         "filters",
     },
@@ -90,6 +92,7 @@ FLOORS = {
 # library → the packages or modules that may import it
 DOORS = {
     "serial": {"imutui.instrument.port"},
+    "pyvisa": {"imutui.table.links"},
     "mcap": {"imutui.logbook"},
     "rosbags": {"imutui.logbook"},
     "zstandard": {"imutui.logbook.mcap_format", "imutui.logbook.mcap_writer"},

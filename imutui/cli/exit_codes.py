@@ -228,7 +228,11 @@ def in_words(error: Exception) -> tuple[int, str]:
 
 
 _CODES = {
-    INSTRUMENT: ("imutui.session.client.SessionError", "imutui.jobs.campaign.cluster.ClusterError"),
+    INSTRUMENT: (
+        "imutui.session.client.SessionError",
+        "imutui.jobs.campaign.cluster.ClusterError",
+        "imutui.table.controller.TableError",
+    ),
     UNREADABLE: (
         "imutui.batch_file.BatchError",
         "imutui.logbook.reader.UnreadableLogError",

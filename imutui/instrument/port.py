@@ -133,18 +133,22 @@ class Port:
         except _HANGUP as error:
             raise PortError(self._gone(error)) from error
 
-    def take(self) -> bytes:
-        """All that has arrived, as soon as there is any; nothing when the line is quiet for 50 ms.
+    def take(self, patience_s: float = READ_TIMEOUT) -> bytes:
+        """All that has arrived, as soon as there is any; nothing when the line is quiet for so long.
 
+        A terminal server of RFC 2217 is given 50 ms, whatever is asked for.
         Raises PortError if the line is gone.
         """
         try:
-            if getattr(self._serial, "fd", None) is None:
+            descriptor = getattr(self._serial, "fd", None)
+            if descriptor is None and self.name.startswith("socket://"):
+                descriptor = self._serial.fileno()
+            if descriptor is None:
                 first = bytes(self._serial.read(1))
                 return first + bytes(self._serial.read(self._serial.in_waiting)) if first else first
-            if not select.select((self._serial.fd,), (), (), READ_TIMEOUT)[0]:
+            if not select.select((descriptor,), (), (), patience_s)[0]:
                 return b""
-            data = os.read(self._serial.fd, _MOST_AT_ONCE)
+            data = os.read(descriptor, _MOST_AT_ONCE)
         except BlockingIOError:  # another cause to wake
             return b""
         except _HANGUP as error:

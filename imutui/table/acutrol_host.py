@@ -1,0 +1,357 @@
+"""A controller of Acutrol's dialect over a link: what it is told, in which order, and what is made of its answers.
+
+Nothing moves in a way that was not asked for: limits of a mode are set before its demand, and the demand before the
+mode, since a mode moves to its demand as soon as it is entered. What is not understood is asked once more.
+"""
+
+import math
+import re
+import time
+from collections.abc import Callable, Sequence
+
+from filters.errors import InputError
+from filters.motion.segments import AXES
+from imutui.table import acutrol
+from imutui.table.acutrol import AnswerDecoder, Command, ask, demand, interlock, limit, mode
+from imutui.table.controller import (
+    MODES,
+    OFF,
+    OSCILLATION,
+    POSITION,
+    RATE,
+    RESTS_DPS,
+    AxisLimits,
+    TableError,
+    TableLinkError,
+    TableState,
+)
+from imutui.table.links import Link
+
+_PATIENCE_S = 1.0  # for an answer
+_QUIET_S = 0.004  # after which an answer without a line end has come whole
+_MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as they were
+_CLOSING_S = 3.0
+_SLOWING_S = 1.0  # within which an axis that is to stop must have become slower
+_ENDLESS_DEG = 36_000.0  # limits of angle beyond this are none
+
+_OURS = {"off": OFF, "position": POSITION, "rate": RATE, "synthesis": OSCILLATION}
+
+
+class Acutrol:
+    """A controller of Acutrol's dialect.
+
+    `axes`: names of its axes in the order of their numbers; None: it is asked how many it has, and one is the inner,
+      two are middle and inner, three outer, middle and inner.
+    Raises TableError if it does not answer as one does, and then closes the link.
+    """
+
+    def __init__(self, link: Link, axes: tuple[str, ...] | None = None) -> None:
+        self._link = link
+        self._decoder = AnswerDecoder(link.prefix)
+        self._limits: dict[str, AxisLimits] | None = None
+        self._modes: dict[str, str] = {}
+        self._fault = ""
+        self._modes_ns = -_MODES_NS
+        self._exchanged = (0, 0)  # when the last line was sent, and when its answer began to come, ns
+        self._last: tuple[int, dict[str, tuple[float, float]]] | None = None  # when, angle and rate of each axis
+        self.axes: tuple[str, ...] = ()
+        try:
+            self.axes = self._count() if axes is None else axes
+        except TableError:
+            self.close()
+            raise
+
+    def identify(self) -> str:
+        return self._asked([acutrol.IDENTIFY], lambda texts: bool(texts[0]))[0]
+
+    def limits(self) -> dict[str, AxisLimits]:
+        if self._limits is None:
+            self._limits = {axis: self._limits_of(axis) for axis in self.axes}
+        return dict(self._limits)
+
+    def enable(self) -> None:
+        for axis in self.axes:
+            n = self._number(axis)
+            self._tell(mode("off", n))
+            for what in ("open", "reset", "close"):
+                self._tell(interlock(what, n))
+        deadline = time.monotonic() + _CLOSING_S
+        while wrong := self._look_at_modes():
+            if time.monotonic() > deadline:
+                raise TableError(
+                    f"{'; '.join(wrong)}, after it was reset and closed. Look for what holds it open (emergency stop,"
+                    " door, end switch), then try again."
+                )
+
+    def position(self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float) -> None:
+        n, limits = self._number(axis), self.limits()[axis]
+        limits.check(axis, angle_deg=angle_deg, rate_dps=rate_dps, accel_dps2=accel_dps2)
+        _check_moves(axis, rate_dps, accel_dps2)
+        if self._mode_of(axis) != POSITION:
+            self._refuse_while_it_turns(axis)
+        self._tell(limit("rate", "position", n, rate_dps), limit("acceleration", "position", n, accel_dps2))
+        endless = limits.low_deg is None or limits.high_deg is None
+        self._tell(demand("position", n, angle_deg % 360.0 if endless else angle_deg))
+        self._enter(axis, "position")
+
+    def rate(self, axis: str, rate_dps: float, accel_dps2: float) -> None:
+        n = self._number(axis)
+        self.limits()[axis].check(axis, rate_dps=rate_dps, accel_dps2=accel_dps2)
+        _check_moves(axis, math.inf, accel_dps2)
+        self._tell(limit("acceleration", "rate", n, accel_dps2))
+        # a limit below the rate at which it turns may be a fault: it is only ever raised before the demand
+        turning = abs(self._reading([axis])[1][axis][1])
+        if abs(rate_dps) > turning:
+            self._tell(limit("rate", "rate", n, abs(rate_dps)))
+        self._tell(demand("rate", n, rate_dps))
+        self._enter(axis, "rate")
+
+    def oscillate(self, axis: str, amplitude_deg: float, hz: float) -> None:
+        n, limits = self._number(axis), self.limits()[axis]
+        if not (0.0 <= amplitude_deg < math.inf and 0.0 < hz < math.inf):
+            raise InputError(f"the {axis} axis is asked to swing by {amplitude_deg:g} deg at {hz:g} Hz")
+        omega = 2.0 * math.pi * hz
+        peak, sharpest = omega * amplitude_deg, omega**2 * amplitude_deg
+        angle = self._reading([axis])[1][axis][0]
+        for end in (angle - amplitude_deg, angle + amplitude_deg):
+            limits.check(axis, angle_deg=end, rate_dps=peak, accel_dps2=sharpest)
+        if self._mode_of(axis) != OSCILLATION:
+            if amplitude_deg == 0.0:
+                return
+            self._refuse_while_it_turns(axis)
+        if amplitude_deg:
+            self._tell(
+                limit("rate", "synthesis", n, min(1.1 * peak, limits.rate_dps)),
+                limit("acceleration", "synthesis", n, min(1.5 * sharpest, limits.accel_dps2)),
+            )
+        self._tell(demand("oscillation", n, amplitude_deg, hz, 0.0))
+        self._enter(axis, "synthesis")
+
+    def read(self) -> TableState:
+        if time.monotonic_ns() - self._modes_ns >= _MODES_NS:
+            self._look_at_modes()
+        (sent, heard), found = self._reading(self.axes)
+        angles, rates = ([found[axis][which] if axis in found else 0.0 for axis in AXES] for which in (0, 1))
+        return TableState(
+            stamp_ns=(sent + heard) // 2,
+            uncertainty_ns=(heard - sent + 1) // 2,
+            angles_deg=(angles[0], angles[1], angles[2]),
+            rates_dps=(rates[0], rates[1], rates[2]),
+            mode=max(self._modes.values(), key=MODES.index, default=OFF),
+            fault=self._fault,
+        )
+
+    def stop(self) -> None:
+        self._look_at_modes()
+        on = [axis for axis in self.axes if self._modes[axis] != OFF]
+        failed = []
+        for axis in on:
+            try:
+                self._tell(demand("rate", self._number(axis), 0.0))
+                self._enter(axis, "rate")
+            except TableLinkError:
+                raise
+            except TableError as error:  # the others are to stop all the same
+                failed.append(str(error))
+        turning = self._wait_for_rest(on)
+        for axis in on:
+            try:
+                self._enter(axis, "off")
+            except TableLinkError:
+                raise
+            except TableError as error:
+                failed.append(str(error))
+        failed += [
+            f"the {axis} axis turns still, at {rate:.2f} deg/s, and its drive is off now" for axis, rate in turning
+        ]
+        if failed:
+            raise TableError(f"{'; '.join(failed)}. Use the table's own emergency stop.")
+
+    def disable(self) -> None:
+        self.stop()
+        for axis in self.axes:
+            self._tell(interlock("open", self._number(axis)))
+        self._modes_ns = -_MODES_NS
+
+    def close(self) -> None:
+        self._link.close()
+
+    # ---------------------------------------------------------------------------------------------------- what it says
+
+    def _count(self) -> tuple[str, ...]:
+        """Names of its axes, as many as answer with an angle."""
+        numbers = []
+        for n in range(1, len(AXES) + 1):
+            try:
+                self._numbers([ask("read", "position", axis=n)], tries=2 if n == 1 else 1)
+            except TableError:
+                if n == 1:
+                    raise
+                break
+            numbers.append(n)
+        return AXES[-len(numbers) :]
+
+    def _limits_of(self, axis: str) -> AxisLimits:
+        question = ask("limit", "absolute", axis=self._number(axis))
+        rate, accel, _, low, high, *_ = self._numbers([question], each=len(acutrol.ABSOLUTE_LIMITS))[0]
+        endless = low >= high or max(abs(low), abs(high)) > _ENDLESS_DEG
+        if not (rate > 0.0 and accel > 0.0):
+            raise TableError(
+                f"{self._link.name}: limits of the {axis} axis are said to be {rate:g} deg/s and {accel:g} deg/s^2. If"
+                f" there is no such axis, name those that there are: acutrol://HOST:PORT?axes=inner"
+            )
+        return AxisLimits(rate, accel, None if endless else low, None if endless else high)
+
+    def _reading(self, axes: Sequence[str]) -> tuple[tuple[int, int], dict[str, tuple[float, float]]]:
+        """When axes were asked and when they answered, ns, and angle and rate of each."""
+        questions = [ask("read", what, axis=self._number(axis)) for what in ("position", "rate") for axis in axes]
+        said = [each[0] for each in self._numbers(questions)]
+        found = {axis: (said[k], said[k + len(axes)]) for k, axis in enumerate(axes)}
+        stamp = sum(self._exchanged) // 2
+        before_ns, before = self._last or (stamp, {})
+        seconds = (stamp - before_ns) * 1e-9
+        for axis, (angle, rate) in found.items():
+            if axis in before and self._turns_without_end(axis):
+                expected = before[axis][0] + 0.5 * (before[axis][1] + rate) * seconds
+                found[axis] = angle + 360.0 * round((expected - angle) / 360.0), rate
+        self._last = stamp, before | found
+        return self._exchanged, found
+
+    def _turns_without_end(self, axis: str) -> bool:
+        return self._limits is not None and self._limits[axis].low_deg is None
+
+    def _look_at_modes(self) -> list[str]:
+        """Ask for modes and interlocks; returns what keeps drives from being ready."""
+        questions = [ask(what, axis=self._number(axis)) for what in ("mode", "interlock") for axis in self.axes]
+        count = len(self.axes)
+        said = self._asked(questions, lambda texts: all(_mode(text) for text in texts[:count]))
+        self._modes = {axis: _mode(text) or OFF for axis, text in zip(self.axes, said, strict=False)}
+        told = {a: f"the {a} axis's interlock says {text}" for a, text in zip(self.axes, said[count:], strict=True)}
+        at_fault = [words for words in told.values() if "fault" in words.lower()]
+        opened = [words for axis, words in told.items() if words.lower().endswith("says open")]
+        self._fault = "; ".join(at_fault or (opened if set(self._modes.values()) - {OFF} else []))
+        self._modes_ns = time.monotonic_ns()
+        return at_fault + opened
+
+    def _mode_of(self, axis: str) -> str:
+        self._look_at_modes()
+        return self._modes[axis]
+
+    # -------------------------------------------------------------------------------------------------- what it is told
+
+    def _number(self, axis: str) -> int:
+        if axis not in self.axes:
+            raise InputError(f"this table has no {axis} axis; it has: {', '.join(self.axes)}")
+        return self.axes.index(axis) + 1
+
+    def _enter(self, axis: str, which: str) -> None:
+        """Have an axis enter a mode, and see that it is in it."""
+        self._tell(mode(which, self._number(axis)))
+        found = self._mode_of(axis)
+        if found != _OURS[which]:
+            why = f" ({self._fault})" if self._fault else ""
+            raise TableError(f"the {axis} axis was to enter mode {_OURS[which]}, and is in mode {found}{why}")
+
+    def _refuse_while_it_turns(self, axis: str) -> None:
+        rate = self._reading([axis])[1][axis][1]
+        if abs(rate) >= RESTS_DPS:
+            raise TableError(f"the {axis} axis turns, at {rate:.2f} deg/s: stop it, wait until it rests, then move it")
+
+    def _wait_for_rest(self, axes: Sequence[str]) -> list[tuple[str, float]]:
+        """Wait until axes rest; returns those that do not get slower, and their rates."""
+        slower_at, least = time.monotonic(), math.inf
+        while axes:
+            found = self._reading(axes)[1]
+            turning = [(axis, found[axis][1]) for axis in axes if abs(found[axis][1]) >= RESTS_DPS]
+            total = sum(abs(rate) for _, rate in turning)
+            if not turning:
+                break
+            if total < 0.95 * least:
+                slower_at, least = time.monotonic(), total
+            elif time.monotonic() - slower_at > _SLOWING_S:
+                return turning
+        return []
+
+    def _tell(self, *commands: Command) -> None:
+        """Send commands that ask nothing, each in a line of its own: one that fails is known then."""
+        for command in commands:
+            self._modes_ns = -_MODES_NS
+            if self._link.acknowledges:
+                self._asked([command], lambda texts: texts[0].upper() == acutrol.DONE)
+            else:
+                self._link.send(acutrol.encode([command]))
+                time.sleep(self._link.pause_s)
+
+    def _numbers(self, questions: Sequence[Command], each: int = 1, tries: int = 2) -> list[list[float]]:
+        """Numbers that questions are answered with, at least so many each."""
+        found: list[list[float]] = []
+
+        def understood(texts: Sequence[str]) -> bool:
+            found[:] = [_floats(text) for text in texts]
+            return all(len(numbers) >= each for numbers in found)
+
+        self._asked(questions, understood, tries)
+        return found
+
+    def _asked(
+        self, commands: Sequence[Command], understood: Callable[[Sequence[str]], bool], tries: int = 2
+    ) -> tuple[str, ...]:
+        """Answers to a line, one for each command in it; what is not understood is asked again, `tries` in all."""
+        line = acutrol.encode(commands)
+        for _ in range(tries):
+            texts = self._exchange(line, len(commands))
+            if len(texts) == len(commands) and understood(texts):
+                return texts
+        asked = line.decode("ascii").strip()
+        raise TableError(
+            f'{self._link.name}: the table\'s controller answers "{";".join(texts)}" to "{asked}", {tries} times. If'
+            " the interlock is closed and the axis exists, send a transcript (docs/tables.md)."
+        )
+
+    def _exchange(self, line: bytes, count: int) -> tuple[str, ...]:
+        """Send a line; returns the texts of its answer, of which there should be so many."""
+        self._decoder.forget()
+        while self._link.receive(0.0):  # what comes late belongs to an earlier question
+            pass
+        sent = time.monotonic_ns()
+        heard = 0
+        self._link.send(line)
+        while (left := _PATIENCE_S - (time.monotonic_ns() - sent) * 1e-9) > 0.0:
+            data = self._link.receive(min(left, _QUIET_S) if heard else left)
+            heard = heard or (time.monotonic_ns() if data else 0)
+            answer = self._decoder.feed(data)
+            if answer is None and not data and heard:  # quiet: an answer without a line end is whole
+                answer = self._decoder.so_far()
+                answer = answer if answer and len(answer.texts) >= count else None
+            if answer is not None:
+                self._exchanged = sent, heard
+                return answer.texts
+        so_far = self._decoder.so_far()
+        if so_far is not None:
+            self._exchanged = sent, heard
+            return so_far.texts
+        asked = line.decode("ascii").strip()
+        raise TableLinkError(
+            f'{self._link.name}: the table\'s controller does not answer "{asked}" within {_PATIENCE_S:g} s. Look at'
+            " the table; check that it is on, and that cable and address are right."
+        )
+
+
+def _check_moves(axis: str, rate_dps: float, accel_dps2: float) -> None:
+    if not (rate_dps > 0.0 and accel_dps2 > 0.0):
+        raise InputError(f"the {axis} axis is to move at {rate_dps:g} deg/s and {accel_dps2:g} deg/s^2, not positive")
+
+
+def _mode(text: str) -> str | None:
+    """One of our modes that a controller's word for a mode is; None where it is none."""
+    word = acutrol.full(text, acutrol.MODES) if len(text) > 1 else None
+    return None if word is None else _OURS[word]
+
+
+def _floats(text: str) -> list[float]:
+    """Finite numbers of an answer, between commas or blanks; none where something else is among them."""
+    try:
+        numbers = [float(each) for each in re.split(r"[,\s]+", text)]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []

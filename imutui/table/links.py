@@ -1,0 +1,113 @@
+"""What bytes to and from a controller go over: TCP and serial line by `instrument.port`, GPIB by pyvisa, an extra."""
+
+import contextlib
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from filters.errors import InputError
+from imutui.instrument.port import Port, PortError
+from imutui.table.controller import TableLinkError
+
+# "40 ms a command at the least on GPIB", says a driver; of a serial line nobody says anything
+_PAUSE_S = 0.04
+
+
+class Link(Protocol):
+    """An open line to a controller. All of it raises TableLinkError where the line is gone."""
+
+    name: str
+    prefix: int  # characters before the text of an answer
+    acknowledges: bool  # whether a command that asks nothing is answered too
+    pause_s: float  # after a command that is not answered
+
+    def send(self, data: bytes) -> None:
+        """Send bytes."""
+        ...
+
+    def receive(self, patience_s: float) -> bytes:
+        """What has arrived, as soon as there is any; nothing where the line is quiet for so long."""
+        ...
+
+    def close(self) -> None:
+        """Close it."""
+        ...
+
+
+class PortLink:
+    """A serial line, or a TCP connection.
+
+    `port`: a path, a stable id, or a URL of pyserial.
+    `prefix`: how many characters stand before the text of an answer; a line that has them acknowledges commands.
+    `baud`: speed of a serial line.
+    """
+
+    def __init__(self, port: str, prefix: int, baud: int = 9600) -> None:
+        self.name = port.removeprefix("socket://")
+        self.prefix, self.acknowledges, self.pause_s = prefix, prefix > 0, _PAUSE_S
+        try:
+            self._port = Port(port, baud)
+        except PortError as error:
+            raise TableLinkError(f"the table's controller can't be reached. {error}") from error
+
+    def send(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+        except PortError as error:
+            raise self._lost(error) from error
+
+    def receive(self, patience_s: float) -> bytes:
+        try:
+            return self._port.take(patience_s)
+        except PortError as error:
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        self._port.close()
+
+    def _lost(self, error: PortError) -> TableLinkError:
+        return TableLinkError(f"the link to the table's controller is lost. {error}")
+
+
+class GpibLink:
+    """A resource of pyvisa, such as "GPIB0::1::INSTR"."""
+
+    prefix, acknowledges, pause_s = 0, False, _PAUSE_S
+
+    def __init__(self, resource: str) -> None:
+        try:
+            import pyvisa
+        except ImportError as error:
+            raise InputError(
+                "a controller on GPIB needs pyvisa, which is not installed here. Type: pip install 'imutui[gpib]'"
+            ) from error
+        self.name = resource
+        self._errors = (pyvisa.Error, OSError)
+        self._resource: Any = self._doing(lambda: pyvisa.ResourceManager().open_resource(resource))
+
+    def send(self, data: bytes) -> None:
+        self._doing(lambda: self._resource.write_raw(data))
+
+    def receive(self, patience_s: float) -> bytes:
+        # the bus says where an answer ends: there is nothing to wait for beyond it
+        self._resource.timeout = max(1000.0 * patience_s, 1.0)
+        try:
+            return bytes(self._resource.read_raw())
+        except self._errors as error:
+            if "timeout" in str(error).lower():
+                return b""
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        with contextlib.suppress(*self._errors):  # one that is gone is closed as well
+            self._resource.close()
+
+    def _doing(self, what: Callable[[], object]) -> Any:
+        try:
+            return what()
+        except self._errors as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: Exception) -> TableLinkError:
+        return TableLinkError(
+            f"the table's controller at {self.name} can't be reached: {error}. Check bus and address."
+        )

@@ -1,0 +1,64 @@
+"""The controllers of tables that there are, by the scheme of a URL."""
+
+from collections.abc import Callable
+from urllib.parse import parse_qsl
+
+from filters.errors import InputError
+from filters.motion.segments import AXES
+from imutui.table.acutrol import PREFIX_CHARACTERS, TCP_PORT
+from imutui.table.acutrol_host import Acutrol
+from imutui.table.controller import TableController
+from imutui.table.links import GpibLink, PortLink
+
+_BAUD = 9600
+
+
+def _tcp(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
+    host, _, port = address.rpartition(":") if ":" in address.rpartition("]")[2] else (address, "", str(TCP_PORT))
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise InputError(f'"{address}" is no HOST:PORT, such as 192.168.1.53:{TCP_PORT}')
+    return Acutrol(PortLink(f"socket://{host}:{int(port)}", PREFIX_CHARACTERS), axes)
+
+
+def _serial(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
+    baud = options.get("baud", str(_BAUD))
+    if not baud.isdigit() or not 50 <= int(baud) <= 4_000_000:
+        raise InputError(f'`baud` is "{baud}", no line speed such as {_BAUD}')
+    return Acutrol(PortLink(address, 0, int(baud)), axes)
+
+
+def _gpib(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
+    return Acutrol(GpibLink(address), axes)
+
+
+CONTROLLERS: dict[str, Callable[[str, dict[str, str], tuple[str, ...] | None], TableController]] = {
+    "acutrol": _tcp,
+    "acutrol+serial": _serial,
+    "acutrol+gpib": _gpib,
+}
+"""What makes a controller of what stands in its URL behind the scheme, its options, and its axes if they are named."""
+
+USAGE = "acutrol://HOST:PORT, acutrol+serial:PORT?baud=N or acutrol+gpib:RESOURCE"
+_OPTIONS = ("baud", "axes")
+
+
+def connect(url: str) -> TableController:
+    """Controller at a URL; `?axes=inner,outer` names its axes in the order of their numbers.
+
+    Nothing is sent but questions.
+    Raises InputError if the URL is none, TableError if it can't be reached or does not answer as one.
+    """
+    scheme, colon, rest = url.partition(":")
+    if not colon or scheme not in CONTROLLERS:
+        raise InputError(f'the controller is "{url}"; it is one of: {USAGE}')
+    address, _, query = rest.partition("?")
+    options = dict(parse_qsl(query, keep_blank_values=True))
+    unknown = sorted(set(options) - set(_OPTIONS))
+    if unknown:
+        raise InputError(f'the controller "{url}" has an option "{unknown[0]}"; known: {", ".join(_OPTIONS)}')
+    if "axes" not in options:
+        return CONTROLLERS[scheme](address.removeprefix("//"), options, None)
+    axes = tuple(options["axes"].split(","))
+    if not set(axes) <= set(AXES) or len(set(axes)) != len(axes):
+        raise InputError(f'`axes` is "{options["axes"]}", not some of {", ".join(AXES)}, each once')
+    return CONTROLLERS[scheme](address.removeprefix("//"), options, axes)
