@@ -92,7 +92,7 @@ class CandidateRuns:
         `theta`: with its parameters, SI, shape (k,).
         `rivals`: at least one.
         """
-        pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
+        pairs = [Pair(self.design, a, theta, b, rest) for b in rivals]
         lasting = list({term.key: term for pair in pairs for term in pair.lasting}.values())
         moving = any(term.hypothesis.source == "motion" for term in (a, *rivals))
         made = []
@@ -116,13 +116,17 @@ class CandidateRuns:
         return self._stacks[id(candidate)]
 
 
-class _Pair:
-    """Two rivals, beside the rest: what runs tell of the first that the others can't follow."""
+class Pair:
+    """Two rivals, beside the rest: what runs tell of the first that the others can't follow.
 
-    def __init__(self, design: Design, a: Term, theta: Array, b: Term, rest: Sequence[Term]) -> None:
+    Without `b` the rival is that there is nothing.
+    """
+
+    def __init__(self, design: Design, a: Term, theta: Array, b: Term | None, rest: Sequence[Term]) -> None:
         self._design, self._a, self._theta = design, a, theta
-        self._channels = [c for c in sorted({*a.places, *b.places}) if design.sd[c] > 0.0]
-        self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
+        rival = [] if b is None else [b]
+        self._channels = [c for c in sorted({c for x in (a, *rival) for c in x.places}) if design.sd[c] > 0.0]
+        self._others = [*rival, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
         self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, RunSpecific)]
         self._known = self._triangle(design.stack, {})
         self._before = _unfollowed(self._known)
@@ -139,14 +143,7 @@ class _Pair:
     def _white(self, stack: Stack, made: ColumnsByTerm, c: int) -> Array:
         parts = [self._columns(stack, made, term, c) for term in self._others]
         raw = np.column_stack([*parts, self._columns(stack, made, self._a, c) @ self._theta])
-        design = self._design
-        if stack is design.stack:
-            return design.white(raw, c)
-        variance = np.full(stack.t.size, design.sd[c] ** 2 * design.stack.period / stack.period)
-        drift = design.drift[c]
-        if drift.level == 0.0:
-            return unbiased(raw, stack.power_on, variance)
-        return whiten(raw, stack.t, stack.begins, variance, drift)[0]
+        return self._design.white(raw, c) if stack is self._design.stack else white_on(self._design, stack, raw, c)
 
     def _columns(self, stack: Stack, made: ColumnsByTerm, term: Term, c: int) -> Array:
         """Columns of a term on a channel; an event of the runs at hand does not happen again."""
@@ -155,6 +152,15 @@ class _Pair:
         if stack is self._design.stack:
             return self._design.columns[:, term.places[c]]
         return made.get((term.key, c), np.zeros((stack.t.size, term.size)))
+
+
+def white_on(design: Design, stack: Stack, raw: Array, channel: int) -> Array:
+    """Columns of a further run, whitened by the noise and the drift that the channel has in the runs at hand."""
+    variance = np.full(stack.t.size, design.sd[channel] ** 2 * design.stack.period / stack.period)
+    drift = design.drift[channel]
+    if drift.level == 0.0:
+        return unbiased(raw, stack.power_on, variance)
+    return whiten(raw, stack.t, stack.begins, variance, drift)[0]
 
 
 def _unfollowed(columns: Array) -> float:
