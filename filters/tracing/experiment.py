@@ -136,6 +136,11 @@ class Pair:
         both = np.vstack([self._known, self._triangle(stack, columns)])
         return math.sqrt(max(0.0, _unfollowed(both) ** 2 - self._before**2))
 
+    def take(self, stack: Stack, columns: ColumnsByTerm) -> None:
+        """Count a further run as one that is made: what others add is added to what it does."""
+        both = np.vstack([self._known, self._triangle(stack, columns)])
+        self._known = np.asarray(np.linalg.qr(both, mode="r"))
+
     def _triangle(self, stack: Stack, made: ColumnsByTerm) -> Array:
         """R of the QR decomposition of whitened columns of all channels: the others, then that of A."""
         return np.asarray(np.linalg.qr(np.vstack([self._white(stack, made, c) for c in self._channels]), mode="r"))

@@ -48,26 +48,6 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(41)
 
 
 @dataclass(frozen=True)
-class Expectation:
-    """What a motion is expected to tell, bits."""
-
-    motion: CandidateMotion
-    rivals: float
-    corrected: float
-    besides: float
-    between: str  # the two that it tells apart best, in words; empty without any
-
-    @property
-    def bits(self) -> float:
-        """All of it."""
-        return self.rivals + self.corrected + self.besides
-
-    def rank(self, overhead_s: float) -> float:
-        """Bits for each minute, with what comes to each motion: moves, begin and end of a recording."""
-        return self.bits / (self.motion.seconds + overhead_s) * 60.0
-
-
-@dataclass(frozen=True)
 class Dispute:
     """Two hypotheses of which one may be true."""
 
@@ -82,6 +62,22 @@ class Dispute:
     def probability(self) -> float:
         """Of the first, if it is one of the two."""
         return self.odds[0] / sum(self.odds)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What a motion is expected to tell, bits."""
+
+    motion: CandidateMotion
+    rivals: float
+    corrected: float
+    besides: float
+    between: Dispute | None  # what it decides most of
+
+    @property
+    def bits(self) -> float:
+        """All of it."""
+        return self.rivals + self.corrected + self.besides
 
 
 def assessed(runs: Sequence[Run], seed: int = 0) -> Assessment:
@@ -143,25 +139,65 @@ def _entropy(log_odds: Array) -> Array:
     return np.asarray((np.log1p(np.exp(-x)) + small * x) / math.log(2.0))
 
 
-def expectations(known: Assessment, motions: Sequence[CandidateMotion], at_s: float) -> list[Expectation]:
-    """What each motion is expected to tell if it begins so many seconds after power-on."""
-    design = known.design
-    like = replace(design.stack.blocks[-1].run, power_on="", begins=at_s, history_known=False)
-    open_questions = disputes(known)
-    parameters = _Parameters(known)
-    lasting = {term.key: term for d in open_questions for term in d.pair.lasting}
-    lasting |= {term.key: term for term in parameters.terms}
-    made = []
-    for motion in motions:
-        run = replace(motion.run(like), begins=at_s)
-        stack = Stack.of([average(run, max(_BLOCK_S, 1.0 / motion.rate_hz))])
-        columns = columns_on(stack, list(lasting.values()))
-        told = [q.share * information(q.probability, q.pair.added(stack, columns)) for q in open_questions]
-        best = open_questions[int(np.argmax(told))] if told and max(told) > 0.0 else None
-        between = "" if best is None else f"{' '.join(best.channels)}: {best.names[0]} or {best.names[1]}"
-        corrected, besides = parameters.told(stack, columns)
-        made.append(Expectation(motion, sum(told), corrected, besides, between))
-    return made
+class Planner:
+    """What motions are expected to tell beside the runs at hand.
+
+    `known`: what these show.
+    `motions`: that can be made.
+    `at_s`: when the next one begins, s since power-on.
+    `overhead_s`: that comes to each motion: moves, begin and end of a recording.
+    """
+
+    def __init__(self, known: Assessment, motions: Sequence[CandidateMotion], at_s: float, overhead_s: float) -> None:
+        self.disputes = disputes(known)
+        self._parameters = _Parameters(known)
+        self._overhead = overhead_s
+        self._told = [0.0] * len(self.disputes)  # bits that motions taken so far are expected to tell
+        lasting = {term.key: term for each in self.disputes for term in each.pair.lasting}
+        lasting |= {term.key: term for term in self._parameters.terms}
+        like = replace(known.design.stack.blocks[-1].run, power_on="", begins=at_s, history_known=False)
+        self._made: dict[int, tuple[CandidateMotion, Stack, ColumnsByTerm]] = {}
+        for number, motion in enumerate(motions):
+            run = replace(motion.run(like), begins=at_s)
+            stack = Stack.of([average(run, max(_BLOCK_S, 1.0 / motion.rate_hz))])
+            self._made[number] = motion, stack, columns_on(stack, list(lasting.values()))
+
+    def chosen(self, seconds: float) -> list[Expectation]:
+        """The motions to make next, the best one at least, and others as long as they fit into some seconds.
+
+        Each is what tells most for its time beside those before it. Empty where no motion is worth it.
+        """
+        out: list[Expectation] = []
+        while self._made:
+            each = {number: self._expectation(number) for number in self._made}
+            number = max(each, key=lambda n: each[n].bits / (each[n].motion.seconds + self._overhead))
+            left = seconds - sum(e.motion.seconds + self._overhead for e in out)
+            if each[number].bits < WORTH or (out and each[number].motion.seconds + self._overhead > left):
+                break
+            out.append(each[number])
+            self._take(number)
+        return out
+
+    def best_bits(self) -> float:
+        """Most that a motion is expected to tell."""
+        return max((self._expectation(number).bits for number in self._made), default=0.0)
+
+    def _expectation(self, number: int) -> Expectation:
+        motion, stack, columns = self._made[number]
+        told = [
+            max(0.0, q.share * information(q.probability, q.pair.added(stack, columns)) - before)
+            for q, before in zip(self.disputes, self._told, strict=True)
+        ]
+        best = int(np.argmax(told)) if told and max(told) > 0.01 else None
+        corrected, besides = self._parameters.told(stack, columns)
+        return Expectation(motion, sum(told), corrected, besides, None if best is None else self.disputes[best])
+
+    def _take(self, number: int) -> None:
+        _, stack, columns = self._made.pop(number)
+        for place, q in enumerate(self.disputes):
+            self._told[place] = q.share * information(q.probability, q.pair.added(stack, columns))
+            q.pair.take(stack, columns)
+        self._parameters.take(stack, columns)
 
 
 class _Parameters:
@@ -192,8 +228,7 @@ class _Parameters:
                 open_ = any(status.get(CHANNELS[c]) not in ("clean", "explained", None) for c in term.places)
                 self._weight[place] = (_OPEN if open_ else _SETTLED) / term.size
         self._corrected = np.arange(size) < sum(term.size for term in found)
-        # in units of the priors, so that the matrix is well conditioned
-        self._scale = prior
+        self._prior = prior
         known_of = np.zeros((size, size))
         for c in known.channels:
             rows, places = parameters_on(self.terms, self._firsts, c)
@@ -206,13 +241,25 @@ class _Parameters:
         """Bits on what is corrected, and on what may act besides."""
         if not self.terms:
             return 0.0, 0.0
-        more = np.zeros_like(self._known)
-        for c in self._channels:
-            here = [(first, term) for first, term in zip(self._firsts, self.terms, strict=True) if c in term.places]
-            rows = np.concatenate([np.arange(first, first + term.size) for first, term in here])
-            raw = np.column_stack([columns[term.key, c] for _, term in here]) * self._scale[rows]
-            W = white_on(self._design, stack, raw, c)
-            more[np.ix_(rows, rows)] += W.T @ W
-        after = np.diag(np.linalg.inv(self._known + more))
+        after = np.diag(np.linalg.inv(self._known + self._information(stack, columns)))
         bits = 0.5 * np.log2(np.maximum(self._before / after, 1.0)) * self._weight
         return float(bits[self._corrected].sum()), float(bits[~self._corrected].sum())
+
+    def take(self, stack: Stack, columns: ColumnsByTerm) -> None:
+        """Count a motion as one that is made."""
+        if self.terms:
+            self._known += self._information(stack, columns)
+            self._before = np.diag(np.linalg.inv(self._known))
+
+    def _information(self, stack: Stack, columns: ColumnsByTerm) -> Array:
+        """WᵀW of all parameters on a further run, over their priors."""
+        out = np.zeros_like(self._known)
+        for c in self._channels:
+            here = [(first, term) for first, term in zip(self._firsts, self.terms, strict=True) if c in term.places]
+            if not here:
+                continue
+            rows = np.concatenate([np.arange(first, first + term.size) for first, term in here])
+            raw = np.column_stack([columns[term.key, c] for _, term in here]) * self._prior[rows]
+            W = white_on(self._design, stack, raw, c)
+            out[np.ix_(rows, rows)] += W.T @ W
+        return out

@@ -74,14 +74,14 @@ def start(table: Table) -> list[CandidateMotion]:
 
     Together they let every effect of the catalogue that a table shows be told (`detectability.of_motion`).
     """
-    turned = [segment for axis in table for segment in _turned(table, axis, (0.4, -0.4, 0.8, -0.8))]
+    spun = [segment for axis in table for segment in turned(table, axis, (0.4, -0.4, 0.8, -0.8))]
     swung = [segment for axis in table for segment in _swung(table, axis, (0.3, 0.8))]
     made = [
-        ("hold positions all around", _held((*SIX, *TWELVE), _HOLD_S)),
-        ("turn each axis both ways at two rates", [*turned, _PAUSE]),
+        ("hold positions all around", held((*SIX, *TWELVE), _HOLD_S)),
+        ("turn each axis both ways at two rates", [*spun, _PAUSE]),
         ("swing each axis", swung),
     ]
-    wanted = [_commanded(description, segments, table) for description, segments in made]
+    wanted = [commanded(description, segments, table) for description, segments in made]
     return [motion for motion in wanted if motion is not None]
 
 
@@ -90,38 +90,43 @@ def rounds(table: Table, degc: float | None) -> list[CandidateMotion]:
     tilts = [tilt for tilt in _TILTS if _reachable(_tilted(tilt, 1.0), table)]
     made: list[tuple[str, list[Segment]]] = [
         ("rest level", [Dwell((0.0, 0.0, 0.0), _STILL_ROUND_S)]),
-        ("hold six positions, each axis up and down", _held(SIX, _HOLD_LONG_S)),
-        ("hold positions in between", _held(TWELVE, _HOLD_S)),
+        ("hold six positions, each axis up and down", held(SIX, _HOLD_LONG_S)),
+        ("hold positions in between", held(TWELVE, _HOLD_S)),
     ]
     for axis in table:
         made += [
             (f"hold the {axis} axis at steps of 30 deg, up and down again", _stairs(axis)),
-            (f"turn the {axis} axis both ways at four rates", _turned(table, axis, _FOUR)),
-            (f"turn the {axis} axis both ways, starting and stopping often", _turned(table, axis, _OFTEN, 4.0)),
+            (f"turn the {axis} axis both ways at four rates", turned(table, axis, _FOUR)),
+            (f"turn the {axis} axis both ways, starting and stopping often", turned(table, axis, _OFTEN, 4.0)),
             (f"swing the {axis} axis at four rates of swing", _swung(table, axis, (0.15, 0.3, 0.5, 0.8))),
         ]
     if "inner" in table:
         for tilt in ((0, 0, 0), *tilts):
             made.append((f"turn the inner axis slowly, once round each way{_at(tilt)}", _slow(tilt)))
         for tilt in tilts:
-            turned = _turned(table, "inner", (0.4, -0.4, 0.8, -0.8), tilt=tilt)
-            made.append((f"turn the inner axis both ways at two rates{_at(tilt)}", turned))
-    wanted = [_commanded(description, segments, table, degc) for description, segments in made]
+            tilted = turned(table, "inner", (0.4, -0.4, 0.8, -0.8), tilt=tilt)
+            made.append((f"turn the inner axis both ways at two rates{_at(tilt)}", tilted))
+    wanted = [commanded(description, segments, table, degc) for description, segments in made]
     return [motion for motion in wanted if motion is not None]
 
 
-def held_out(table: Table, degc: float | None) -> CandidateMotion | None:
-    """A run that judges: level for a minute, then positions and rates that no other has; None if nothing can move."""
-    turned = [s for axis in table for s in _turned(table, axis, (0.3, -0.3, 0.65, -0.65), 6.0)[1:]]
-    segments = [Dwell((0.0, 0.0, 0.0), 65.0), *_held(_UNUSED, _HOLD_S), *turned]
+def held_out(table: Table, degc: float | None, again: int = 0) -> CandidateMotion | None:
+    """A run that judges: level for a minute, then positions and rates that no other has; None if nothing can move.
+
+    `again`: how many such runs there have been: each is another.
+    """
+    shares = [sign * (share - 0.02 * again) for share in (0.3, 0.65) for sign in (1.0, -1.0)]
+    spun = [s for axis in table for s in turned(table, axis, shares, 6.0)[1:]]
+    unused = [(o - 2 * again if o else 0, m + 3 * again if m else 0, i - 4 * again) for o, m, i in _UNUSED]
+    segments = [Dwell((0.0, 0.0, 0.0), 65.0), *held(unused, _HOLD_S), *spun]
     description = "hold positions and turn at rates that were not used"
-    made = _commanded(description, segments, table, degc)
+    made = commanded(description, segments, table, degc)
     if made is None or made.seconds >= _JUDGED_S:
         return made
-    return _commanded(description, [*segments, Dwell((0.0, 0.0, 0.0), _JUDGED_S - made.seconds + 15.0)], table, degc)
+    return commanded(description, [*segments, Dwell((0.0, 0.0, 0.0), _JUDGED_S - made.seconds + 15.0)], table, degc)
 
 
-def _commanded(
+def commanded(
     description: str, segments: Sequence[Segment], table: Table, degc: float | None = None
 ) -> CandidateMotion | None:
     """A motion with moves as brisk as the axes can; positions that the table can't take are left out, or all of it."""
@@ -148,14 +153,15 @@ def _reachable(dwell: Dwell, table: Table) -> bool:
     return all(own.low - 1e-9 <= angle <= own.high + 1e-9 for own, angle in zip(ends, dwell.angles, strict=True))
 
 
-def _held(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
+def held(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
+    """Rests at angles, between rests level."""
     return [_PAUSE, *positions(angles_deg, seconds)[:-1], _PAUSE]
 
 
 def _stairs(axis: str) -> list[Segment]:
     ups = [*range(-90, 91, 30), *range(60, -91, -30)]
     angles = [tuple(float(a) if axis == own else 0.0 for own in AXES) for a in ups]
-    return _held([(a, b, c) for a, b, c in angles], 8.0)
+    return held([(a, b, c) for a, b, c in angles], 8.0)
 
 
 def _at(tilt: tuple[float, float, float]) -> str:
@@ -174,7 +180,7 @@ def _slow(tilt_deg: tuple[float, float, float]) -> list[Segment]:
     return [pause, Rate("inner", slow, once_s), pause, Rate("inner", -slow, once_s), pause]
 
 
-def _turned(
+def turned(
     table: Table,
     axis: str,
     shares: Sequence[float],

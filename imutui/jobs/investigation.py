@@ -1,0 +1,376 @@
+"""An investigation: a table takes a unit through the motions that tell most, until what is wrong with it is explained.
+
+    start      motions that let every effect of the catalogue be told
+    rounds     trace all runs so far, plan what tells most for its time, make it, again
+    held out   a last run with motions of its own judges; where it does not find all explained and time is left, it
+               joins the others, and the rounds go on
+
+The diary has why each motion was made, what was expected of it and what came. It is written before and after each
+motion, and is all that is needed to go on after any stop: a motion that was cut is made again. What it leaves out: how
+a motion is made and recorded (`Laboratory`), what is expected of it (`filters.tracing.planning`).
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NotRequired, Protocol, TypedDict, cast
+
+from filters.errors import InputError
+from imutui import outside_file
+from imutui.jobs import document_shape
+from imutui.logbook import atomic_file
+
+if TYPE_CHECKING:
+    from filters.tracing.assessment import Assessment
+    from filters.tracing.candidate_motions import CandidateMotion
+    from filters.tracing.planning import Expectation
+    from filters.tracing.run import Run
+    from filters.tracing.table_motions import Table
+    from filters.tracing.trace_document import TraceFindings
+
+DIARY = "diary.json"
+VERSION = 1
+OVERHEAD_S = 15.0  # that come to each motion: the way there, begin and end of the recording
+_SHARE = 0.25  # of the time so far that motions take which are planned together, for a trace takes time too
+_TOGETHER_S = 240.0  # of these, at least
+_UNDECIDED = 0.5  # bits that disputes may hold on a unit whose channels are all explained
+_MOST_ODDS = 20  # entries of odds that a round keeps
+_LIMIT = 16 * 2**20  # bytes of a diary
+
+Kind = Literal["start", "round", "held_out"]
+Outcome = Literal["", "explained", "not_here", "time"]
+
+
+class RivalsEntry(TypedDict):
+    """What is not decided on a channel: names, and their odds against drift alone."""
+
+    channel: str
+    names: list[str]
+    odds: list[float]
+
+
+class RoundEntry(TypedDict):
+    """A motion."""
+
+    kind: Kind
+    start_s: float  # s since the investigation began
+    motion: str  # what the table does, in words
+    minutes: float
+    expected_bits: float
+    why: str  # a sentence
+    log: str  # its file in the folder; empty until it is finished
+    power_on: int  # which of the unit's, from 0
+    rivals: list[RivalsEntry]  # as they are known with it
+    status: dict[str, str]  # of each channel, likewise
+    came: str  # what came of it, a sentence
+
+
+class DiaryDocument(TypedDict):
+    """All that is known of an investigation."""
+
+    version: int
+    hours: float
+    spent_s: float  # of these, in all sessions
+    power_on: int  # which of the unit's it is now
+    outcome: Outcome  # empty while it goes on
+    takes: list[str]  # what it would take to explain the rest, sentences
+    rounds: list[RoundEntry]
+    asked: NotRequired[dict[str, Any]]  # with what it was begun: port, controller and whatever else a laboratory needs
+
+
+class Laboratory(Protocol):
+    """A unit on a table, and where its runs are."""
+
+    table: "Table"
+
+    def now_s(self) -> float:
+        """Time since this session began, s of the unit's."""
+
+    def record(self, motion: "CandidateMotion", number: int) -> str:
+        """Make a motion and record it; returns the log's name once that is whole. Whatever stops it is raised."""
+
+    def runs(self, rounds: Sequence[RoundEntry]) -> "list[Run]":
+        """Runs of rounds that were made."""
+
+    def judged(self, rounds: Sequence[RoundEntry]) -> "TraceFindings":
+        """Trace of the rounds, the last one held out; what is to be kept of it is written."""
+
+
+class Diary:
+    """The diary of an investigation, in a file of its folder; without a folder in memory."""
+
+    def __init__(self, document: DiaryDocument, folder: Path | None) -> None:
+        self.document = document
+        self._folder = folder
+
+    @classmethod
+    def begun(cls, hours: float, folder: Path | None, asked: dict[str, Any] | None = None) -> "Diary":
+        """A new one; raises InputError if the folder has one."""
+        if folder is not None and (folder / DIARY).exists():
+            raise InputError(
+                f"{folder / DIARY} is of another investigation. Go on with --resume, or name another folder."
+            )
+        return cls(
+            {
+                "version": VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "", "takes": [],
+                "rounds": [], "asked": asked or {},
+            },
+            folder,
+        )  # fmt: skip
+
+    @classmethod
+    def read(cls, folder: Path) -> "Diary":
+        """That of a folder, without a round that was cut; raises InputError if there is none."""
+        path = folder / DIARY
+        if not path.is_file():
+            raise InputError(f"{folder} has no {DIARY}: there is nothing to go on with. Begin without --resume.")
+        document = outside_file.read_json(path, _LIMIT)
+        told = document_shape.problem(document, DiaryDocument, "diary")
+        if told or document["version"] != VERSION:
+            raise InputError(f"{path} is no diary of this edition: {told or 'another version'}. Name another folder.")
+        diary = cls(cast("DiaryDocument", document), folder)
+        lost = [r for r in diary.made if not (folder / r["log"]).is_file()]
+        if lost:
+            raise InputError(f"{folder / lost[0]['log']} is not there, which {path} names. Put it back, or begin anew.")
+        diary.document["rounds"] = diary.made
+        return diary
+
+    @property
+    def made(self) -> list[RoundEntry]:
+        """Rounds whose log is whole."""
+        return [entry for entry in self.document["rounds"] if entry["log"]]
+
+    def save(self) -> None:
+        """Write it, whole or not at all."""
+        if self._folder is not None:
+            text = json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
+            atomic_file.write(self._folder / DIARY, text, overwrite=True)
+
+
+Tell = Callable[[str, RoundEntry | None], None]
+"""Told what happens (a sentence) and the round that it is about."""
+
+
+@dataclass
+class Investigation:
+    """One that goes on from its diary.
+
+    `laboratory`: the unit and the table.
+    `tell`: see `Tell`.
+    Raises InputError if there is not the time for what it takes at least.
+    """
+
+    laboratory: Laboratory
+    diary: Diary
+    tell: Tell = lambda said, entry: None
+
+    def __post_init__(self) -> None:
+        from filters.tracing import table_motions
+
+        self._before_s = self.diary.document["spent_s"]
+        self._start = table_motions.start(self.laboratory.table)
+        judge = table_motions.held_out(self.laboratory.table, None)
+        if not self._start or judge is None:
+            raise InputError("the table can't make any motion within its limits. Look at `imutui table status`.")
+        self.reserve_s = judge.seconds + OVERHEAD_S
+        least = sum(m.seconds + OVERHEAD_S for m in self._start) + self.reserve_s
+        if self.diary.document["hours"] * 3600.0 < least:
+            raise InputError(
+                f"`hours` is {self.diary.document['hours']:g}; what every unit is taken through, and the run that"
+                f" judges, take {least / 3600.0:.2f} h. Give it that at least."
+            )
+
+    @property
+    def spent_s(self) -> float:
+        """Time in this and earlier sessions, s."""
+        return self._before_s + self.laboratory.now_s()
+
+    @property
+    def left_s(self) -> float:
+        """Time left before the run that judges must begin, s."""
+        return self.diary.document["hours"] * 3600.0 - self.spent_s - self.reserve_s
+
+    def go(self) -> Outcome:
+        """Go on to the end."""
+        document = self.diary.document
+        done = {entry["motion"] for entry in self.diary.made if entry["kind"] == "start"}
+        for motion in self._start:
+            if motion.description not in done:
+                self._make(motion, "start", 0.0, "every effect of the catalogue can be told only after it")
+        while not document["outcome"]:
+            self._round()
+        return document["outcome"]
+
+    def _round(self) -> None:
+        """Trace, plan, and make what was planned; or judge."""
+        made = self.diary.made
+        self.tell(f"tracing {len(made)} runs", None)
+        known, planner, degc = self._known()
+        self._came(planner.disputes, known)
+        chosen = []
+        if not _settled(known, planner.disputes):
+            chosen = planner.chosen(max(_TOGETHER_S, _SHARE * self.spent_s))
+        fitting = [e for e in chosen if e.motion.seconds + OVERHEAD_S <= self.left_s]
+        if fitting:
+            for expected in fitting:
+                if expected.motion.seconds + OVERHEAD_S <= self.left_s:
+                    self._make(expected.motion, "round", expected.bits, _why(expected))
+        elif made[-1]["kind"] == "held_out":  # it has judged, and nothing is worth another motion
+            self._end("time" if chosen else "not_here", known)
+        else:
+            self._judge(known, degc, in_time=not chosen)
+
+    def _known(self) -> "tuple[Assessment, Any, float | None]":
+        from filters.tracing import planning, table_motions
+
+        runs = self.laboratory.runs(self.diary.made)
+        known = planning.assessed(runs)
+        temperature = runs[-1].temperature
+        degc = None if temperature is None else float(temperature[-1])
+        motions = table_motions.rounds(self.laboratory.table, degc)
+        begins = max(run.begins + run.seconds for run in runs) + OVERHEAD_S
+        return known, planning.Planner(known, motions, begins, OVERHEAD_S), degc
+
+    def _judge(self, known: "Assessment", degc: float | None, *, in_time: bool) -> None:
+        from filters.tracing import table_motions
+
+        again = sum(entry["kind"] == "held_out" for entry in self.diary.made)
+        motion = table_motions.held_out(self.laboratory.table, degc, again)
+        assert motion is not None
+        self._make(motion, "held_out", 0.0, "nothing is fitted to it: it judges what the others have shown")
+        self.tell("judging by the last run", None)
+        document = self.laboratory.judged(self.diary.made)
+        entry = self.diary.made[-1]
+        entry["status"] = dict(document["status"])
+        entry["came"] = document["sentence"]
+        self.diary.save()
+        if all(status in ("clean", "explained") for status in document["status"].values()):
+            self._end("explained", known)
+        elif not in_time:
+            self._end("time", known)
+
+    def _make(self, motion: "CandidateMotion", kind: Kind, bits: float, why: str) -> None:
+        """Make a motion; the diary has it before, and its log after."""
+        document = self.diary.document
+        entry: RoundEntry = {
+            "kind": kind, "start_s": round(self.spent_s, 1), "motion": motion.description,
+            "minutes": round(motion.seconds / 60.0, 2), "expected_bits": round(bits, 2), "why": why, "log": "",
+            "power_on": document["power_on"], "rivals": [], "status": {}, "came": "",
+        }  # fmt: skip
+        document["rounds"].append(entry)
+        self._save()
+        self.tell(f"{motion.instruction}: {why}", entry)
+        entry["log"] = self.laboratory.record(motion, len(document["rounds"]))
+        self._save()
+
+    def _save(self) -> None:
+        self.diary.document["spent_s"] = round(self.spent_s, 1)
+        self.diary.save()
+
+    def _came(self, disputes: Sequence[Any], known: "Assessment") -> None:
+        """Write what is known now to the rounds that have come since the last trace."""
+        from filters.tracing.assessment import statuses
+
+        status = cast("dict[str, str]", statuses(known))
+        every = [(channel, q) for q in disputes for channel in q.channels]
+        rivals = [
+            RivalsEntry(channel=channel, names=list(q.names), odds=[float(f"{o:.3g}") for o in q.odds])
+            for channel, q in every[:_MOST_ODDS]
+        ]
+        settled = [r for r in self.diary.made if r["status"]]
+        before = settled[-1] if settled else None
+        for entry in self.diary.made:
+            if not entry["status"]:
+                entry["status"], entry["rivals"] = status, rivals
+                entry["came"] = _changes(before, status, rivals)
+        self._save()
+
+    def _end(self, outcome: Outcome, known: "Assessment") -> None:
+        document = self.diary.document
+        document["outcome"] = outcome
+        if outcome != "explained":
+            document["takes"] = _takes(known, document["rounds"][-1]["status"])
+        self._save()
+
+
+def _settled(known: "Assessment", disputes: Sequence[Any]) -> bool:
+    """Whether nothing is left that another motion would show: each channel is explained, or only a power-on lacks."""
+    from filters.tracing.assessment import statuses
+    from filters.tracing.planning import information
+
+    for channel, status in statuses(known).items():
+        disputed = any(channel in d.channels and d.names[1] != "nothing" for d in disputes)
+        if status not in ("clean", "explained") and not (status == "confounded" and not disputed):
+            return False
+    return sum(information(d.probability, 100.0) for d in disputes) < _UNDECIDED
+
+
+def _why(expected: "Expectation") -> str:
+    """Why a motion was chosen, a sentence."""
+    from filters.effects import plain_names
+
+    parts = []
+    if expected.between is not None:
+        a, b = (plain_names.effect(n) if n != "nothing" else n for n in expected.between.names)
+        parts.append(f"{a} or {b} on {' '.join(expected.between.channels)} ({expected.rivals:.1f} bits)")
+    if expected.corrected > 0.05:
+        parts.append(f"how large it is ({expected.corrected:.1f} bits)")
+    if expected.besides > 0.05:
+        parts.append(f"what else acts ({expected.besides:.1f} bits)")
+    return "; ".join(parts)
+
+
+def _changes(before: RoundEntry | None, status: dict[str, str], rivals: Sequence[RivalsEntry]) -> str:
+    """What a trace says that the one before did not, a sentence."""
+    was = {} if before is None else before["status"]
+    told = [f"{c} {was[c]} → {s}" if c in was else f"{c} {s}" for c, s in status.items() if was.get(c, "clean") != s]
+    for now in rivals:
+        old = [r for r in ([] if before is None else before["rivals"]) if _same(r, now)]
+        if old and (a := _ratio(old[0])) and not 0.5 < _ratio(now) / a < 2.0:
+            told.append(f"{now['channel']}: {now['names'][0]} over {now['names'][1]} {a:.3g} → {_ratio(now):.3g}")
+    return "; ".join(told) or ("all channels clean" if before is None else "nothing new")
+
+
+def _same(a: RivalsEntry, b: RivalsEntry) -> bool:
+    return a["channel"] == b["channel"] and a["names"] == b["names"]
+
+
+def _ratio(entry: RivalsEntry) -> float:
+    return entry["odds"][0] / max(entry["odds"][1], 1e-30)
+
+
+_TAKES = {
+    "stochastic": "it drifts, and nothing that is logged goes with it: log what else may, such as the supply's voltage",
+    "run_specific": "what happened there happened once: nothing carries over to another run",
+    "unexplained": "something is there that no cause fits: look at its residual in the report",
+    "partial": "its cause leaves something, or the last run does not confirm it: more time with other motions",
+}
+
+
+def _takes(known: "Assessment", status: dict[str, str]) -> list[str]:
+    """What it would take to explain channels that are not, a sentence each."""
+    out = []
+    for channel, own in status.items():
+        found = [f for f in known.findings if any(channel == name for name in _names(f.channels))]
+        slow = any(f.term.hypothesis.source in ("time", "temperature") for f in found)
+        if own in ("clean", "explained"):
+            continue
+        if own == "confounded" and slow:
+            out.append(
+                f"{channel}: what goes with time or temperature is told apart by another power-on: switch the unit off"
+                " until it is cold, or change the temperature in a chamber, and go on (--resume --switched)"
+            )
+        elif own == "confounded" and known.experiment is not None:
+            out.append(f"{channel}: {known.experiment.motion}")
+        elif own == "confounded":
+            out.append(f"{channel}: no motion of this table tells its causes apart")
+        else:
+            out.append(f"{channel}: {_TAKES[own]}")
+    return out
+
+
+def _names(channels: Sequence[int]) -> list[str]:
+    from filters.channels import CHANNELS
+
+    return [CHANNELS[c] for c in channels]
