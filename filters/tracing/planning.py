@@ -43,6 +43,7 @@ WORTH = 1.0  # bits that a motion must be expected to tell
 _BLOCK_S = 0.5
 _SETTLED, _OPEN = 0.05, 0.3  # probability of a further effect on a channel that is explained, and on one that is not
 _LEAST_ODDS = 1.0 / 32.0
+EVIDENCE = 6.0  # of score, beyond which evidence would have decided
 _RIVALS, _WEAK = 3, 6
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(41)
 
@@ -55,13 +56,9 @@ class Dispute:
     # effects, the second "nothing" where it is whether the first acts at all, and the odds of each against drift alone
     names: tuple[str, str]
     odds: tuple[float, float]
+    probability: float  # of the first, if it is one of the two
     pair: Pair
     share: float  # probability that it is one of the two
-
-    @property
-    def probability(self) -> float:
-        """Of the first, if it is one of the two."""
-        return self.odds[0] / sum(self.odds)
 
 
 @dataclass(frozen=True)
@@ -109,14 +106,20 @@ def disputes(known: Assessment) -> list[Dispute]:
         for r in rivals:
             pair = Pair(design, f.term, f.theta, r.term, rest)
             names = f.term.hypothesis.effect, r.term.hypothesis.effect
-            share = (f.odds + r.odds) / total
-            made.append(Dispute(tuple(CHANNELS[c] for c in f.channels), names, (f.odds, r.odds), pair, share))
+            # explains the same part though its score is less: that may be a small error of form, so odds tell nothing
+            even = r.score_difference < -EVIDENCE
+            share = 1.0 if even else (f.odds + r.odds) / total
+            probability = 0.5 if even else f.odds / (f.odds + r.odds)
+            channels = tuple(CHANNELS[c] for c in f.channels)
+            made.append(Dispute(channels, names, (f.odds, r.odds), probability, pair, share))
     weak = [(w, odds_of(w.score) if w.odds is None else w.odds) for w in chosen.weak]
     weak = [(w, odds) for w, odds in weak if odds > _LEAST_ODDS and not isinstance(w.term.hypothesis, RunSpecific)]
     for w, odds in sorted(weak, key=lambda each: -each[1])[:_WEAK]:
         channels = tuple(CHANNELS[c] for c in w.term.places)
         pair = Pair(design, w.term, w.theta, None, chosen.terms)
-        made.append(Dispute(channels, (w.term.hypothesis.effect, "nothing"), (odds, 1.0), pair, 1.0))
+        made.append(
+            Dispute(channels, (w.term.hypothesis.effect, "nothing"), (odds, 1.0), odds / (odds + 1.0), pair, 1.0)
+        )
     return made
 
 

@@ -66,6 +66,14 @@ class RoundEntry(TypedDict):
     came: str  # what came of it, a sentence
 
 
+class AskedEntry(TypedDict, total=False):
+    """With what an investigation was begun."""
+
+    port: str
+    controller: str
+    speed: float
+
+
 class DiaryDocument(TypedDict):
     """All that is known of an investigation."""
 
@@ -76,7 +84,7 @@ class DiaryDocument(TypedDict):
     outcome: Outcome  # empty while it goes on
     takes: list[str]  # what it would take to explain the rest, sentences
     rounds: list[RoundEntry]
-    asked: NotRequired[dict[str, Any]]  # with what it was begun: port, controller and whatever else a laboratory needs
+    asked: NotRequired[AskedEntry]
 
 
 class Laboratory(Protocol):
@@ -105,7 +113,7 @@ class Diary:
         self._folder = folder
 
     @classmethod
-    def begun(cls, hours: float, folder: Path | None, asked: dict[str, Any] | None = None) -> "Diary":
+    def begun(cls, hours: float, folder: Path | None, asked: AskedEntry | None = None) -> "Diary":
         """A new one; raises InputError if the folder has one."""
         if folder is not None and (folder / DIARY).exists():
             raise InputError(
@@ -114,7 +122,7 @@ class Diary:
         return cls(
             {
                 "version": VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "", "takes": [],
-                "rounds": [], "asked": asked or {},
+                "rounds": [], "asked": asked or AskedEntry(),
             },
             folder,
         )  # fmt: skip
