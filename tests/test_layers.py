@@ -31,6 +31,7 @@ EVERYWHERE = {"filters.errors"} | {
     for name in (
         "defects",
         "estimate_history",
+        "fast_time",
         "outside_file",
         "plain_text",
         "toml_text",
@@ -45,6 +46,7 @@ FLOORS = {
     "imutui.toml_text": set(),
     "imutui.outside_file": set(),
     "imutui.defects": set(),
+    "imutui.fast_time": set(),
     "filters": GROUND,
     "filters.motion": GROUND,
     "filters.kalman": GROUND | {"filters.motion"},

@@ -70,6 +70,27 @@ def command(
     operator: Operator = None,
     place: Place = None,
     table: Table = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            "--controller",
+            metavar="URL",
+            help="Controller of the table, such as acutrol://HOST:PORT: its angles are recorded, and a profile given"
+            " as the reference is run on it.",
+        ),
+    ] = None,
+    limits: Annotated[
+        str,
+        typer.Option(
+            "--limits",
+            metavar="AXIS=RATE/ACCEL[/LOW/HIGH],...",
+            help="What axes may do, deg/s, deg/s^2, deg; narrower than the controller says, or where it says nothing.",
+        ),
+    ] = "",
+    yes_move: Annotated[
+        bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")
+    ] = False,
+    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     rotate_minutes: RotateMinutes = None,
     rotate_mb: RotateMb = None,
     name: Name = None,
@@ -112,11 +133,15 @@ def command(
     Of a batch each unit has its own acquisition, named BATCH:UNIT, and its own log: one that fails keeps no other from
     its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on.
 
+    With --controller a profile with align = "marks" runs by itself, once somebody has said that the table may move:
+    each segment begins when the table is there. The recording ends with the profile, or with --duration; the table is
+    left where it is, its mode off. Ctrl+C, a lost link, a unit that falls silent, a fault: the table is stopped.
+
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
     from imutui import config
     from imutui.cli.follow_acquisition import follow
-    from imutui.cli.session_options import check_stream, plan_from
+    from imutui.cli.session_options import check_stream, may_move, plan_from
     from imutui.logbook import import_reference
     from imutui.session.plan import VIRTUAL_PORT
 
@@ -126,6 +151,8 @@ def command(
         raise fail(USAGE, "--port is of one unit: of a batch say with --name which one it is that is now there.")
     if batch is not None and (output is not None or foxglove is not None):
         raise fail(USAGE, "-o and --foxglove are of one unit; with --batch each file is named in the logs folder.")
+    if batch is not None and (controller is not None or speed != 1.0):
+        raise fail(USAGE, "--controller is of one unit; units of a batch are recorded while one of them commands.")
     if output is not None:
         check_output(output, force)
     file, kind = reference_of(reference)
@@ -161,6 +188,10 @@ def command(
         unattended=unattended,
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
+        controller=controller or "",
+        limits=limits,
+        yes_move=yes_move,
+        speed=speed,
         reference_file=("", "")
         if file is None
         else (import_reference.name_of(str(reference)), file.content.decode("utf-8-sig")),
@@ -173,4 +204,6 @@ def command(
         said |= {"note": note or None, "profile": reference}
         follow_batch.record(batch, name, port, plan, [key for key in said if said[key] is not None], json=json)
     check_stream(plan)
+    if controller is not None and kind == "profile":
+        plan = may_move(plan)
     follow(plan, json=json)

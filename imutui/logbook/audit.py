@@ -13,7 +13,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 
 from filters.errors import InputError
 from imutui.logbook import mcap_format, sample_check, schemas, summary
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import HEAD, Index, parse
 from imutui.logbook.mcap_stream import (
     CHANNEL,
@@ -31,7 +31,13 @@ from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
-_PLAIN = {schemas.RAW: RAW, schemas.IMU: IMU, schemas.TEMPERATURE: TEMPERATURE, schemas.REFERENCE: TABLE}
+_PLAIN = {
+    schemas.RAW: RAW,
+    schemas.IMU: IMU,
+    schemas.TEMPERATURE: TEMPERATURE,
+    schemas.REFERENCE: TABLE,
+    schemas.STATE: STATE,
+}
 _SHOWN = 20
 
 # ------------------------------------------------------------------------------------------------------- message runs

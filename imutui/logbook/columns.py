@@ -11,8 +11,8 @@ from imutui.logbook import schemas
 from imutui.logbook.mcap_stream import CHANNEL, LENGTH, OFFSET, Batch, windows
 from imutui.logbook.schemas import UndecodableError
 
-IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE = range(6)
-"""What a channel's messages are to a reader; the last four become columns."""
+IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE, STATE = range(7)
+"""What a channel's messages are to a reader; the last five become columns."""
 RAW_SIZE, S1_SIZE = 38, schemas.RAW_DTYPE.itemsize
 """Bytes of a raw packet's message: of an IMU400CD's, and of one with details, which begins with the same fields."""
 _DOUBLE = 8
@@ -93,7 +93,8 @@ class Columns:
         self._parts: dict[int, list[np.ndarray]] = {
             role: [np.empty((0, width), dtype)]
             for role, width, dtype in (
-                (IMU, 9, np.uint64), (TEMPERATURE, 2, np.uint64), (RAW, S1_SIZE, np.uint8), (TABLE, 7, np.uint64)
+                (IMU, 9, np.uint64), (TEMPERATURE, 2, np.uint64), (RAW, S1_SIZE, np.uint8), (TABLE, 7, np.uint64),
+                (STATE, 7, np.uint64),
             )
         }  # fmt: skip
 
@@ -151,9 +152,9 @@ class Columns:
         rows = np.concatenate(self._parts[TEMPERATURE])
         return rows[:, 0].astype(np.int64), rows[:, 1].copy().view(np.float64)
 
-    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stamps (ns, int64, (L,)), angles (deg, (L, 3)) and rates (deg/s, (L, 3))."""
-        rows = np.concatenate(self._parts[TABLE])
+    def tables(self, role: int = TABLE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stamps (ns, int64, (L,)), angles (deg, (L, 3)) and rates (deg/s, (L, 3)), of `TABLE` or `STATE`."""
+        rows = np.concatenate(self._parts[role])
         return rows[:, 0].astype(np.int64), rows[:, 1:4].copy().view(np.float64), rows[:, 4:].copy().view(np.float64)
 
     def packets(self) -> np.ndarray:
@@ -187,6 +188,16 @@ def _gather_table(data: np.ndarray, at: np.ndarray, length: np.ndarray) -> np.nd
     letters = _uint32(data, at + 4 + kind)
     body = at + 4 + (kind + 4 + letters + 7) // _DOUBLE * _DOUBLE
     if ((letters < 1) | (body + _TABLE_DOUBLES * _DOUBLE != at + length)).any():
+        return None
+    return np.column_stack([_stamps(data, at), windows(data, body, _TABLE_DOUBLES * _DOUBLE).view("<u8")])
+
+
+def _gather_state(data: np.ndarray, at: np.ndarray, length: np.ndarray) -> np.ndarray | None:
+    """Numbers right behind the header; what follows them is not read."""
+    if not _begins(data, at, length):
+        return None
+    body = at + 4 + (12 + _uint32(data, at + 12) + 7) // _DOUBLE * _DOUBLE
+    if (body + _TABLE_DOUBLES * _DOUBLE > at + length).any():
         return None
     return np.column_stack([_stamps(data, at), windows(data, body, _TABLE_DOUBLES * _DOUBLE).view("<u8")])
 
@@ -236,6 +247,7 @@ _GATHER: dict[int, Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray | N
     TEMPERATURE: _gather_temperature,
     RAW: _gather_raw,
     TABLE: _gather_table,
+    STATE: _gather_state,
 }
 
 
@@ -259,6 +271,11 @@ def _table_row(message: Message) -> np.ndarray:
     return _row(m.header, message, [*m.angles_deg, *m.rates_dps])
 
 
+def _state_row(message: Message) -> np.ndarray:
+    m = schemas.decode(schemas.TYPES[schemas.STATE], message.data)
+    return _row(m.header, message, [*m.angles_deg, *m.rates_dps])
+
+
 def _raw_row(message: Message) -> np.ndarray:
     schemas.decode_raw(message.data)  # its type has one layout only
     return np.frombuffer(message.data.ljust(S1_SIZE, b"\0"), np.uint8)
@@ -272,4 +289,4 @@ def _row(header: Any, message: Message, numbers: list[float]) -> np.ndarray:
     return np.concatenate([np.array([stamp], np.int64).view(np.uint64), np.array(numbers, float).view(np.uint64)])
 
 
-_DECODE = {IMU: _imu_row, TEMPERATURE: _temperature_row, RAW: _raw_row, TABLE: _table_row}
+_DECODE = {IMU: _imu_row, TEMPERATURE: _temperature_row, RAW: _raw_row, TABLE: _table_row, STATE: _state_row}

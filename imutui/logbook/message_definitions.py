@@ -34,6 +34,15 @@ string kind               # level; gravity: attitude unknown, angles are NaN
 float64[3] angles_deg     # outer, middle, inner
 float64[3] rates_dps
 """,
+    "imutui_msgs/msg/TableState": """\
+# What the table's controller said of its axes, which the table itself counts: no sign of a profile is in it.
+std_msgs/Header header    # stamp: half-way between question and answer
+float64[3] angles_deg     # outer, middle, inner; an axis that the table has not: 0
+float64[3] rates_dps
+uint64 uncertainty_ns     # of the stamp: half of the time between question and answer
+string mode               # off, position, rate, oscillation: the most active one of the axes
+string fault              # empty where there is none
+""",
     "imutui_msgs/msg/Estimate": """\
 # State of the filter. Biases are in the instrument's axes and sign: corrected reading = reading - bias.
 std_msgs/Header header

@@ -18,7 +18,7 @@ from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metad
 
 from filters.errors import InputError
 from imutui.logbook import mcap_stream, sample_check, schemas
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.sample_check import SampleCheck
@@ -32,8 +32,9 @@ class UnreadableLogError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What /table/reference says: at each stamp (UTC, ns, int64, (L,)) angles (deg, (L, 3)) and rates (deg/s, (L, 3)).
+    """What /table/reference or /table/state says, at each stamp (UTC, ns, int64, (L,)).
 
+    Angles are in deg, (L, 3), rates in deg/s, (L, 3).
     NaN where it is not known.
     """
 
@@ -65,6 +66,7 @@ class Log:
     has_details: bool = False
     reference: str | None = None  # kind of the last /table/reference
     table: Table = field(default_factory=Table)  # content of all of them
+    states: Table = field(default_factory=Table)  # of /table/state: what a table's controller measured
     events: list[LogEvent] = field(default_factory=list)  # marks and events
     diagnostics: dict[str, str] = field(default_factory=dict)  # values of the last /diagnostics
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
@@ -177,6 +179,7 @@ class Content(Channels):
             schemas.RAW: RAW if raw else IGNORED,
             schemas.TEMPERATURE: TEMPERATURE,
             schemas.REFERENCE: TABLE,
+            schemas.STATE: STATE,
             schemas.DIAGNOSTICS: OTHER,
             schemas.EVENTS: OTHER,
         }
@@ -262,7 +265,7 @@ def _fill(log: Log, columns: Columns) -> None:
     log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
     log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
     log.packets = columns.packets()
-    log.table = Table(*columns.tables())
+    log.table, log.states = Table(*columns.tables()), Table(*columns.tables(STATE))
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:

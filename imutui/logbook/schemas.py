@@ -21,6 +21,7 @@ ESTIMATE = "/filter/estimate"
 DIAGNOSTICS = "/diagnostics"
 EVENTS = "/rosout"
 TRANSFORMS = "/tf_static"
+STATE = "/table/state"
 
 TYPES = {
     RAW: "imutui_msgs/msg/RawPacket",
@@ -31,6 +32,7 @@ TYPES = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     EVENTS: "rcl_interfaces/msg/Log",
     TRANSFORMS: "tf2_msgs/msg/TFMessage",
+    STATE: "imutui_msgs/msg/TableState",
 }
 """In the order of their channels' numbers: `recover` knows a channel by its number, so what is new comes last."""
 S1_PACKET = "imutui_msgs/msg/S1Packet"  # type of `RAW` in logs of a unit whose packets have details
@@ -429,6 +431,19 @@ def encode_table_reference(stamp: int, kind: str, angles_deg: Iterable[float], r
     room = (24 + len(text) + 7) // 8 * 8 - 24
     layout = f"<4siII6s2xI{room}s6d"
     return struct.pack(layout, _CDR_HEADER, seconds, rest, 6, b"table\0", len(text), text, *angles_deg, *rates_dps)
+
+
+def encode_table_state(
+    stamp: int, uncertainty_ns: int, angles_deg: Iterable[float], rates_dps: Iterable[float], mode: str, fault: str
+) -> bytes:
+    """CDR bytes of imutui_msgs/TableState: what the table's controller said of its angles (deg) and rates (deg/s)."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    texts = [text.encode() + b"\0" for text in (mode, fault)]
+    room = _aligned(len(texts[0]))
+    layout = f"<4siII6s6x6dQI{room}sI{len(texts[1])}s"
+    numbers = *angles_deg, *rates_dps, uncertainty_ns
+    words = len(texts[0]), texts[0], len(texts[1]), texts[1]
+    return struct.pack(layout, _CDR_HEADER, seconds, rest, 6, b"table\0", *numbers, *words)
 
 
 def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) -> Any:

@@ -118,6 +118,11 @@ class SessionInfo:
     restart: str = ""
     power_on_ns: int = 0  # UTC of the power-on's first known sample, ns; 0 for the log's own first one
     clock_s: float = 0.0  # what an imported recording's own clock said at its first sample, s
+    # controller, controller_identity: URL of the table's controller, and what it said of itself; "" of a table that was
+    # not under command
+    controller: str = ""
+    controller_identity: str = ""
+    speed: float = 1.0  # times that time ran faster, of a trial with virtual instruments
     # what the filter's effects remember of the file before it, JSON; "" if nothing: history is unknown then
     memory: str = ""
 

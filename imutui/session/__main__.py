@@ -20,17 +20,20 @@ from pathlib import Path
 from typing import NoReturn
 
 from filters.errors import InputError
-from imutui import defects
+from filters.motion.profile import Profile
+from imutui import defects, fast_time
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
+from imutui.session.commanded_table import CommandedTable
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
+from imutui.session.metadata import motion_of
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
 from imutui.session.preloaded import PLAN_LIMIT
 from imutui.session.requests import Reply, Request, StartReport
@@ -66,6 +69,8 @@ def main(text: str) -> int:
     gc.freeze()
     gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(text)
+    if plan.speed != 1.0:
+        fast_time.run_faster(plan.speed)
     # until here there is nothing to be left in order
     for number in _SIGNALS:
         signal.signal(number, _end_early)
@@ -83,8 +88,9 @@ def main(text: str) -> int:
                 stack.callback(stream.close)
             if plan.port == VIRTUAL_PORT:
                 name, turner = stack.enter_context(_virtual(plan))
+            table = stack.enter_context(_table(plan)) if plan.controller else None
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
-            return _acquire(plan, port, stream, turner)
+            return _acquire(plan, port, stream, turner, table)
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
@@ -122,7 +128,22 @@ def _left_as_found(host: Host) -> Iterator[None]:
         raise
 
 
-def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTurner | None) -> int:
+@contextlib.contextmanager
+def _table(plan: Plan) -> Iterator[CommandedTable]:
+    """A table under command; what its profile can't have is refused before anything moves, or is recorded."""
+    table = CommandedTable(plan.controller, plan.limits, plan.speed)
+    try:
+        motion = motion_of(plan)
+        if plan.yes_move and plan.record and isinstance(motion, Profile):
+            table.check(motion)
+        yield table
+    finally:
+        table.close()
+
+
+def _acquire(
+    plan: Plan, port: Port, stream: LiveStream | None, turner: TableTurner | None, table: CommandedTable | None
+) -> int:
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
@@ -137,7 +158,7 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTur
             if plan.port != VIRTUAL_PORT and was_asked:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
-        engine = Engine(plan, host, identity, stream, turner)
+        engine = Engine(plan, host, identity, stream, turner, table)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -211,7 +232,10 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
             do, wish = requests.text(request, "do"), requests.wish(request)
-            engine.call(lambda acquisition: acquisition.guide(do, wish))
+            may_move = request.get("yes_move") is True
+            if do == "cancel":
+                engine.stop_table()  # before whatever the recording is busy with
+            engine.call(lambda acquisition: acquisition.guidance.do(do, wish, may_move=may_move))
         case "stop_recording":
             return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
         case "stop":

@@ -21,7 +21,9 @@ from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import operator_guide
 from imutui.session.channel_statistics import ChannelStatistics
+from imutui.session.commanded_table import CommandedTable
 from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.guidance import Guidance
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
@@ -45,7 +47,8 @@ class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
     `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `stream` gets what
-    is recorded, `turner` turns the table under a virtual unit. `observe` shows viewers what is public here.
+    is recorded, `turner` turns the table under a virtual unit, `table` is one under command. `observe` shows viewers
+    what is public here.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -58,6 +61,7 @@ class Acquisition:
         lifecycle: Lifecycle,
         stream: LiveStream | None = None,
         turner: TableTurner | None = None,
+        table: CommandedTable | None = None,
     ) -> None:
         self._clock = clock
         self._unstamped: deque[PacketArrival] = deque()  # they wait until the clock is sure of when they were sampled
@@ -71,8 +75,7 @@ class Acquisition:
         self.recent = RecentPackets(scaling)
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument))
         self.status = StatusWords(self._instrument)
-        self.guiding: operator_guide.Guide | None = None
-        self.turner = turner
+        self.guidance = Guidance(self.recorder, self.record, turner, table)
         self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
         self._line_errors = (0, 0)
         self._last_stamp_ns = self.started_ns
@@ -213,6 +216,7 @@ class Acquisition:
         match event:
             case LineLost():
                 said: str | None = self.line.lost(event)
+                self.guidance.stop("the line to the unit is lost")
                 if self.zeroing is not None:
                     self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
                     self.zeroing = None
@@ -230,19 +234,15 @@ class Acquisition:
 
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
-        # packets that were read since wait for their block, and are written behind it: log time does not go back
-        now, read_ns = time.monotonic_ns(), self._last_read_ns
-        self.recorder.events.handled_ns = written_ns = read_ns if now - read_ns < BLOCK_NS else now
+        now = time.monotonic_ns()
+        self.recorder.events.handled_ns = written_ns = self._written_ns(now)
         try:
             self.recorder.pipeline.flush(written_ns)
             if self.recorder.stream is not None:
                 self.reader.be_watched()
             if self.recorder.look_after_file(now):
                 self._end_recording()
-            if self.guiding is not None:
-                self.guiding.advance(now)
-                if self.turner is not None and self.turner.has_arrived(now):
-                    self.event("mark", self.guiding.arrive(now))
+            self.guidance.every_second(now)
             moment = self._moment(now)
             if self.line.is_to_be_asked(moment):
                 self.reader.ask_again()
@@ -254,12 +254,30 @@ class Acquisition:
         finally:
             self.recorder.events.handled_ns = None
 
+    def _written_ns(self, now_ns: int) -> int:
+        """When what is written now is said to be: what was read since waits for its block, and is written behind it."""
+        return self._last_read_ns if now_ns - self._last_read_ns < BLOCK_NS else now_ns
+
+    def look_at_table(self) -> None:
+        """Write what a table under command measures, and command what comes next; raises OSError."""
+        if self.guidance.table is not None:
+            now = time.monotonic_ns()
+            self.recorder.events.handled_ns = written_ns = self._written_ns(now)
+            try:
+                self.guidance.look_at_table(now, written_ns, lambda: not self.line.falls_silent(self._moment(now)))
+            finally:
+                self.recorder.events.handled_ns = None
+
     def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self.reader.last_packet_ns) / 1e9
         expected = self.zeroing is not None or not self.lifecycle.streaming.is_set()
         recorder, mean = self.recorder, self.recent.mean()
         accels_g = None if mean is None else mean[3:6] / 1e3
         return Moment(silent_s, expected, accels_g, recorder.info, recorder.motion)
+
+    def why_over(self, now_ns: int) -> str | None:
+        """That the end has come without anybody's asking, in words; None if it has not."""
+        return self.recorder.why_over(now_ns) or self.guidance.why_over()
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
@@ -308,7 +326,7 @@ class Acquisition:
             raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
-        self.event("mark" if self.guiding is None else "remark", text)
+        self.event("mark" if self.guidance.guide is None else "remark", text)
 
     def record(self, wish: RecordingWish) -> str:
         """Begin a recording; returns its path. What is wished but the note stays for later ones.
@@ -319,7 +337,7 @@ class Acquisition:
         if self.recorder.recording is not None:
             raise InputError(f"already recording to {self.recorder.recording.writer.path}")
         self.recorder.record(wish)
-        self.guiding = None
+        self.guidance.forget()
         self.line.begin_recording()
         assert self.recorder.recording is not None
         return str(self.recorder.recording.writer.path)
@@ -346,7 +364,7 @@ class Acquisition:
         if recorder.recording is not None:
             raise InputError("finish the recording first: r. A file has one reference and one set of effects")
         recorder.configure(*reconfigured(recorder.plan, recorder.info, changes))
-        self.guiding = None
+        self.guidance.forget()
         plan = recorder.plan
         source = plan.reference_file[0]
         said = f"reference {plan.reference}{f' from {source}' if source else ''}"
@@ -379,32 +397,6 @@ class Acquisition:
             return None
         return operator_guide.describe(recorder.motion, *recorder.plan.reference_file)
 
-    def guide(self, do: str, wish: RecordingWish) -> None:
-        """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished.
-
-        Raises InputError if that cannot be done now; the message says what next.
-        """
-        recorder = self.recorder
-        recording = recorder.recording is not None
-        if do == "begin":
-            begun = operator_guide.begin_guide(recorder.motion, recorder.info.filter, self.guiding, recording=recording)
-            if not recording:
-                self.record(wish)
-            self.guiding = begun
-            self.event("acquisition", f"guide through {recorder.plan.reference_file[0]} begins")
-            return
-        if self.guiding is None:
-            raise InputError("no guide is under way; begin one first")
-        now = time.monotonic_ns()
-        if do == "next" and self.turner is not None and self.guiding.awaits(now):
-            self.turner.turn(self.guiding.profile, self.guiding.profile.segments[self.guiding.segment], now)
-            return
-        if self.turner is not None:
-            self.turner.leave()
-        mark = self.guiding.do(do, now, recording=recording)
-        if mark is not None:
-            self.event("mark", mark)
-
     # -- one after the other --------------------------------------------------------------------------------------
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
@@ -419,8 +411,5 @@ class Acquisition:
         """Finish the recording; the acquisition goes on without one."""
         self._use(self._clock.release())
         result = self.recorder.end_recording()
-        if self.guiding is not None:
-            if self.turner is not None:
-                self.turner.leave()
-            self.guiding.recording_ended(time.monotonic_ns())
+        self.guidance.recording_ended(time.monotonic_ns())
         return result

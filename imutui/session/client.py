@@ -117,9 +117,13 @@ class Client:
         """The table profile that the reference comes from; None if there is none."""
         return self._ask({"ask": "profile"})["profile"]
 
-    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
-        """Guide the operator: "begin" (records as wished if nothing does), "next", "cancel" or "resume"."""
-        self._ask({"ask": "guide", "do": do, "wish": asdict(wish or RecordingWish())})
+    def guide(self, do: str, wish: RecordingWish | None = None, *, yes_move: bool = False) -> None:
+        """Guide the operator: "begin" (records as wished if nothing does), "next", "cancel" or "resume".
+
+        `yes_move`: somebody has said that a table under command may move, which "begin" and "resume" have it do.
+        """
+        wish = wish or RecordingWish()
+        self._ask({"ask": "guide", "do": do, "wish": asdict(wish), "yes_move": yes_move})
 
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""

@@ -22,6 +22,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.transmitter import transfer_s
 from imutui.session import lifecycle, live_filter
 from imutui.session.acquisition import Acquisition
+from imutui.session.commanded_table import CommandedTable
 from imutui.session.event_log import ERROR
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
@@ -46,6 +47,7 @@ _READER_END_S = 0.5
 _BEHIND_S = 0.2
 _LOOK_S = 0.1
 _AFTER_BLOCK_S = 0.015
+_HANGS_S = 5.0  # a thread that does not come round for so long commands no table
 
 T = TypeVar("T")
 
@@ -63,7 +65,8 @@ class Engine:
     """Runs one acquisition from its first packet to its last.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; `stream` gets what is recorded, and is
-    closed after the end by whoever made it; `turner` turns the table under a virtual unit of the acquisition's own.
+    closed after the end by whoever made it; `turner` turns the table under a virtual unit of the acquisition's own,
+    `table` is one under command.
     Raises InputError if the filter could not run with what is asked.
     """
 
@@ -74,6 +77,7 @@ class Engine:
         identity: Identity,
         stream: LiveStream | None = None,
         turner: TableTurner | None = None,
+        table: CommandedTable | None = None,
     ) -> None:
         self.lifecycle = Lifecycle()
         self._plan = plan
@@ -89,8 +93,12 @@ class Engine:
             polled=polled,
             period_ns=1e9 / host.stream_hz if host.stream_hz else 0.0,
         )
-        info = session_info(plan, port, identity)
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream, turner)
+        info = session_info(plan, port, identity, "" if table is None else table.identity)
+        self._table = table
+        self._looped_s = math.inf  # when the second thread last looked for something to do
+        if table is not None:
+            table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S * plan.speed
+        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream, turner, table)
         self._disk_error: OSError | None = None
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
@@ -161,8 +169,14 @@ class Engine:
 
     def request_stop(self, by: str = "") -> None:
         """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal."""
+        self.stop_table()
         self.lifecycle.stop(by)
         self._reader.stop()
+
+    def stop_table(self) -> None:
+        """Stop a table under command at once; safe from any thread and signal. Its profile is not cancelled by it."""
+        if self._table is not None:
+            self._table.leave()
 
     def terminate(self, by: str = "") -> None:
         """End as `request_stop` does, but wait for no filter that is not ready: the process has to go."""
@@ -197,11 +211,13 @@ class Engine:
         # soon after a block of packets has come: what is not on the disk yet is then as little as can be
         next_second = self._reader.next_block_ns(time.monotonic_ns()) / 1e9 + _AFTER_BLOCK_S
         while self._reader.is_alive() or not self._queue.empty():
+            self._looped_s = time.monotonic()
             try:
                 handed_on_ns = self._reader.handed_on_ns()  # before the queue is looked at, which then has all of it
                 with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
                     self._handle_all(self._queue.get(timeout=max(0.0, min(_LOOK_S, next_second - time.monotonic()))))
                 self._acquisition.held_packets(handed_on_ns)
+                self._acquisition.look_at_table()
                 late_s = time.monotonic() - next_second
                 # what came before is written before: log time does not go back
                 if late_s >= 0.0 and (self._queue.empty() or late_s > _BEHIND_S):
@@ -209,7 +225,7 @@ class Engine:
                     next_second += max(1.0, math.ceil(late_s))
             except OSError as error:
                 self._acquisition.recorder.disk_failed(error)
-            over = None if self._duration_over else self._acquisition.recorder.why_over(time.monotonic_ns())
+            over = None if self._duration_over else self._acquisition.why_over(time.monotonic_ns())
             if over is not None:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
                 self.request_stop(over)
@@ -269,6 +285,7 @@ class Engine:
                     item.future.set_exception(InputError(self.lifecycle.error or "the acquisition has ended"))
 
     def _fail(self, exit_code: int, message: str) -> None:
+        self.stop_table()
         self.lifecycle.fail(exit_code, message)
         self._reader.stop()
 

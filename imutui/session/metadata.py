@@ -45,8 +45,8 @@ def requested(plan: Plan) -> SessionInfo:
     return SessionInfo(**{name: getattr(plan, name) for name in _SHARED if name not in _FOUND})
 
 
-def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
-    """Metadata of an acquisition."""
+def session_info(plan: Plan, port: Port, identity: Identity, controller_identity: str = "") -> SessionInfo:
+    """Metadata of an acquisition; of a table under command what its controller says of itself."""
     version = identity.version.upper()
     # a virtual instrument says so itself; nothing simulated may pass for measured
     kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
@@ -71,6 +71,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
         source=identity.source,
+        controller_identity=controller_identity,
     )
     latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
     site = Site.at(latitude, longitude, height, plan.gravity)

@@ -37,7 +37,6 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
     now, recorder, stands = time.monotonic_ns(), of.recorder, of.lifecycle
     plan, info, pipeline, recording = recorder.plan, recorder.info, recorder.pipeline, recorder.recording
     counters, away, zeroing = pipeline.counters, of.line.snapshot(now), of.zeroing is not None
-    turns_s = None if of.turner is None else of.turner.left_s(now) or 0.0
     return {
         "name": plan.name,
         "batch": batch_of(plan.name),
@@ -89,7 +88,8 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         },
         "effects": list(effect_labels(plan.effects)),
         "stream": None if recorder.stream is None else recorder.stream.snapshot(),
-        "guide": None if of.guiding is None else of.guiding.snapshot(now, pipeline.started_ns, turns_s),
+        "guide": of.guidance.snapshot(now, pipeline.started_ns),
+        "controller": None if of.guidance.table is None else of.guidance.table.snapshot(),
         "channels": of.recent.channels(),
         "statistics_s": STATISTICS_S,
         "filter": None if pipeline.filter is None else _filter(pipeline.filter),

@@ -18,12 +18,12 @@ from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescriptio
 class Guide:
     """One way through a profile."""
 
-    def __init__(self, profile: Profile) -> None:
+    def __init__(self, profile: Profile, *, by_itself: bool = False) -> None:
         self.profile = profile
         # "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
         self.state: GuideState = "go"
         self.segment = 0  # the present one; after the last, the last
-        self._hold_s = hold_seconds(profile)
+        self._hold_s = hold_seconds(profile, with_ramps=not by_itself)
         self._begun: list[int | None] = [None] * len(profile.segments)
         self._until_ns = 0
 
@@ -132,8 +132,10 @@ class Guide:
         }
 
 
-def begin_guide(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
-    """Guide through the profile of an acquisition, which may be recording already.
+def begin_guide(
+    motion: object, filter_name: str, present: Guide | None, *, recording: bool, by_itself: bool = False
+) -> Guide:
+    """Guide through the profile of an acquisition, which may be recording already; `by_itself`: under command.
 
     Raises InputError if there is nothing to be guided through, or not now; the message says what next.
     """
@@ -148,14 +150,18 @@ def begin_guide(motion: object, filter_name: str, present: Guide | None, *, reco
             f'the profile has align = "{motion.align}", so the filter would follow its clock and not you; write'
             ' align = "marks" into its file, and load it again'
         )
-    return Guide(motion)
+    return Guide(motion, by_itself=by_itself)
 
 
-def hold_seconds(profile: Profile) -> list[float]:
-    """How long each segment takes from the operator's word on, s: a dwell rests so long, a motion has its ramps too."""
+def hold_seconds(profile: Profile, *, with_ramps: bool = True) -> list[float]:
+    """How long each segment takes from the operator's word on, s: a dwell rests so long, a motion has its ramps too.
+
+    Under command it begins when they are over, and has none.
+    """
     starts = [*profile.starts.tolist(), profile.duration]
+    own = (Dwell,) if with_ramps else (Dwell, Rate, Sine)
     return [
-        segment.seconds if isinstance(segment, Dwell) else starts[k + 1] - starts[k]
+        segment.seconds if isinstance(segment, own) else starts[k + 1] - starts[k]
         for k, segment in enumerate(profile.segments)
     ]
 

@@ -51,6 +51,7 @@ class Request(TypedDict):
     changes: NotRequired[FilterChanges]  # configure: what the filter takes from now on
     argument: NotRequired[int]  # zero: length of the average
     do: NotRequired[str]  # guide: begin, next, cancel, resume
+    yes_move: NotRequired[bool]  # guide: somebody has said that a table under command may move
     timeout_s: NotRequired[float | None]  # wait: how long at most; None for ever
     by: NotRequired[str]  # stop: who asks for it, in words
 

@@ -7,7 +7,7 @@ same estimates. There is a run without a file as well: viewers see readings and 
 import time
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from itertools import chain
 from typing import TypeAlias
 
@@ -26,6 +26,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.timebase import Timebase
+from imutui.table.controller import TableState
 
 Stamped: TypeAlias = tuple[DataPacket, Stamp, int]
 """A packet with its stamp, and when it was read, monotonic, ns."""
@@ -288,6 +289,15 @@ class SamplePipeline:
             self.filter.mark(utc, text)
         if self._writer is not None:
             self._writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
+
+    def table_states(self, states: Iterable[TableState], now_ns: int) -> None:
+        """Write what the controller of a table said; raises OSError."""
+        if self._writer is not None:
+            log_ns, offset = self._timebase.utc_ns(now_ns), self._timebase.utc_ns(0)
+            self._writer.all_encoded(
+                (schemas.STATE, schemas.encode_table_state(stamp_ns, *told), log_ns, stamp_ns)
+                for stamp_ns, *told in ((offset + s.stamp_ns, *astuple(s)[1:]) for s in states)
+            )
 
     def flush(self, now_ns: int) -> None:
         """Write reference and diagnostics, and see everything onto the disk; raises OSError if it is not taken."""

@@ -100,6 +100,24 @@ class GuideSnapshot(TypedDict):
     turns_s: NotRequired[float | None]
 
 
+class ControllerSnapshot(TypedDict):
+    """A table under command: what its controller said `age_s` ago, angles and rates of outer, middle, inner.
+
+    `moves`: it turns under command, or is about to; `error`: why it is commanded no more, "" while it is.
+    """
+
+    url: str
+    identity: str
+    axes: list[str]
+    angles_deg: list[float] | None
+    rates_dps: list[float] | None
+    mode: str
+    fault: str
+    age_s: float | None
+    moves: bool
+    error: str
+
+
 class ChannelSnapshot(TypedDict):
     """Newest reading of a channel in counts and `unit`, and statistics over the last `statistics_s` seconds."""
 
@@ -174,6 +192,7 @@ class Snapshot(TypedDict):
     effects: list[str]
     ends_unwatched_s: NotRequired[float | None]
     guide: GuideSnapshot | None
+    controller: NotRequired[ControllerSnapshot | None]
     stream: NotRequired[StreamSnapshot | None]
     channels: list[ChannelSnapshot]
     statistics_s: float

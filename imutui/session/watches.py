@@ -251,7 +251,7 @@ class LineWatch:
 
     def news(self, moment: Moment, /) -> News:
         """That the unit fell silent or speaks again, and, once, that it is polled more slowly than asked."""
-        silent = self._falls_silent(moment)
+        silent = self.falls_silent(moment)
         if not self.is_away and silent != self._is_silent:
             self._is_silent = silent
             if silent:
@@ -277,7 +277,7 @@ class LineWatch:
                 f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
                 f" {self._waits_for}. What came is recorded and the file is finished."
             )
-        elif moment is not None and self._falls_silent(moment):
+        elif moment is not None and self.falls_silent(moment):
             text = (
                 f"the unit was silent at the end: its last packet came {moment.silent_s:.1f} s before. What came is"
                 f" recorded and the file is finished. Before the next one: {self._advice()}"
@@ -286,7 +286,8 @@ class LineWatch:
             return
         yield {"exit_code": lifecycle.INSTRUMENT, "text": text}, False
 
-    def _falls_silent(self, moment: Moment) -> bool:
+    def falls_silent(self, moment: Moment) -> bool:
+        """Whether the unit sends nothing though it should."""
         return moment.silent_s > self._silence_s and not moment.expected
 
     def _advice(self) -> str:

@@ -1,0 +1,33 @@
+"""The keeper's process: `python -m imutui.table URL [--limits TEXT]`; `imutui.table.owner` starts it."""
+
+import argparse
+import json
+import sys
+
+from filters.errors import InputError
+from imutui.fast_time import run_faster
+from imutui.table import keeper
+from imutui.table.gate import parse_limits
+from imutui.table.registry import connect
+
+
+def main() -> int:
+    """Keep the table at a URL; returns the exit code."""
+    asked = argparse.ArgumentParser(prog="python -m imutui.table", description=__doc__)
+    asked.add_argument("url")
+    asked.add_argument("--limits", default="")
+    asked.add_argument("--speed", type=float, default=1.0)
+    asked.add_argument("--since-ns", type=int, default=0)
+    said = asked.parse_args()
+    if said.speed != 1.0:
+        run_faster(said.speed, said.since_ns)
+    try:
+        given = parse_limits(said.limits)
+        return keeper.run(lambda: connect(said.url), given, said.speed)
+    except InputError as error:
+        print(json.dumps({"error": str(error), "ended": True}), flush=True)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
