@@ -12,9 +12,9 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypedDict, cast
 
 from filters.errors import InputError
 from filters.motion.segments import AXES
@@ -29,6 +29,32 @@ _MOST = 1 << 16
 # what the controller itself is asked before a mode is changed from a rate: until then it would jerk
 _STANDS_DPS = 1.0
 _real_s, _wait = time.monotonic, time.sleep  # its owner is waited for in real time, whatever the process's own is
+
+
+class StateTold(TypedDict):
+    """A `TableState`, as JSON has it."""
+
+    stamp_ns: int
+    uncertainty_ns: int
+    angles_deg: Sequence[float]
+    rates_dps: Sequence[float]
+    mode: str
+    fault: str
+
+
+class Told(TypedDict, total=False):
+    """A line of what a keeper tells: of the first one identity, axes and limits, of others what they are about."""
+
+    identity: str
+    axes: Sequence[str]
+    limits: Mapping[str, Mapping[str, float | None]]
+    state: StateTold
+    did: str  # a command that was carried out
+    refused: str  # why one was not: nothing was sent
+    said: str
+    error: str  # why it ends, if not as told
+    ended: bool  # of its last words: it has done what it could for the table to stand still
+    ended_in_s: float  # how long that took
 
 
 class OwnerGoneError(Exception):
@@ -47,7 +73,7 @@ class Keeper:
         self,
         connect: Callable[[], TableController],
         given: Mapping[str, AxisLimits],
-        say: Callable[[Mapping[str, Any]], None],
+        say: Callable[[Told], None],
     ) -> None:
         self._connect = connect
         self._say = say
@@ -64,7 +90,7 @@ class Keeper:
     def poll(self) -> None:
         """Ask angles and tell them; raises TableError where something is wrong."""
         state = self._controller.read()
-        self._say({"state": asdict(state)})
+        self._say({"state": cast("StateTold", asdict(state))})
         wrong = self._follower.wrong(state)
         if wrong and (self._enabled or self._follower.mode != "off"):
             raise TableError(f"{wrong}.")
@@ -155,7 +181,8 @@ class Keeper:
         stopped = "the table was not moved from here"
         if self._enabled:
             stopped = "rate zero and mode off were sent" if self._stop() else _NOT_STOPPED
-        self._say({"error" if is_error else "said": f"{why} {stopped[0].upper()}{stopped[1:]}.", "ended": True})
+        said = f"{why} {stopped[0].upper()}{stopped[1:]}."
+        self._say({"error": said, "ended": True} if is_error else {"said": said, "ended": True})
         with contextlib.suppress(TableError):
             if self._enabled:
                 self._controller.disable()
@@ -227,11 +254,11 @@ class Lines:
         return []
 
 
-def writer(descriptor: int) -> Callable[[Mapping[str, Any]], None]:
+def writer(descriptor: int) -> Callable[[Told], None]:
     """What writes records as lines and never waits: an owner that does not read loses readings."""
     os.set_blocking(descriptor, False)
 
-    def say(record: Mapping[str, Any]) -> None:
+    def say(record: Told) -> None:
         # a line shorter than a pipe's unit of writing goes whole or not at all; one that has gone is told by its end
         with contextlib.suppress(BlockingIOError, BrokenPipeError):
             os.write(descriptor, json.dumps(record).encode() + b"\n")

@@ -12,10 +12,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from imutui import fast_time
 from imutui.table.controller import AxisLimits, TableError, TableState
+from imutui.table.keeper import Told
 from imutui.table.registry import connect
 
 _BEAT_S = 0.2
@@ -59,11 +60,11 @@ class KeptTable:
     def _first_line(self) -> tuple[str, tuple[str, ...], dict[str, AxisLimits]]:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
-        told: dict[str, Any] = json.loads(line) if line else {"error": "the keeper of the table did not start."}
+        told: Told = json.loads(line) if line else {"error": "the keeper of the table did not start."}
         if "error" in told:
             self._process.wait()
             raise TableError(told["error"])
-        limits = {axis: AxisLimits(**each) for axis, each in told["limits"].items()}
+        limits = {axis: AxisLimits(**cast("dict[str, float]", each)) for axis, each in told["limits"].items()}
         return told["identity"], tuple(told["axes"]), limits
 
     @property
@@ -119,19 +120,21 @@ class KeptTable:
         with self._answered:
             self._answered.notify_all()
 
-    def _take(self, told: dict[str, Any]) -> None:
+    def _take(self, told: Told) -> None:
         if "state" in told:
-            state = told["state"]
-            angles, rates = tuple(state.pop("angles_deg")), tuple(state.pop("rates_dps"))
-            self.newest = TableState(**state, angles_deg=angles, rates_dps=rates)
+            said = told["state"]
+            (o, m, i), (p, q, r) = said["angles_deg"], said["rates_dps"]
+            self.newest = TableState(
+                said["stamp_ns"], said["uncertainty_ns"], (o, m, i), (p, q, r), said["mode"], said["fault"]
+            )
             self.states.append(self.newest)
             return
         self._told_its_end |= bool(told.get("ended"))
         if "error" in told:
             self.error = told["error"]
-        for key in ("said", "refused", "error"):
-            if key in told and not (self._closing and key == "said"):
-                self.news.append((told[key], key != "said"))
+        for key, is_warning in (("said", False), ("refused", True), ("error", True)):
+            if (text := told.get(key)) and (is_warning or not self._closing):
+                self.news.append((str(text), is_warning))
         if "did" in told or "refused" in told:
             with self._answered:
                 self._answers.append(told.get("refused", ""))

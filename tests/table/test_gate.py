@@ -1,0 +1,163 @@
+"""What the gate refuses, and what it takes for a table that does not follow."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from filters.errors import InputError
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
+from imutui.table import gate
+from imutui.table.controller import AxisLimits, TableState
+
+INNER = AxisLimits(200.0, 100.0, None, None)
+OUTER = AxisLimits(30.0, 50.0, -90.0, 90.0)
+LIMITS = {"outer": OUTER, "inner": INNER}
+LEVEL = (0.0, 0.0, 0.0)
+
+
+def rad(*degrees: float) -> tuple[float, float, float]:
+    o, m, i = map(math.radians, degrees)
+    return o, m, i
+
+
+def test_limits_are_read_as_they_are_written() -> None:
+    assert gate.parse_limits("inner=200/100, outer=30/50/-90/90") == LIMITS
+    assert gate.parse_limits("") == {}
+
+
+@pytest.mark.parametrize("text", ["inner", "inner=200", "inner=0/100", "up=1/2", "outer=1/2/3/3", "inner=nan/1"])
+def test_limits_that_are_none_are_refused_with_an_example(text: str) -> None:
+    with pytest.raises(InputError, match="outer=30/50/-90/90"):
+        gate.parse_limits(text)
+
+
+def test_of_two_limits_the_narrower_counts() -> None:
+    given = {"inner": AxisLimits(50.0, 300.0, -10.0, None), "middle": OUTER}
+    assert gate.narrower(LIMITS, given) == {
+        "outer": OUTER,
+        "middle": OUTER,
+        "inner": AxisLimits(50.0, 100.0, -10.0, None),
+    }
+
+
+@pytest.mark.parametrize(
+    ("segments", "number", "why"),
+    [
+        ([Dwell(rad(0, 0, 0), 5.0), Dwell(rad(95, 0, 0), 5.0)], 2, "90"),
+        ([Dwell(rad(0, 10, 0), 5.0)], 1, "no middle axis"),
+        ([Rate("inner", math.radians(250.0), 5.0)], 1, "200"),
+        ([Dwell(rad(0, 0, 0), 5.0), Rate("outer", math.radians(20.0), 5.0)], 2, "90"),
+        ([Sine("outer", math.radians(5.0), 2.0, 5.0)], 1, "30"),
+        ([Dwell(rad(85, 0, 0), 5.0), Sine("outer", math.radians(10.0), 0.1, 5.0)], 2, "90"),
+    ],
+)
+def test_a_profile_that_goes_beyond_limits_is_refused_with_its_segments_number(
+    segments: list[Dwell | Rate | Sine], number: int, why: str
+) -> None:
+    with pytest.raises(InputError, match=rf"segment {number} of the profile: .*{why}"):
+        gate.check_profile(Profile(tuple(segments)), LIMITS, LEVEL)
+
+
+def test_a_profile_at_the_very_limits_is_not_refused() -> None:
+    segments = Dwell(rad(90, 0, 270), 5.0), Rate("inner", math.radians(200.0), 100.0), Dwell(rad(-90, 0, 0), 5.0)
+    gate.check_profile(Profile(segments, slew=math.radians(500.0)), LIMITS, LEVEL)
+
+
+def reading(t_s: float, outer: float = 0.0, inner: float = 0.0, rate: float = 0.0, **fields: str) -> TableState:
+    said = {"mode": "position", "fault": ""} | fields
+    return TableState(round(t_s * 1e9), 0, (outer, 0.0, inner), (0.0, 0.0, rate), said["mode"], said["fault"])
+
+
+def follower() -> gate.Follower:
+    made = gate.Follower(LIMITS)
+    assert made.wrong(reading(0.0, mode="off")) == ""
+    return made
+
+
+def run(of: gate.Follower, motion: "list[TableState]") -> tuple[float, str]:
+    """When something is wrong first, and what."""
+    for state in motion:
+        if said := of.wrong(state):
+            return state.stamp_ns / 1e9, said
+    return math.inf, ""
+
+
+def steps(until_s: float) -> list[float]:
+    return [0.01 * k for k in range(1, round(until_s / 0.01))]
+
+
+def test_an_axis_that_moves_as_commanded_a_little_late_is_followed() -> None:
+    of = follower()
+    of.commanded("inner", "position", 0.0, 170.0, 50.0, 100.0)
+    model = gate._Expected("position", 0.15, 0.0, 50.0, 170.0, 100.0)
+    assert run(of, [reading(t, inner=model.at(t)[0]) for t in steps(10.0)]) == (math.inf, "")
+    assert model.at(10.0) == (170.0, 0.0)
+
+
+def test_a_stuck_axis_is_told_within_a_second_and_a_half() -> None:
+    of = follower()
+    of.commanded("inner", "position", 0.0, 170.0, 50.0, 100.0)
+    when, said = run(of, [reading(t) for t in steps(10.0)])
+    assert when < 1.7
+    assert "inner does not follow" in said
+
+
+def test_an_axis_that_sticks_amid_a_long_turn_is_told_though_its_rate_has_an_error() -> None:
+    of = follower()
+    of.commanded("inner", "rate", 0.0, 50.0, accel=100.0)
+    turning = [reading(t, inner=50.3 * t, rate=50.3, mode="rate") for t in steps(300.0)]
+    assert run(of, turning) == (math.inf, "")
+    stuck = [reading(300.0 + t, inner=50.3 * 300.0, mode="rate") for t in steps(10.0)]
+    assert run(of, stuck)[0] < 302.0
+
+
+def test_a_missed_quarter_of_a_degree_at_the_end_is_let_pass_and_a_whole_one_is_not() -> None:
+    for missed, told in ((0.25, False), (1.0, True)):
+        of = follower()
+        of.commanded("inner", "position", 0.0, 10.0, 50.0, 100.0)
+        model = gate._Expected("position", 0.0, 0.0, 50.0, 10.0 - missed, 100.0)
+        assert (run(of, [reading(t, inner=model.at(t)[0]) for t in steps(5.0)])[1] != "") == told
+
+
+def test_what_is_out_of_control_is_told_at_once() -> None:
+    cases = [
+        (reading(0.01, outer=91.0), "beyond its limits"),
+        (reading(0.01, rate=230.0), "above its limit"),
+        (reading(0.01, fault="interlock open"), "interlock open"),
+    ]
+    for state, said in cases:
+        of = follower()
+        of.commanded("inner", "position", 0.0, 0.0, 50.0, 100.0)
+        assert said in of.wrong(state)
+
+
+def test_a_rate_towards_a_stop_is_told_while_there_is_room_to_brake() -> None:
+    of = follower()
+    of.commanded("outer", "rate", 0.0, 20.0, accel=50.0)
+    states = [replace(reading(t, outer=20.0 * t, mode="rate"), rates_dps=(20.0, 0.0, 0.0)) for t in steps(10.0)]
+    when, said = run(of, states)
+    assert "comes to its limit" in said
+    assert 20.0 * when + gate.braking_deg(20.0, OUTER) < 90.0
+
+
+def test_a_swing_that_comes_to_a_stop_is_told() -> None:
+    of = follower()
+    of.commanded("inner", "oscillation", 0.0, 10.0, 0.5)
+    swing = [reading(t, inner=10.0 * math.sin(math.pi * t), mode="oscillation") for t in steps(20.0)]
+    assert run(of, swing) == (math.inf, "")
+    stuck = [reading(20.0 + t, mode="oscillation") for t in steps(10.0)]
+    assert run(of, stuck)[0] < 24.0
+
+
+def test_a_controller_that_leaves_its_mode_by_itself_is_told() -> None:
+    of = follower()
+    of.commanded("inner", "position", 0.0, 0.0, 50.0, 100.0)
+    when, said = run(of, [reading(t, mode="off") for t in steps(3.0)])
+    assert "is off" in said
+    assert when < 1.2
+
+
+def test_a_table_that_is_turned_by_hand_while_nothing_is_commanded_is_none_of_its_business() -> None:
+    assert run(follower(), [reading(t, inner=40.0 * t, mode="off") for t in steps(3.0)]) == (math.inf, "")
