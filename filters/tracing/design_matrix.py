@@ -96,26 +96,37 @@ class Design:
     def gram(self, channel: int) -> tuple[Array, Array, float]:
         """G, B and the squared norm of the whitened residual of a channel."""
         if channel not in self._gram:
-            K = self.columns.shape[1]
-            G, B, yy = np.zeros((K, K)), np.zeros(K), 0.0
-            for W in self._whitened_parts(channel):
-                y, X = W[:, 0], W[:, 1:]
+            alike = self._alike(channel)
+            K, m = self.columns.shape[1], len(alike)
+            G, B, yy = np.zeros((K, K)), np.zeros((K, m)), np.zeros(m)
+            for W in self._whitened_parts(alike):
+                Y, X = W[:, :m], W[:, m:]
                 G += X.T @ X
-                B += X.T @ y
-                yy += float(y @ y)
-            self._gram[channel] = G, B, yy
+                B += X.T @ Y
+                yy += np.sum(Y**2, axis=0)
+            for number, c in enumerate(alike):
+                ratio = float(self.sd[channel] / self.sd[c]) ** 2
+                self._gram[c] = ratio * G, ratio * B[:, number], ratio * float(yy[number])
         return self._gram[channel]
 
-    def _whitened_parts(self, channel: int) -> Iterator[Array]:
-        """Residual and all columns, whitened, some rows after the others: a day's are too many for two copies."""
-        stack, variance, drift = self.stack, self.variance(channel), self.drift[channel]
+    def _alike(self, channel: int) -> list[int]:
+        """A channel, and those whose Gram matrices are its own but for their noise: without drift, the same weights."""
+        if self.drift[channel].level != 0.0:
+            return [channel]
+        others = (c for c in range(6) if c not in (channel, *self._gram) and self.drift[c].level == 0.0)
+        of_rows = self.multiplier, self.stack.weight
+        return [channel, *(c for c in others if all(np.array_equal(x[:, c], x[:, channel]) for x in of_rows))]
+
+    def _whitened_parts(self, channels: Sequence[int]) -> Iterator[Array]:
+        """Residuals, and all columns, whitened as the first; some rows after the others: a day's are too many."""
+        stack, variance, drift = self.stack, self.variance(channels[0]), self.drift[channels[0]]
         n, K = self.columns.shape
-        size = max(1, _AT_ONCE // (1 + K))
+        size = max(1, _AT_ONCE // (len(channels) + K))
 
         def parts() -> Iterator[tuple[slice, Array]]:
             for first in range(0, n, size):
                 rows = slice(first, first + size)
-                yield rows, np.column_stack([stack.y[rows, channel], self.columns[rows]])
+                yield rows, np.column_stack([stack.y[rows][:, channels], self.columns[rows]])
 
         if drift.level == 0.0:
             return unbiased_parts(parts, stack.power_on, variance)
@@ -152,7 +163,7 @@ class Design:
         G, B, yy = self._gram[c]
         more = self.columns.shape[1] - first
         cross, right = np.zeros((first + more, more)), np.zeros(more)
-        for W in self._whitened_parts(c):
+        for W in self._whitened_parts([c]):
             new = W[:, 1 + first :]
             cross += W[:, 1:].T @ new
             right += new.T @ W[:, 0]

@@ -30,6 +30,7 @@ _STEP = 4.0**2  # prior variance of a step, over that of the white noise of a ro
 _MOST_STEPS = 14
 _WAITED = 3  # steps that may be taken in vain before the next one that is worth its place
 _SPECTRA = 4  # those that most speak for are judged with steps
+_NEGLIGIBLE = 8.0  # in ln evidence: spectra so far from the best for every hypothesis do not count for refined ones
 PICKS = 3  # hypotheses of a family that are judged with steps
 _NEAR = 10.0  # in ln evidence, from the best family or from none: what is farther is not judged with steps
 _APART = 0.03  # columns of a hypothesis that are nearer to each other are one
@@ -109,30 +110,29 @@ class Candidates:
         """Orthonormal columns of a kept hypothesis, shape (n, k)."""
         return np.asarray(self.columns[:, self.groups[number]] @ self.bases[number])
 
-    def log_evidence(self, y: Array, beside: Array) -> Array:
+    def log_evidence(self, y: Array, beside: Array, spectra: Sequence[int] | None = None) -> Array:
         """Of drift alone, then of each kept hypothesis, under every spectrum: shape (spectra, 1 + h, m).
 
         `y`: m residuals, shape (n, m). `beside`: columns of what is selected, of which nothing is known, shape (n, q).
+        `spectra`: numbers of those that count, where not all do.
         """
         count = len(self.whitening.spectra)
-        out = np.empty((count, 1 + len(self.groups), y.shape[1]))
-        for k in range(count):
+        out = np.full((count, 1 + len(self.groups), y.shape[1]), -np.inf)
+        for k in range(count) if spectra is None else spectra:
             out[k] = self._of_spectrum(k, y, beside)
         return out
 
     def _of_spectrum(self, k: int, y: Array, beside: Array) -> Array:
         q, whitening = beside.shape[1], self.whitening
         half = 0.5 * (len(y) - len(whitening.parts) - q)
-        W = whitening.white(k, np.column_stack([beside, y, self.columns]))
+        W = whitening.white(k, np.column_stack([beside, y]))
         Q, R = np.linalg.qr(W[:, :q])
         log_det = whitening.log_det(k) + 2.0 * float(np.sum(np.log(np.abs(np.diag(R)) + 1e-300)))
-        Y, X = W[:, q : q + y.shape[1]], W[:, q + y.shape[1] :]
-        Y = Y - Q @ (Q.T @ Y)
-        G = self.gram(k)
-        if q:
-            A = X.T @ Q
-            G = G - A @ A.T
-        yy, b = np.sum(Y**2, axis=0), X.T @ Y
+        Y = W[:, q:] - Q @ (Q.T @ W[:, q:])
+        both = self.columns.T @ whitening.unwhitened(k, np.hstack([Q, Y]))
+        A, b = both[:, :q], both[:, q:]
+        G = self.gram(k) - A @ A.T
+        yy = np.sum(Y**2, axis=0)
         base = whitening.log_prior[k] - 0.5 * log_det - half * np.log(yy)
         out = np.empty((1 + len(self.groups), y.shape[1]))
         out[0] = base
@@ -183,12 +183,14 @@ class Judge:
         self._known: dict[int, tuple[Array, Array, Array, Array, float]] = {}
         self._of: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
         self._known_evidence: dict[Candidates, tuple[Array, Array]] = {}
+        self._spectra: list[int] | None = None
 
     def rivals(self) -> list[Rival]:
         """Families with their probabilities, the most probable first; drift alone is the rest of 1."""
         if not self._all.count:
             return []
         raw, tidy = self._evidence(self._all)
+        self._spectra = np.flatnonzero((raw > raw.max(axis=0) - _NEGLIGIBLE).any(axis=1)).tolist()
         more = self._refined(self)
         if more is not None:
             shared = (x[:, 1:] + more.shares for x in self._evidence(more))
@@ -235,7 +237,7 @@ class Judge:
     def _evidence(self, candidates: Candidates) -> tuple[Array, Array]:
         """ln evidence without steps, (spectra, 1 + h): of the residual, and of it less the steps that drift has."""
         if candidates not in self._known_evidence:
-            both = candidates.log_evidence(self._residuals, self._beside)
+            both = candidates.log_evidence(self._residuals, self._beside, self._spectra)
             self._known_evidence[candidates] = both[:, :, 0], both[:, :, -1]
         return self._known_evidence[candidates]
 

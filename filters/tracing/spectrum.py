@@ -103,6 +103,14 @@ class Whitening:
             out[p] = w - np.outer(u, u @ w)
         return out
 
+    def unwhitened(self, k: int, whitened: Array) -> Array:
+        """What products of whitened columns with these, shape (n, m), are those of the columns themselves with."""
+        out = np.empty(whitened.shape)
+        for L, (u, _), p in zip(self._factors[k], self._ones[k], self.parts, strict=True):
+            w = whitened[p] - np.outer(u, u @ whitened[p])
+            out[p] = solve_triangular(L, w, lower=True, trans=1, check_finite=False)
+        return out
+
     def steps(self, k: int) -> tuple[list[Array], list[Array]]:
         """Steps behind each row but the last of each power-on, whitened, (n, n - 1) each, and their products."""
         if k not in self._steps:
