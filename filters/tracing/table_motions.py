@@ -70,16 +70,15 @@ def fits(profile: Profile, table: Table) -> bool:
 
 
 def start(table: Table) -> list[CandidateMotion]:
-    """What an unknown unit is taken through first, in parts: rests in many attitudes, rates of both signs, swings.
+    """What an unknown unit is taken through first, in parts: rests in many attitudes, rates of both signs.
 
-    Together they let every effect of the catalogue that a table shows be told (`detectability.of_motion`).
+    Together they let every effect of the catalogue that motion shows be told at plausible sizes
+    (`detectability.of_motion`), but those that take an hour: an accelerometer's cubic nonlinearity, Earth rate.
     """
-    spun = [segment for axis in table for segment in turned(table, axis, (0.4, -0.4, 0.8, -0.8))]
-    swung = [segment for axis in table for segment in _swung(table, axis, (0.3, 0.8))]
+    spun = [segment for axis in table for segment in turned(table, axis, (0.4, -0.4, 1.0, -1.0))]
     made = [
         ("hold positions all around", held((*SIX, *TWELVE), _HOLD_S)),
         ("turn each axis both ways at two rates", [*spun, _PAUSE]),
-        ("swing each axis", swung),
     ]
     wanted = [commanded(description, segments, table) for description, segments in made]
     return [motion for motion in wanted if motion is not None]
@@ -136,7 +135,7 @@ def commanded(
     moves = any(not isinstance(s, Dwell) or any(s.angles) for s in able)
     if not able or (not moves and len(segments) > 1):
         return None
-    profile = Profile(tuple(able), slew=rate, accel=accel)
+    profile = Profile(tuple(able), align="marks", slew=rate, accel=accel)
     if not fits(profile, table):
         return None
     thermal = None if degc is None else ((0.0, degc), (profile.duration, degc))

@@ -72,6 +72,7 @@ class AskedEntry(TypedDict, total=False):
     port: str
     controller: str
     speed: float
+    since_ns: int  # monotonic instant from which on time runs faster, in trials
 
 
 class DiaryDocument(TypedDict):
@@ -198,6 +199,10 @@ class Investigation:
     def left_s(self) -> float:
         """Time left before the run that judges must begin, s."""
         return self.diary.document["hours"] * 3600.0 - self.spent_s - self.reserve_s
+
+    def pause(self) -> None:
+        """Write how much time was spent; what was being made will be made again."""
+        self._save()
 
     def go(self) -> Outcome:
         """Go on to the end."""

@@ -56,6 +56,23 @@ def join(reads: Sequence[LoggedRun]) -> tuple[list[LoggedRun], list[str]]:
     return made, notes
 
 
+def parts_of(reads: Sequence[LoggedRun], numbers: Sequence[int]) -> list[LoggedRun]:
+    """Logs of which somebody else knows the power-ons, in the order of their time; as if each said what it continues.
+
+    `numbers`: of the power-on of each log.
+    """
+    made: list[LoggedRun] = []
+    for read, number in zip(reads, numbers, strict=True):
+        before = [other for other, own in zip(made, numbers, strict=False) if own == number]
+        if before:
+            last = before[-1]
+            info = power_on.continued(read.info, last.info, last.path, last.sha256, before[0].first_ns)
+            made.append(replace(read, info=info))
+        else:
+            made.append(read)
+    return made
+
+
 def _preceding(reads: Sequence[LoggedRun]) -> dict[int, int]:
     """Of each log that continues another one among them, by number, that one's."""
     by_id = {power_on.log_id(read.info, read.sha256): number for number, read in enumerate(reads)}

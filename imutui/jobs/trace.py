@@ -17,6 +17,7 @@ from filters.channels import CHANNELS
 from filters.effects import plain_names
 from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
+from filters.tracing.run import Run
 from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
 from imutui.jobs import power_ons, replay, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
@@ -39,6 +40,7 @@ class TraceOptions:
     overrides: dict[str, Any] = field(default_factory=dict)  # fields of `SessionInfo` to replace: reference
     asked: tuple[str, ...] = ()  # effects whose limits are wanted even if nothing is found
     seed: int = 0  # of everything random
+    power_ons: tuple[int, ...] = ()  # number of each log's power-on, of logs that do not say what they continue
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,19 @@ def trace(
     )
 
 
+def read_together(logs: Sequence[Path], options: TraceOptions) -> list[Run]:
+    """Runs of logs of one unit, none held out; raises as `trace`."""
+    reads = runs.read_runs(logs, _names(logs), replay.ReplayOptions(), len(logs), lambda share, what: None)
+    run_consistency.check_together(reads)
+    for read in reads:
+        run_consistency.check_reference(read)
+    return [read.run for read in power_ons.join(_as_told(reads, options))[0]]
+
+
+def _as_told(reads: Sequence[LoggedRun], options: TraceOptions) -> Sequence[LoggedRun]:
+    return power_ons.parts_of(reads, options.power_ons) if options.power_ons else reads
+
+
 def _provisional(
     paths: Sequence[Path],
     names: Sequence[str],
@@ -106,7 +121,7 @@ def _traced(
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
-    reads, joined = power_ons.join(reads)
+    reads, joined = power_ons.join(_as_told(reads, options))
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]

@@ -2,11 +2,25 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import cast
 
 from filters.tracing.trace_document import TraceDocument
+from imutui.jobs.investigation import DiaryDocument
 from imutui.jobs.page_data import LogData
 from imutui.report import data_quality, filter_figures, how_to_apply, identity, trace_figures, trace_tables
-from imutui.report.blocks import Article, Block, Code, Facts, Figure, Paragraph, Section, Subheading
+from imutui.report.blocks import (
+    Article,
+    Block,
+    Code,
+    Column,
+    Facts,
+    Figure,
+    Items,
+    Paragraph,
+    Section,
+    Subheading,
+    Table,
+)
 from imutui.report.trace_glance import Places
 
 EXPERIMENT = "experiment.toml"
@@ -36,6 +50,7 @@ def article(d: TraceDocument, log: LogData = NO_DATA) -> Article:
         data_quality.of_trace(d, log),
         Section("Method and provenance", tuple(_method(d))),
         notes,
+        Section("Diary", tuple(_diary(cast("DiaryDocument | None", d.get("diary"))))),
     ]
     title = d.get("source") or "trace of " + ", ".join(run["id"] for run in d["runs"])
     sections = tuple(section for section in made if section.blocks)
@@ -85,3 +100,39 @@ def _method(d: TraceDocument) -> Iterator[Block]:
     if experiment and experiment.get("profile"):
         yield Subheading(f"`{EXPERIMENT}`, the motion that would tell the causes apart")
         yield Code(experiment["profile"])
+
+
+_OUTCOMES = {
+    "explained": "It ended when every channel was explained, and the run that judges confirmed it.",
+    "not_here": "It ended when no motion of this table was expected to tell a bit more.",
+    "time": "It ended with its time, before all was explained.",
+    "": "It has not ended.",
+}
+
+
+def _diary(diary: DiaryDocument | None) -> Iterator[Block]:
+    """The investigation that the runs are of: why each motion, what was expected, what came."""
+    if diary is None:
+        return
+    minutes = f"{diary['spent_s'] / 60.0:.0f} of {60.0 * diary['hours']:.0f} min"
+    yield Paragraph(
+        f"A table under command made these runs in {minutes}. After each trace the motion was chosen that was expected"
+        f" to tell most for its time. {_OUTCOMES[diary['outcome']]}"
+    )
+    columns = (
+        *(Column("Begins, min", "number"), Column("Motion"), Column("Takes, min", "number"), Column("Why")),
+        *(Column("Bits expected", "number"), Column("What came"), Column("Log", "file")),
+    )
+    yield Table(
+        columns,
+        tuple(
+            (
+                *(f"{r['start_s'] / 60.0:.0f}", r["motion"], f"{r['minutes']:.1f}", r["why"]),
+                *(f"{r['expected_bits']:.1f}" if r["expected_bits"] else "", r["came"], r["log"]),
+            )
+            for r in diary["rounds"]
+        ),
+    )
+    if diary["takes"]:
+        yield Subheading("What it would take to explain the rest")
+        yield Items(tuple(diary["takes"]))

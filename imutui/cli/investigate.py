@@ -1,0 +1,328 @@
+"""`imutui investigate`."""
+
+import contextlib
+import math
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imutui.cli.exit_codes import FINDINGS, FINE, INSTRUMENT, INTERRUPTED, USAGE, fail, lacking, print_json, say
+from imutui.cli.options import AccelSign, GyroSign, Json, Mount, Operator, Place, Rate, Table
+
+if TYPE_CHECKING:
+    from filters.tracing.candidate_motions import CandidateMotion
+    from filters.tracing.run import Run
+    from filters.tracing.table_motions import Table as Axes
+    from filters.tracing.trace_document import TraceFindings
+    from imutui.cli.investigation_page import Page
+    from imutui.jobs.investigation import Diary, RoundEntry
+    from imutui.jobs.trace import TraceOptions
+    from imutui.session.client import Client
+    from imutui.session.plan import Plan
+
+NAME = "investigate"  # of its acquisitions
+RATE_HZ = 20.0
+_LOGS = "logs"
+_LOOK_S = 0.2
+
+
+def command(
+    port: Annotated[
+        str | None, typer.Option("--port", help="Of the unit: path, stable id, pyserial URL; not with --resume.")
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option("--controller", metavar="URL", help="Of the table, such as acutrol://HOST:PORT."),
+    ] = None,
+    hours: Annotated[
+        float | None, typer.Option("--hours", metavar="H", help="Time that it may take, the run that judges included.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for logs, diary, result and page.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the investigation that DIR has.")] = False,
+    switched: Annotated[
+        bool, typer.Option("--switched", help="With --resume: the unit was switched off and on since.")
+    ] = False,
+    limits: Annotated[
+        str,
+        typer.Option(
+            "--limits",
+            metavar="AXIS=RATE/ACCEL[/LOW/HIGH],...",
+            help="What axes may do, deg/s, deg/s^2, deg; narrower than the controller says, or where it says nothing.",
+        ),
+    ] = "",
+    yes_move: Annotated[
+        bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")
+    ] = False,
+    rate: Rate = None,
+    operator: Operator = None,
+    place: Place = None,
+    table: Table = None,
+    accel_sign: AccelSign = None,
+    mount: Mount = None,
+    gyro_sign: GyroSign = None,
+    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
+    json: Json = False,
+) -> None:
+    """Find what is wrong with a unit on a table under command: plan, move, record, trace, until all is explained.
+
+    First motions that let every effect be told; then in rounds what tells most for its time. A last run judges. DIR
+    has the logs, diary.json (why each motion, what was expected, what came), result.json, effects.toml and the page.
+    Esc or Ctrl+C stops the table at once; --resume goes on after any stop, and makes a motion that was cut again.
+
+    Exit code 0: every channel is explained, or it is said what it would take; 1: time was up before.
+
+    Example: imutui investigate --port /dev/ttyUSB0 --controller acutrol://192.168.1.53:9000 --hours 2 -o unit7
+    """
+    from imutui.cli.investigation_page import Page
+    from imutui.jobs.investigation import Investigation
+
+    if output is None:
+        raise fail(USAGE, "-o DIR says where logs and diary go.")
+    diary, speed = _diary(output, resume, switched, port, controller, hours, speed)
+    flags = {
+        "acquisition.rate_hz": RATE_HZ if rate is None else rate,
+        "acquisition.operator": operator,
+        "acquisition.place": place,
+        "acquisition.table": table,
+        "instrument.accel_sign": accel_sign,
+        "instrument.mount": mount,
+        "instrument.gyro_sign": gyro_sign,
+    }
+    plan = _plan(diary, flags, limits, speed)
+    _may_move(plan.controller, yes_move)
+    axes = _axes(plan.controller, limits)
+    with Page(diary.document) as page, _stopped_by_signals():
+        laboratory = _Laboratory(output, plan, axes, page)
+        going = Investigation(laboratory, diary, page.told)
+        page.left_s = lambda: going.left_s + going.reserve_s
+        try:
+            if not diary.document["outcome"]:
+                going.go()
+        except KeyboardInterrupt:
+            page.close()
+            going.pause()
+            say(f"stopped; the table stands. Go on with: imutui investigate --resume -o {output}")
+            raise typer.Exit(INTERRUPTED) from None
+    _finish(output, laboratory, diary, json=json)
+
+
+def _diary(
+    output: Path,
+    resume: bool,
+    switched: bool,
+    port: str | None,
+    controller: str | None,
+    hours: float | None,
+    speed: float,
+) -> "tuple[Diary, float]":
+    """The diary to go on with, or a new one, and how much faster time runs."""
+    from imutui.jobs.investigation import AskedEntry, Diary
+
+    if resume:
+        diary = Diary.read(output)
+        asked = diary.document.get("asked", AskedEntry())
+        if port is not None:
+            asked["port"] = port
+        if controller is not None:
+            asked["controller"] = controller
+        if hours is not None:
+            diary.document["hours"] = hours
+            if diary.document["outcome"] == "time":
+                diary.document["outcome"] = ""
+        if switched:
+            diary.document["power_on"] += 1
+            diary.document["outcome"] = ""
+        return diary, asked.get("speed", 1.0)
+    if port is None or controller is None or hours is None:
+        raise fail(USAGE, "say which unit, which table, and for how long: --port, --controller, --hours.")
+    if not 0.0 < hours < 1000.0:
+        raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
+    if switched:
+        raise fail(USAGE, "--switched belongs to --resume.")
+    output.mkdir(parents=True, exist_ok=True)
+    asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
+    return Diary.begun(hours, output, asked), speed
+
+
+def _plan(diary: "Diary", flags: dict[str, float | str | int | None], limits: str, speed: float) -> "Plan":
+    """What all acquisitions have in common."""
+    from imutui import config
+    from imutui.cli.session_options import plan_from
+
+    asked = diary.document.get("asked", {})
+    return plan_from(
+        config.load().with_flags({**flags, "filter.name": "none"}),
+        None,
+        port=asked.get("port", ""),
+        instrument="",
+        record=True,
+        name=NAME,
+        controller=asked.get("controller", ""),
+        limits=limits,
+        yes_move=True,
+        speed=speed,
+        since_ns=0 if speed == 1.0 else asked.get("since_ns", 0),
+    )
+
+
+def _may_move(controller: str, yes_move: bool) -> None:
+    """Have somebody say that the table may move."""
+    if yes_move:
+        return
+    if not sys.stdin.isatty():
+        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
+    say(f"The table at {controller} WILL MOVE by itself, for as long as the investigation takes.")
+    if input("Is everybody clear of it, and may it move? Type yes: ").strip().lower() != "yes":
+        raise fail(USAGE, "the table does not move, and nothing was recorded.")
+
+
+def _axes(url: str, limits: str) -> "Axes":
+    """What the table's axes can do, as its controller and the operator say."""
+    from filters.tracing.table_motions import AxisRange
+    from imutui.table import gate
+    from imutui.table.controller import TableError
+    from imutui.table.registry import connect
+
+    given = gate.parse_limits(limits)
+    try:
+        with contextlib.closing(connect(url)) as controller:
+            known = gate.narrower(controller.limits(), given)
+            has = controller.axes
+    except TableError as error:
+        raise fail(INSTRUMENT, str(error)) from error
+    lacking_limits = [axis for axis in has if axis not in known]
+    if lacking_limits:
+        raise fail(
+            USAGE, f"the controller does not say the limits of the {lacking_limits[0]} axis: give them, --limits."
+        )
+    return {
+        axis: AxisRange(
+            math.radians(own.rate_dps),
+            math.radians(own.accel_dps2),
+            -math.inf if own.low_deg is None else math.radians(own.low_deg),
+            math.inf if own.high_deg is None else math.radians(own.high_deg),
+        )
+        for axis, own in known.items()
+        if axis in has
+    }
+
+
+@contextlib.contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """Take SIGTERM and SIGHUP for Ctrl+C: the table must not go on without whoever gave its motions."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, stop) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+class _Laboratory:
+    """The unit and the table on the line: an acquisition for each motion, in whose hands the table is."""
+
+    def __init__(self, folder: Path, plan: "Plan", axes: "Axes", page: "Page") -> None:
+        self.table, self._folder, self._plan, self._page = axes, folder, plan, page
+        self._begun_s = time.monotonic()
+        (folder / _LOGS).mkdir(exist_ok=True)
+
+    def now_s(self) -> float:
+        """Time since this session began, s of the unit's."""
+        return (time.monotonic() - self._begun_s) * self._plan.speed
+
+    def record(self, motion: "CandidateMotion", number: int) -> str:
+        """Have the table make a motion while the unit is recorded."""
+        from dataclasses import replace
+
+        from imutui.logbook.reference_file import to_toml
+        from imutui.session import client
+        from imutui.session.client import SessionError
+
+        name = f"{_LOGS}/{number:02d}.mcap"
+        plan = replace(
+            self._plan,
+            output=str((self._folder / name).resolve()),
+            overwrite=True,
+            note=motion.description,
+            reference_file=(f"{number:02d}.toml", to_toml(motion.profile, [motion.instruction])),
+        )
+        connection = client.start(plan)
+        try:
+            self._follow(connection, motion.seconds)
+        except BaseException:
+            # whatever it is, the table must not go on
+            with contextlib.suppress(SessionError, TimeoutError):
+                connection.stop("imutui investigate")
+            raise
+        if connection.findings or not connection.ended_by_itself:
+            why = "; ".join(finding["text"] for finding in connection.findings) or f"ended by {connection.ended_by}"
+            again = f"imutui investigate --resume -o {self._folder}"
+            raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
+        return name
+
+    def _follow(self, connection: "Client", seconds: float) -> None:
+        from imutui.session.snapshot import NO_SERIES
+
+        while True:
+            with contextlib.suppress(TimeoutError):
+                connection.wait(_LOOK_S)
+                return
+            self._page.seen(connection.snapshot(since=NO_SERIES), seconds)
+
+    def runs(self, rounds: "Sequence[RoundEntry]") -> "list[Run]":
+        """Runs of the logs of rounds."""
+        from imutui.jobs.trace import read_together
+
+        return read_together(self._logs(rounds), self._options(rounds))
+
+    def judged(self, rounds: "Sequence[RoundEntry]") -> "TraceFindings":
+        """Trace with the last round held out; result and effects file are written."""
+        from imutui.jobs.trace import trace
+        from imutui.logbook import atomic_file, json_text
+
+        traced = trace(self._logs(rounds), self._options(rounds))
+        for name, text in (("result.json", json_text.dumps(traced.document) + "\n"), ("effects.toml", traced.effects)):
+            atomic_file.write(self._folder / name, text, overwrite=True)
+        return traced.document
+
+    def _logs(self, rounds: "Sequence[RoundEntry]") -> list[Path]:
+        return [self._folder / entry["log"] for entry in rounds]
+
+    def _options(self, rounds: "Sequence[RoundEntry]") -> "TraceOptions":
+        from imutui.jobs.trace import TraceOptions
+
+        return TraceOptions(power_ons=tuple(entry["power_on"] for entry in rounds))
+
+
+def _finish(folder: Path, laboratory: _Laboratory, diary: "Diary", *, json: bool) -> None:
+    """The page with the diary at its end, the result, and the exit code."""
+    import importlib.util
+
+    from imutui.cli.investigation_page import ended
+    from imutui.cli.report import write_page
+    from imutui.jobs import result_files
+
+    (result,) = result_files.read(folder / "result.json")
+    document = {**result, "diary": diary.document}
+    if importlib.util.find_spec("matplotlib") is None:
+        lacking("the page needs matplotlib", "report")
+    else:
+        write_page(folder, [document])  # type: ignore[list-item] # a result with a diary
+    if json:
+        print_json(document)
+    else:
+        for line in ended(diary.document, str(document["sentence"])):
+            say(line)
+    raise typer.Exit(FINDINGS if diary.document["outcome"] == "time" else FINE)
