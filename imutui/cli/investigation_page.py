@@ -37,8 +37,7 @@ class Page:
     def __init__(self, diary: DiaryDocument) -> None:
         self._diary = diary
         self.left_s: Callable[[], float] = lambda: diary["hours"] * 3600.0
-        self._doing, self._round = "", None
-        self._table = ""
+        self._doing = self._table = ""
         self._live: Live | None = None
         self._over = threading.Event()
 
@@ -73,7 +72,7 @@ class Page:
 
     def told(self, said: str, entry: RoundEntry | None) -> None:
         """Take what happens now."""
-        self._doing, self._round, self._table = said, entry, ""
+        self._doing, self._table = said, ""
         if self._live is None:
             number = len(self._diary["rounds"])
             say(f"{number:2d}  {said}" if entry is not None else f"    {said}")

@@ -70,7 +70,7 @@ def main(text: str) -> int:
     gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(text)
     if plan.speed != 1.0:
-        fast_time.run_faster(plan.speed)
+        fast_time.run_faster(plan.speed, plan.since_ns)
     # until here there is nothing to be left in order
     for number in _SIGNALS:
         signal.signal(number, _end_early)

@@ -156,6 +156,7 @@ class Plan:
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
     speed: float = 1.0  # times that time runs faster, with virtual instruments only
+    since_ns: int = 0  # monotonic instant from which on it does, the same for processes that belong together; 0: now
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
     instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
     explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
