@@ -134,7 +134,10 @@ class Diary:
         path = folder / DIARY
         if not path.is_file():
             raise InputError(f"{folder} has no {DIARY}: there is nothing to go on with. Begin without --resume.")
-        document = outside_file.read_json(path, _LIMIT)
+        try:
+            document = outside_file.read_json(path, _LIMIT)
+        except InputError as error:
+            raise InputError(f"{path} is no diary: {error}. Name another folder.") from error
         told = document_shape.problem(document, DiaryDocument, "diary")
         if told or document["version"] != VERSION:
             raise InputError(f"{path} is no diary of this edition: {told or 'another version'}. Name another folder.")
