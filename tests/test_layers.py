@@ -242,6 +242,7 @@ def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
         "spoil",
         "follow_acquisition",
         "follow_batch",
+        "investigation_page",
         "session_options",
     )
     late = tuple(f"imutui.cli.{name}" for name in names)
