@@ -56,7 +56,7 @@ FLOORS = {
     "filters.fleet": GROUND,
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
-    "imutui.table": {"filters.motion", "filters.simulation", "imutui.instrument"},
+    "imutui.table": {"filters.channels", "filters.motion", "filters.simulation", "imutui.instrument"},
     "imutui.logbook": {"filters", "imutui.filter_snapshot"},
     "imutui.session": {
         "imutui.batch_file",
@@ -237,6 +237,7 @@ def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
     # helpers that commands import when they run
     names = (
         "virtual_readings",
+        "virtual_table",
         "virtual_units",
         "played_recording",
         "spoil",

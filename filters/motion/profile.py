@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from filters.errors import InputError
-from filters.motion.kinematics import PieceTable, Swing, each, envelope, piece_table
+from filters.motion.kinematics import PieceTable, Swing, attitudes, body_rate, each, envelope, piece_table
 from filters.motion.segments import Dwell, Sampled, Segment, check_positive
 from filters.types import Array
 
@@ -116,6 +116,11 @@ class Profile:
             )
         out[np.atleast_1d(np.asarray(t, np.float64)) < 0.0] = 0.0
         return out * np.array(self.sign, np.float64)
+
+    def pose(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Attitude C_nb, shape (N, 3, 3), and angular rate relative to n in body axes, rad/s, shape (N, 3)."""
+        angles, rates = self.angles(t), self.rates(t)
+        return attitudes(angles), body_rate(angles, rates)
 
     def index(self, t: ArrayLike) -> NDArray[np.int_]:
         """Number of the segment at each time, shape (N,); the first before the start, the last after the end."""

@@ -10,7 +10,9 @@ import numpy as np
 from filters.errors import InputError
 from filters.imu import IMU400CD_200, AxisMap, ImuSpec
 from filters.motion.profile import Profile
+from filters.motion.segments import axis_number
 from filters.simulation.catalogue import Effect
+from filters.simulation.turn_table import TableModel
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
 
@@ -33,6 +35,17 @@ FAULT_KINDS = {
     "hang_up": "seconds",
 }
 """Kinds of fault on the wire, and what each is measured in."""
+
+TABLE_FAULT_KINDS = {
+    "interlock": (),
+    "limit": ("axis",),
+    "stuck": ("axis", "seconds"),
+    "silent": ("seconds",),
+    "cut": ("seconds",),
+    "slow": ("seconds", "delay"),
+    "unrecognised": ("count",),
+}
+"""Kinds of fault of a table and its controller, and what else is said of each."""
 
 _VERSION_CHARACTERS = 30
 _LONGEST_BURST_S = 1.0
@@ -138,6 +151,31 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class TableFault:
+    """A fault of a table under command, or of the link to its controller."""
+
+    at: float  # since the table is there, s
+    # "interlock": it opens, and is at fault until it is reset. "limit": the end switch of `axis` does that. "stuck":
+    # `axis` does not move. "silent": nothing is answered. "cut": there is no link, and connections end. "slow": answers
+    # are late by `delay`. "unrecognised": the next `count` lines are not understood
+    kind: str
+    axis: str = "inner"
+    seconds: float = math.inf  # for how long
+    delay: float = 0.0  # s
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if self.kind not in TABLE_FAULT_KINDS:
+            raise InputError(f'`kind` is "{self.kind}", not one of: {", ".join(TABLE_FAULT_KINDS)}')
+        axis_number(self.axis)
+        if not (0.0 <= self.at < math.inf and self.seconds > 0.0 and 0.0 <= self.delay < math.inf and self.count > 0):
+            raise InputError(
+                f"`at`, `seconds`, `delay` and `count` of {self.kind} are {self.at}, {self.seconds},"
+                f" {self.delay} and {self.count}: from 0 on, and seconds and count positive"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class Personality:
     """What a unit and its line are like all the time, for whoever puts readings on a wire."""
 
@@ -180,6 +218,9 @@ class Scenario:
     power_ons: tuple[PowerOn, ...] = (PowerOn(),)  # at least one
     faults: tuple[Fault, ...] = ()
     personality: Personality = Personality()
+    # table, table_faults: of the table under command that it stands on, where there is one
+    table: TableModel = field(default_factory=TableModel)
+    table_faults: tuple[TableFault, ...] = ()
     site: Site = PAPER_SITE
     axes: AxisMap = field(default_factory=AxisMap)  # sign of the accelerometers, mounting on the table
 

@@ -7,15 +7,13 @@ and mounting rotation; about north and east: the tilt of the base.
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from filters import attitude, earth
 from filters.channels import DPS
 from filters.imu import AxisMap
-from filters.motion.kinematics import attitudes, body_rate
-from filters.motion.profile import Profile
 from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, EffectKind, ScenarioParameter
 from filters.state import Site
 from filters.types import Array
@@ -24,11 +22,27 @@ from filters.types import Array
 _STEP_S = 1e-4
 
 
+class Motion(Protocol):
+    """What a table does: a `Profile`, or what a table under command has done."""
+
+    def angles(self, t: Array) -> Array:
+        """Rotations about north, east and down, rad, shape (N, 3)."""
+        ...
+
+    def rates(self, t: Array) -> Array:
+        """Their derivatives, rad/s, shape (N, 3)."""
+        ...
+
+    def pose(self, t: Array) -> tuple[Array, Array]:
+        """Attitude C_nb, shape (N, 3, 3), and angular rate in body axes, rad/s, shape (N, 3)."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class World:
     """Motion and its errors."""
 
-    profile: Profile | None  # of the table; level and still without
+    profile: Motion | None  # of the table; level and still without
     site: Site  # where it stands
     axes: AxisMap  # how the instrument sits on it
     delays: Array = field(default_factory=lambda: np.zeros(6))  # of each channel, s, shape (6,)
@@ -65,9 +79,7 @@ class World:
         if self.profile is None:
             turning, spin, force = np.zeros((1, 3)), earth_n[None], force_n[None]
         else:
-            angles, rates = self.profile.angles(t), self.profile.rates(t)
-            C_nb = attitudes(angles)
-            turning = body_rate(angles, rates)
+            C_nb, turning = self.profile.pose(t)
             spin, force = np.einsum("nij,i->nj", C_nb, earth_n), np.einsum("nij,i->nj", C_nb, force_n)
             force = force + self._centripetal(t, turning)
         gyro = self.axes.gyro_to_instrument(turning) + self.earth_ratio * self.axes.gyro_to_instrument(spin)
@@ -79,9 +91,7 @@ class World:
         assert self.profile is not None
         if not self.lever.any():
             return np.zeros((1, 3))
-        ahead, behind = (
-            body_rate(self.profile.angles(t + h), self.profile.rates(t + h)) for h in (0.5 * _STEP_S, -0.5 * _STEP_S)
-        )
+        ahead, behind = (self.profile.pose(t + h)[1] for h in (0.5 * _STEP_S, -0.5 * _STEP_S))
         r = self.axes.mount @ self.lever
         return np.cross(turning, np.cross(turning, r)) + np.cross((ahead - behind) / _STEP_S, r)
 

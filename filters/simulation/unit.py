@@ -1,6 +1,6 @@
 """Units: readings at the loop's rate from a scenario, as arrays or one after the other, the same numbers either way."""
 
-import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -28,7 +28,8 @@ from filters.simulation.output import (
 )
 from filters.simulation.parameters import EffectKind, TrueInputs
 from filters.simulation.scenario import Scenario, Temperature, Truth, draw
-from filters.simulation.truth import MotionEffect, World
+from filters.simulation.truth import Motion, MotionEffect, World
+from filters.simulation.turn_table import OnTable
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
 
@@ -80,6 +81,7 @@ class Unit:
     `background`: a recording that is played in place of biases and noise that are drawn: the scenario's motion, its
       effects and the biases that it names are added. Temperature is the scenario's where it has one, else the
       recording's.
+    `table`: what it stands on in place of the scenario's motion; readings are made up to what the table has done.
     Raises InputError if the scenario has no such power-on, the rate is not positive, or something can't be added to the
       recording.
     """
@@ -90,6 +92,7 @@ class Unit:
         power_on: int = 0,
         rate_hz: float = LOOP_HZ,
         background: Background | None = None,
+        table: OnTable | None = None,
     ) -> None:
         if not 0 <= power_on < len(scenario.power_ons):
             raise InputError(f"`power_on` is {power_on}; the scenario has 0 to {len(scenario.power_ons) - 1}")
@@ -99,14 +102,23 @@ class Unit:
         self.power_on = power_on
         self.rate_hz = rate_hz
         self.background = background
+        self.motion: Motion | None = scenario.profile if table is None else table
+        self._table = table
         self.temperature = _temperature(scenario, power_on, background)
         self.truth = _biases(scenario, power_on, made=background is None)
         self._blocks = self._stream()
-        self._start = 0
+        self._start = self._end = 0
         noisy = [effect.name for effect in scenario.effects if issubclass(EFFECTS[effect.name], _OF_NOISE)]
         if background is not None and noisy:
             raise InputError(f"{noisy[0]} changes noise that is made; a recording has its own: leave {noisy[0]} out")
-        self._block = next(self._blocks)
+        if table is None:
+            self._go_on()
+
+    def block(self, k: int) -> int:
+        """How many readings from k on can be made now, at least one and no more than there are in a block."""
+        if self._table is None:
+            return _BLOCK
+        return min(max(math.floor(self._table.known() * self.rate_hz) + 1 - k, 1), _BLOCK)
 
     def reading(self, k: int) -> tuple[Array, Array]:
         """Rate (rad/s) and specific force (m/s²) of reading k, body axes, shape (3,); k must not go back a block.
@@ -133,9 +145,9 @@ class Unit:
     def sensed(self) -> World | RecordedMotion:
         """What there is to sense, without the scenario's effects."""
         scenario, background = self.scenario, self.background
-        if background is not None and scenario.profile is None:
+        if background is not None and self.motion is None:
             return background.motion
-        return World(scenario.profile, scenario.site, scenario.axes)
+        return World(self.motion, scenario.site, scenario.axes)
 
     def samples(self, count: int) -> Samples:
         """What arrives of readings 0 to `count` - 1; the unit is not used up."""
@@ -154,17 +166,20 @@ class Unit:
             np.concatenate([getattr(block, name) for block in blocks])[kept]
             for name in ("gyro", "accel", "stamps", "temperature")
         )
-        t, motion = kept / self.rate_hz, World(self.scenario.profile, self.scenario.site, self.scenario.axes)
+        t, motion = kept / self.rate_hz, World(self.motion, self.scenario.site, self.scenario.axes)
         samples = Samples(stamps, gyro, accel)
         return Recording(samples, kept, temperature, motion.angles(t), motion.rates(t), self.truth)
 
     def _row(self, k: int) -> int:
         if k < self._start:
             raise ValueError(f"`k` is {k}: readings before {self._start} are gone")
-        while k >= self._start + _BLOCK:
-            self._start += _BLOCK
-            self._block = next(self._blocks)
+        while k >= self._end:
+            self._go_on()
         return k - self._start
+
+    def _go_on(self) -> None:
+        self._block = next(self._blocks)
+        self._start, self._end = self._end, self._end + self._block.stamps.size
 
     # ---------------------------------------------------------------------------------------------- how they are made
 
@@ -182,19 +197,21 @@ class Unit:
         bias = np.concatenate(
             [axes.gyro_to_instrument(self.truth.gyro_bias), axes.accel_to_instrument(self.truth.accel_bias)]
         )
-        for start in itertools.count(0, _BLOCK):
-            t = (start + np.arange(_BLOCK)) / self.rate_hz
+        end = 0
+        while True:
+            start, end = end, end + self.block(end)
+            t = np.arange(start, end) / self.rate_hz
             inputs = TrueInputs(t, world.perfect(t), self.temperature.at(t), self.temperature.rate(t), world.angles(t))
             values = moved(inputs) + bias
             for channel, error in errors:
                 values[:, channel] += error.error(inputs)
-            if errors or scenario.profile is not None:
+            if errors or self.motion is not None:
                 values = band.limited(values)
             values += noise(inputs)
             for channel, output in outputs:
                 values[:, channel] = output.spoiled(values[:, channel], t)
-            late = sum((thing.late(t) for _, thing in made if isinstance(thing, Jitter)), np.zeros(_BLOCK))
-            lost = np.zeros(_BLOCK, bool)
+            late = sum((thing.late(t) for _, thing in made if isinstance(thing, Jitter)), np.zeros(t.size))
+            lost = np.zeros(t.size, bool)
             for _, thing in made:
                 if isinstance(thing, Dropout):
                     lost |= thing.lost(t)
@@ -208,13 +225,13 @@ class Unit:
         """
         scenario, background = self.scenario, self.background
         still = World(None, scenario.site, scenario.axes)
-        world = replace(still, profile=scenario.profile)
+        world = replace(still, profile=self.motion)
         changes = [thing for _, thing in made if isinstance(thing, MotionEffect)]
         for thing in changes:
             world = thing.changed(world)
         if background is None:
             return world, lambda inputs: inputs.perfect
-        if scenario.profile is None and not changes:
+        if self.motion is None and not changes:
             return background.motion, lambda inputs: np.zeros((inputs.t.size, 6))
         rest = still.perfect(np.zeros(1))
         background.check_rest(rest[0], scenario.site.gravity)

@@ -22,7 +22,6 @@ Error = Callable[
     [float, float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Any
 ]
 
-_BLOCK = 1024
 # as a word of the seed, so that nothing else of a unit is drawn from the same numbers
 _SPOIL = 4
 
@@ -109,8 +108,8 @@ class Spoiled:
                 f"{function}: {function.name}({seed}) returns {self._error!r:.60}, not a function"
                 " error(t, temp, ang, rate, w, f).",
             )
-        self._start = -_BLOCK
-        self._inputs: list[NDArray[np.float64]] = []
+        self._start = 0
+        self._inputs: list[NDArray[np.float64]] = [np.empty(0)]
         self._next = 0
         self._last = np.zeros(6)
         # what is wrong from the beginning is said before there is a port
@@ -128,7 +127,7 @@ class Spoiled:
         """Ask for all errors up to that of reading k."""
         while self._next <= k:
             row = self._next - self._start
-            if row >= _BLOCK:
+            if row >= self._inputs[0].size:
                 self._fill(self._next)
                 row = 0
             t, temp, ang, rate, w, f = self._inputs
@@ -144,7 +143,7 @@ class Spoiled:
 
     def _fill(self, start: int) -> None:
         """Inputs of the next samples, each as the function is given it."""
-        t = (start + np.arange(_BLOCK)) / self._unit.rate_hz
+        t = (start + np.arange(self._unit.block(start))) / self._unit.rate_hz
         perfect = self._sensed.perfect(t)
         degrees = [np.rad2deg(values) for values in (self._sensed.angles(t), self._sensed.rates(t))]
         self._inputs = [t, self._unit.temperature.at(t), *degrees, perfect[:, :3] / DPS, perfect[:, 3:] / G]

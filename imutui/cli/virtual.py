@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -60,6 +61,17 @@ def command(
             "--serial-number", help="Serial number that it reports (9911750; of a file *.raw the recorded unit's)."
         ),
     ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            "--controller",
+            metavar="HOST:PORT",
+            help="Serve a table's controller on loopback, and put the unit on that table (port 0: a free one).",
+        ),
+    ] = None,
+    axes: Annotated[
+        int | None, typer.Option("--axes", metavar="N", help="Axes of that table, 1 to 3 (the scenario's, or 3).")
+    ] = None,
     force: Force = False,
     while_stdin: Annotated[
         bool, typer.Option("--while-stdin", help="End when standard input ends; its lines turn the table.")
@@ -74,12 +86,14 @@ def command(
     the seed) or made by a scenario's file, or played from a recording; time starts with the first request for data.
     With a recording and a scenario, the scenario's motion, temperature and effects are added to what was recorded:
     such readings are called simulated. A file *.raw is a stream that an IMU381 sent: it is played byte for byte, from
-    its beginning each time that a host asks for its rate. Ctrl+C ends it.
+    its beginning each time that a host asks for its rate. With --controller the unit stands on a table that
+    `imutui table` and others turn; its URL is the second line on stdout. Ctrl+C ends it.
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
     from imutui.cli.spoil import load
     from imutui.cli.virtual_readings import Asked
+    from imutui.cli.virtual_table import VirtualTable
     from imutui.cli.virtual_units import UNITS, instrument_of, recorded_unit
     from imutui.instrument.virtual import SentPackets, serve
 
@@ -99,16 +113,22 @@ def command(
         raise fail(USAGE, "--from-start is a place in a recording: it needs --from.")
     if from_start is not None and not 0.0 <= from_start < math.inf:
         raise fail(USAGE, f"--from-start is {from_start:g}; it must be a number of seconds from 0 on.")
+    if axes is not None and controller is None:
+        raise fail(USAGE, "--axes are of a table with a controller: it needs --controller.")
     plays_bytes = from_ is not None and from_.suffix.lower() == ".raw"
     if plays_bytes and instrument not in (None, names.IMU381):
         raise fail(USAGE, f"{from_} is a stream of an IMU381: leave --instrument away.")
     if plays_bytes and (spoil is not None or power_on is not None or from_start is not None):
         raise fail(USAGE, f"{from_} is played byte for byte: leave --spoil, --power-on and --from-start away.")
+    if plays_bytes and controller is not None:
+        raise fail(USAGE, f"{from_} is played byte for byte, whatever a table does: leave --controller away.")
+    table = None if controller is None else VirtualTable(controller, axes, speed)
     if plays_bytes and from_ is not None:
         made = recorded_unit(from_, scenario, seed, serial_number)
     else:
         added = None if spoil is None else load(spoil)
-        asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
+        on_table = None if table is None else partial(table.under, log=lambda text: say(f"table: {text}"))
+        asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added, on_table)
         made = UNITS[instrument or instrument_of(from_)](asked, serial_number)
     if made.source:
         say(f"imutui: {made.source}")
@@ -120,15 +140,19 @@ def command(
 
     def ready(port: str) -> None:
         tell(port)
+        if url is not None:
+            tell(url)
         sys.stdout.flush()
 
     with ExitStack() as files:
         sink = None if tap is None else files.enter_context(open(tap, "wb", buffering=0))
         truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")), made.unit)
+        url = None if table is None else files.enter_context(table.served(made.unit))
         try:
             serve(
                 made.unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin,
                 on_line=made.turn, stop=stop, line=made.line, on_packet=truth,
+                began=None if table is None else table.began,
             )  # fmt: skip
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error

@@ -11,7 +11,7 @@ import numpy as np
 from filters.channels import DPS
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
-from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
+from filters.simulation import LOOP_HZ, OnTable, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from filters.simulation.truth import World
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
@@ -69,12 +69,18 @@ class SimulatedReadings:
     `power_on`: which, from 0.
     `background`: a recording that is played in place of biases and noise.
     `rate_hz`: rate of the unit's loop.
+    `table`: what it stands on, under command.
     """
 
     def __init__(
-        self, scenario: Scenario, power_on: int = 0, background: Background | None = None, rate_hz: float = LOOP_HZ
+        self,
+        scenario: Scenario,
+        power_on: int = 0,
+        background: Background | None = None,
+        rate_hz: float = LOOP_HZ,
+        table: OnTable | None = None,
     ) -> None:
-        self.unit = Unit(scenario, power_on, rate_hz, background)
+        self.unit = Unit(scenario, power_on, rate_hz, background, table)
         self._fates: dict[int, tuple[bool, float]] = {}
 
     def reading(self, k: int) -> Reading | None:
@@ -153,6 +159,8 @@ class Asked:
     recording: Path | None = None  # what to play instead of made noise
     start: float = 0.0  # where in the recording to begin, s
     spoil: ErrorFunction | None = None  # what to add besides
+    # makes the table under command that a unit of this scenario stands on
+    table: Callable[[Scenario], OnTable] | None = None
 
 
 def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None = None) -> UnitOnTheLine:
@@ -169,16 +177,20 @@ def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None =
             f"{asked.recording} lacks a channel, and the virtual instrument sends six: play another recording, or name"
             " a --scenario instead."
         )
-    if played is not None and scenario is None and spoil is None:
+    if asked.table is not None and made.profile is not None:
+        raise InputError(f"{scenario} has a motion of its own, and the table has a controller: leave one of them out.")
+    table = None if asked.table is None else asked.table(made)
+    if played is not None and scenario is None and spoil is None and table is None:
         version = SIMULATED if played.simulated else PLAYED
         return UnitOnTheLine(PlayedReadings(played.t, played.values, played.degc, rate_hz), version, seed=made.seed)
     if played is not None and scenario is None and played.degc is None:
         made = replace(made, temperature=_ROOM)
     background = None if played is None else played.background(made.site, rate_hz)
-    readings = SimulatedReadings(made, asked.power_on, background, rate_hz)
+    readings = SimulatedReadings(made, asked.power_on, background, rate_hz, table)
     source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
-    # a recording has sensed its own motion, a scenario with a profile turns by that, and a function is told of it
-    own_motion = played is not None or spoil is not None or made.profile is not None
+    # a recording has sensed its own motion, a scenario with a profile turns by that, a controller has the table, and a
+    # function is told of the motion
+    own_motion = played is not None or spoil is not None or made.profile is not None or table is not None
     turned = None if own_motion else TurnedReadings(source, readings.unit)
     told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
     made_unit = UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed, made.personality)
@@ -200,7 +212,7 @@ def _source(played: PlayedRecording | None, unit: Unit, spoil: ErrorFunction | N
         base = "simulated readings"
     else:
         base = f"{'simulated readings' if played.simulated else 'measured noise'} of {played.name}"
-    added = ["motion"] if played is not None and unit.scenario.profile is not None else []
+    added = ["motion"] if played is not None and unit.motion is not None else []
     added += [] if played is None else list(dict.fromkeys(effect.name for effect in unit.scenario.effects))
     added += [] if spoil is None else [spoil.name]
     made_up = played is not None and unit.temperature is not getattr(unit.background, "temperature", None)

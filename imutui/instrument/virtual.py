@@ -39,6 +39,7 @@ def serve(
     stop: threading.Event | None = None,
     line: FaultyLine | None = None,
     on_packet: Callable[[PacketT, int], None] | None = None,
+    began: float | None = None,
 ) -> None:
     """Run a unit on a pseudo-terminal until told to stop.
 
@@ -58,6 +59,7 @@ def serve(
       it. With it nothing else is lost: what does not fit into the host's queue waits, up to 64 KiB.
     `on_packet`: called with each packet that the unit begins to send, and the host's monotonic time when it was
       sampled, ns.
+    `began`: when the unit's time began, where that is not now: the host's monotonic time, s.
     Raises ValueError if `speed` is not positive.
     Raises FileExistsError if `link` exists and is not a symbolic link.
     """
@@ -65,7 +67,7 @@ def serve(
         raise ValueError(f"`speed` must be positive, not {speed}")
     with PseudoTerminal(link) as pty:
         on_ready(pty.name)
-        began = time.monotonic()
+        began = time.monotonic() if began is None else began
         told = None if on_packet is None else _on_the_hosts_clock(on_packet, began)
         wire = Wire(unit, line, speed, told)
         queue = _Queue(pty, tap, 0 if line is None else _BURST_BYTES)

@@ -115,6 +115,11 @@ class VirtualInstrument(ABC, Generic[PacketT, CommandT]):
     def data_asked_for(self) -> bool:
         """Whether a host has ever asked for data: time of scenarios and of faults begins with it."""
 
+    @property
+    @abstractmethod
+    def source_begins(self) -> float:
+        """Instant of the source's reading 0; infinite while there is none."""
+
     @abstractmethod
     def in_words(self, command: CommandT) -> str:
         """Say what a command asks for, for a log."""

@@ -45,6 +45,8 @@ _TREE: dict[str, tuple[str, ...]] = {
     "*idn": (),
     "*stb": (),
 }
+# sent as drivers send them: nobody has seen these in full
+_SENT = {"acceleration": "acc", "oscillation": "osc", "synthesis": "synt"}
 _ALONE = ("mode", "interlock", "limit", "*idn", "*stb")
 # asked with or without a question mark
 _ONLY_ASKED = {("read", each) for each in _TREE["read"]} | {("limit", "absolute"), ("*idn",), ("*stb",)}
@@ -65,7 +67,7 @@ class Command:
         """How it may stand behind another one in a line: relative to the same branch where it has one."""
         if self.words[:-1] != before.words[:-1] or self.words[0].startswith("*"):
             return str(self)
-        return f"{self.words[-1]}{'?' * self.asks}{self._tail()}"
+        return f"{_sent(self.words[-1])}{'?' * self.asks}{self._tail()}"
 
     def _tail(self) -> str:
         return f" {','.join(self.arguments)}" if self.arguments else ""
@@ -82,7 +84,11 @@ AnyCommand: TypeAlias = Command | Unknown
 
 
 def _head(words: tuple[str, ...]) -> str:
-    return words[0] if words[0].startswith("*") else ":" + ":".join(words)
+    return words[0] if words[0].startswith("*") else ":" + ":".join(map(_sent, words))
+
+
+def _sent(word: str) -> str:
+    return _SENT.get(word, word)
 
 
 def demand(what: str, axis: int | str, *values: float) -> Command:
@@ -97,7 +103,7 @@ def mode(which: str, axis: int | str) -> Command:
 
 def limit(what: str, of_mode: str, axis: int | str, value: float) -> Command:
     """Set the limit of "rate" or "acceleration" of an axis in a mode ("position", "rate", "synthesis")."""
-    return Command(("limit", what), (of_mode[:4] if of_mode == "synthesis" else of_mode[:3], str(axis), number(value)))
+    return Command(("limit", what), ("pos" if of_mode == "position" else _sent(of_mode), str(axis), number(value)))
 
 
 def interlock(what: str, axis: int | str) -> Command:

@@ -205,20 +205,19 @@ class Acutrol:
     def _reading(self, axes: Sequence[str]) -> tuple[tuple[int, int], dict[str, tuple[float, float]]]:
         """When axes were asked and when they answered, ns, and angle and rate of each."""
         questions = [ask("read", what, axis=self._number(axis)) for what in ("position", "rate") for axis in axes]
-        said = [each[0] for each in self._numbers(questions)]
+        self.limits()
+        said, exchanged = [each[0] for each in self._numbers(questions)], self._exchanged
         found = {axis: (said[k], said[k + len(axes)]) for k, axis in enumerate(axes)}
         stamp = sum(self._exchanged) // 2
         before_ns, before = self._last or (stamp, {})
-        seconds = (stamp - before_ns) * 1e-9
+        limits, seconds = self.limits(), (stamp - before_ns) * 1e-9
         for axis, (angle, rate) in found.items():
-            if axis in before and self._turns_without_end(axis):
-                expected = before[axis][0] + 0.5 * (before[axis][1] + rate) * seconds
+            if limits[axis].low_deg is None:
+                was, turned = before.get(axis, (0.0, 0.0))
+                expected = was + 0.5 * (turned + rate) * seconds
                 found[axis] = angle + 360.0 * round((expected - angle) / 360.0), rate
         self._last = stamp, before | found
-        return self._exchanged, found
-
-    def _turns_without_end(self, axis: str) -> bool:
-        return self._limits is not None and self._limits[axis].low_deg is None
+        return exchanged, found
 
     def _look_at_modes(self) -> list[str]:
         """Ask for modes and interlocks; returns what keeps drives from being ready."""

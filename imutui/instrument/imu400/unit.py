@@ -136,6 +136,10 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         return self._loop.has_begun
 
     @property
+    def source_begins(self) -> float:
+        return self._loops[Mode.SCALED].instant(0)
+
+    @property
     def baud(self) -> int:
         return self._baud
 

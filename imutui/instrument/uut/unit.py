@@ -92,6 +92,10 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         return self._begun < math.inf
 
     @property
+    def source_begins(self) -> float:
+        return math.inf if self._begun == math.inf else self._loop.instant(int(self._begun))
+
+    @property
     def baud(self) -> int:
         return self._fields.baud
 

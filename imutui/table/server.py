@@ -1,0 +1,157 @@
+"""A virtual controller on a port of this machine, with the time kept: several hosts may be connected at once.
+
+A host that goes does not stop the table, as it is assumed of a real one.
+"""
+
+import selectors
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Self
+
+from filters.errors import InputError
+from filters.simulation.scenario import TableFault
+from imutui.table import acutrol
+from imutui.table.acutrol_virtual import VirtualAcutrol
+
+_LOOK_UP_S = 0.02
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How answers look on the line."""
+
+    prefix: bytes  # before the text of each
+    end: bytes  # behind it
+    acknowledges: bool  # whether a command that asks nothing is answered
+
+
+# the eight characters are made up: a driver cuts them off unseen, and then takes "OK" for the whole of the rest
+TCP = Style(b"00000000", b"", True)
+BUS = Style(b"", b"\n", False)
+"""As on GPIB, and as it is assumed of a serial line."""
+
+
+@dataclass(slots=True)
+class _Host:
+    """A connection, and what it is to be told."""
+
+    socket: socket.socket
+    decoder: acutrol.CommandDecoder = field(default_factory=acutrol.CommandDecoder)
+    waiting: deque[tuple[float, bytes]] = field(default_factory=deque)  # when it is due, and what
+
+
+class TableServer:
+    """Serves a controller until it is closed; within a `with`.
+
+    `address`: of loopback; port 0 takes one that is free.
+    `clock`: the table's time, s.
+    `faults`: of the link; others are the controller's.
+    `log`: called with each command that is no question.
+    Raises InputError for an address elsewhere, OSError for one that is taken.
+    """
+
+    def __init__(
+        self,
+        controller: VirtualAcutrol,
+        address: tuple[str, int],
+        clock: Callable[[], float],
+        *,
+        style: Style = TCP,
+        faults: Sequence[TableFault] = (),
+        log: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        if address[0] not in _LOOPBACK:
+            raise InputError(f"a virtual controller is served on loopback only, such as 127.0.0.1:0, not {address[0]}")
+        self._controller, self._clock, self._style, self._log = controller, clock, style, log
+        self._of_link = [fault for fault in faults if fault.kind in ("silent", "cut", "slow")]
+        self._lock = threading.Lock()
+        self._listener = socket.create_server(address, family=socket.AF_INET6 if ":" in address[0] else socket.AF_INET)
+        self.port = int(self._listener.getsockname()[1])
+        self._hosts: list[_Host] = []
+        self._wake_up, self._waker = socket.socketpair()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="table", daemon=True)
+
+    def known(self) -> float:
+        """Have the table go on to now; returns until when what it does is known, s."""
+        with self._lock:
+            self._controller.advance(self._clock())
+            return self._controller.table.now
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.set()
+        self._waker.send(b".")
+        self._thread.join()
+        for each in (self._listener, self._wake_up, self._waker, *(host.socket for host in self._hosts)):
+            each.close()
+
+    def _serve(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            for each in (self._listener, self._wake_up):
+                selector.register(each, selectors.EVENT_READ)
+            while not self._closing.is_set():
+                ready = [key.data or key.fileobj for key, _ in selector.select(self._patience())]
+                self.known()
+                if self._listener in ready:
+                    host = _Host(self._listener.accept()[0])
+                    host.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self._hosts.append(host)
+                    selector.register(host.socket, selectors.EVENT_READ, host)
+                for host in list(self._hosts):
+                    if not self._served(host, host in ready):
+                        selector.unregister(host.socket)
+                        host.socket.close()
+                        self._hosts.remove(host)
+
+    def _patience(self) -> float:
+        due = [host.waiting[0][0] for host in self._hosts if host.waiting]
+        # the table's time may run faster than the wall's, never slower
+        return min(max(min(due) - self._clock(), 0.0), _LOOK_UP_S) if due else _LOOK_UP_S
+
+    def _served(self, host: _Host, is_ready: bool) -> bool:
+        """Hear a host and tell it what is due; whether it is there still."""
+        now = self._clock()
+        if self._fault("cut", now) is not None:
+            return False
+        try:
+            if is_ready:
+                data = host.socket.recv(4096)
+                if not data:
+                    return False
+                self._hear(host, data, now)
+            while host.waiting and host.waiting[0][0] <= now:
+                host.socket.sendall(host.waiting.popleft()[1])
+        except OSError:  # it has gone
+            return False
+        return True
+
+    def _hear(self, host: _Host, data: bytes, now: float) -> None:
+        slow = self._fault("slow", now)
+        due = now if slow is None else now + slow.delay
+        for line in host.decoder.feed(data):
+            told = [command for command in line if not (isinstance(command, acutrol.Command) and command.asks)]
+            if told:
+                self._log("; ".join(map(str, told)))
+            with self._lock:
+                said = self._controller.carry_out(line, now)
+            asked = [isinstance(command, acutrol.Command) and command.asks for command in line]
+            if self._style.acknowledges:
+                texts = [acutrol.DONE if text is None else text for text in said]
+            else:
+                texts = [text or "" for text, asks in zip(said, asked, strict=True) if asks]
+            if texts and self._fault("silent", now) is None:
+                host.waiting.append((due, acutrol.encode_answer(texts, self._style.prefix, self._style.end)))
+
+    def _fault(self, kind: str, now: float) -> TableFault | None:
+        return next((f for f in self._of_link if f.kind == kind and f.at <= now < f.at + f.seconds), None)
