@@ -11,6 +11,7 @@ What is no command: `exit_codes` how a command ends · `options`, `session_optio
 import atexit
 import gc
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
@@ -41,6 +42,7 @@ from imutui.cli import (
     service,
     status,
     stop,
+    table,
     trace,
     virtual,
 )
@@ -50,12 +52,18 @@ _KINDS = {"valid integer": "a whole number", "valid number": "a number", "valid 
 """What versions of typer say of a text that is none, and what it is none of."""
 
 
+_NEGATIVE = re.compile(r"-[0-9.]+")
+
+
 class Command(TyperCommand):
     """A command that says which option got what, where it is no number, as it says that one is out of its range."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Parse the arguments; raises the exit for a text where a number belongs."""
         given = list(args)
+        # a negative number is no option
+        if any(_NEGATIVE.fullmatch(word) for word in args):
+            extra["ignore_unknown_options"] = True
         try:
             return super().make_context(info_name, args, parent, **extra)
         except typer.BadParameter as error:
@@ -101,6 +109,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "stop": stop.command,
     "service": service.command,
     "virtual": virtual.command,
+    "table": table.command,
     "import": import_.command,
     "export": export.command,
     "info": info.command,

@@ -61,6 +61,15 @@ Rate = Annotated[
 Operator = Annotated[str | None, typer.Option("--operator", help="Who; goes into the file.")]
 Place = Annotated[str | None, typer.Option("--place", help="Where, in words; goes into the file.")]
 Table = Annotated[str | None, typer.Option("--table", help="Which turn table; goes into the file.")]
+Limits = Annotated[
+    str,
+    typer.Option(
+        "--limits",
+        metavar="AXIS=RATE/ACCEL[/LOW/HIGH],...",
+        help="What axes may do, deg/s, deg/s^2, deg; narrower than the controller says, or where it says nothing.",
+    ),
+]
+YesMove = Annotated[bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")]
 RotateMinutes = Annotated[
     float | None,
     typer.Option("--rotate-minutes", metavar="MIN", help="Begin another file after so many minutes; 0 for never."),

@@ -13,6 +13,7 @@ from imutui.cli.options import (
     Gravity,
     GyroSign,
     Json,
+    Limits,
     Mount,
     Name,
     Operator,
@@ -24,6 +25,7 @@ from imutui.cli.options import (
     RotateMinutes,
     SiteText,
     Table,
+    YesMove,
     effects_of,
     parse_site,
     reference_of,
@@ -79,17 +81,8 @@ def command(
             " as the reference is run on it.",
         ),
     ] = None,
-    limits: Annotated[
-        str,
-        typer.Option(
-            "--limits",
-            metavar="AXIS=RATE/ACCEL[/LOW/HIGH],...",
-            help="What axes may do, deg/s, deg/s^2, deg; narrower than the controller says, or where it says nothing.",
-        ),
-    ] = "",
-    yes_move: Annotated[
-        bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")
-    ] = False,
+    limits: Limits = "",
+    yes_move: YesMove = False,
     speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     rotate_minutes: RotateMinutes = None,
     rotate_mb: RotateMb = None,

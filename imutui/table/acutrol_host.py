@@ -28,7 +28,7 @@ from imutui.table.controller import (
 from imutui.table.links import Link
 
 _PATIENCE_S = 1.0  # for an answer
-_QUIET_S = 0.004  # after which an answer without a line end has come whole
+_real_s = time.monotonic  # a controller takes real time, whatever the process's own is (`imutui.fast_time`)
 _MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as they were
 _CLOSING_S = 3.0
 _SLOWING_S = 1.0  # within which an axis that is to stop must have become slower
@@ -75,9 +75,9 @@ class Acutrol:
             self._tell(mode("off", n))
             for what in ("open", "reset", "close"):
                 self._tell(interlock(what, n))
-        deadline = time.monotonic() + _CLOSING_S
+        deadline = _real_s() + _CLOSING_S
         while wrong := self._look_at_modes():
-            if time.monotonic() > deadline:
+            if _real_s() > deadline:
                 raise TableError(
                     f"{'; '.join(wrong)}, after it was reset and closed. Look for what holds it open (emergency stop,"
                     " door, end switch), then try again."
@@ -215,7 +215,7 @@ class Acutrol:
             if limits[axis].low_deg is None:
                 was, turned = before.get(axis, (0.0, 0.0))
                 expected = was + 0.5 * (turned + rate) * seconds
-                found[axis] = angle + 360.0 * round((expected - angle) / 360.0), rate
+                found[axis] = round(angle + 360.0 * round((expected - angle) / 360.0), 9), rate
         self._last = stamp, before | found
         return exchanged, found
 
@@ -312,11 +312,11 @@ class Acutrol:
         self._decoder.forget()
         while self._link.receive(0.0):  # what comes late belongs to an earlier question
             pass
-        sent = time.monotonic_ns()
-        heard = 0
+        sent, heard = time.monotonic_ns(), 0
+        deadline = _real_s() + _PATIENCE_S
         self._link.send(line)
-        while (left := _PATIENCE_S - (time.monotonic_ns() - sent) * 1e-9) > 0.0:
-            data = self._link.receive(min(left, _QUIET_S) if heard else left)
+        while (left := deadline - _real_s()) > 0.0:
+            data = self._link.receive(min(left, self._link.quiet_s) if heard else left)
             heard = heard or (time.monotonic_ns() if data else 0)
             answer = self._decoder.feed(data)
             if answer is None and not data and heard:  # quiet: an answer without a line end is whole

@@ -10,6 +10,8 @@ from imutui.table.controller import TableLinkError
 
 # "40 ms a command at the least on GPIB", says a driver; of a serial line nobody says anything
 _PAUSE_S = 0.04
+# an answer comes in one segment over TCP, and with a line end, it is assumed, over a serial line
+_QUIET_TCP_S, _QUIET_SERIAL_S = 0.001, 0.1
 
 
 class Link(Protocol):
@@ -19,6 +21,7 @@ class Link(Protocol):
     prefix: int  # characters before the text of an answer
     acknowledges: bool  # whether a command that asks nothing is answered too
     pause_s: float  # after a command that is not answered
+    quiet_s: float  # after which an answer without a line end has come whole
 
     def send(self, data: bytes) -> None:
         """Send bytes."""
@@ -44,6 +47,7 @@ class PortLink:
     def __init__(self, port: str, prefix: int, baud: int = 9600) -> None:
         self.name = port.removeprefix("socket://")
         self.prefix, self.acknowledges, self.pause_s = prefix, prefix > 0, _PAUSE_S
+        self.quiet_s = _QUIET_TCP_S if prefix else _QUIET_SERIAL_S
         try:
             self._port = Port(port, baud)
         except PortError as error:
@@ -71,7 +75,8 @@ class PortLink:
 class GpibLink:
     """A resource of pyvisa, such as "GPIB0::1::INSTR"."""
 
-    prefix, acknowledges, pause_s = 0, False, _PAUSE_S
+    # the bus says where an answer ends: there is nothing to wait for beyond it
+    prefix, acknowledges, pause_s, quiet_s = 0, False, _PAUSE_S, 0.0
 
     def __init__(self, resource: str) -> None:
         try:
@@ -88,7 +93,6 @@ class GpibLink:
         self._doing(lambda: self._resource.write_raw(data))
 
     def receive(self, patience_s: float) -> bytes:
-        # the bus says where an answer ends: there is nothing to wait for beyond it
         self._resource.timeout = max(1000.0 * patience_s, 1.0)
         try:
             return bytes(self._resource.read_raw())

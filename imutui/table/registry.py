@@ -31,7 +31,8 @@ def _gpib(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -
     return Acutrol(GpibLink(address), axes)
 
 
-CONTROLLERS: dict[str, Callable[[str, dict[str, str], tuple[str, ...] | None], TableController]] = {
+_Maker = Callable[[str, dict[str, str], tuple[str, ...] | None], TableController]
+CONTROLLERS: dict[str, _Maker] = {
     "acutrol": _tcp,
     "acutrol+serial": _serial,
     "acutrol+gpib": _gpib,
@@ -42,12 +43,22 @@ USAGE = "acutrol://HOST:PORT, acutrol+serial:PORT?baud=N or acutrol+gpib:RESOURC
 _OPTIONS = ("baud", "axes")
 
 
+def check(url: str) -> None:
+    """Raise InputError if a URL is none of a controller; nothing is opened."""
+    _parsed(url)
+
+
 def connect(url: str) -> TableController:
     """Controller at a URL; `?axes=inner,outer` names its axes in the order of their numbers.
 
     Nothing is sent but questions.
     Raises InputError if the URL is none, TableError if it can't be reached or does not answer as one.
     """
+    make, address, options, axes = _parsed(url)
+    return make(address, options, axes)
+
+
+def _parsed(url: str) -> tuple[_Maker, str, dict[str, str], tuple[str, ...] | None]:
     scheme, colon, rest = url.partition(":")
     if not colon or scheme not in CONTROLLERS:
         raise InputError(f'the controller is "{url}"; it is one of: {USAGE}')
@@ -56,9 +67,7 @@ def connect(url: str) -> TableController:
     unknown = sorted(set(options) - set(_OPTIONS))
     if unknown:
         raise InputError(f'the controller "{url}" has an option "{unknown[0]}"; known: {", ".join(_OPTIONS)}')
-    if "axes" not in options:
-        return CONTROLLERS[scheme](address.removeprefix("//"), options, None)
-    axes = tuple(options["axes"].split(","))
-    if not set(axes) <= set(AXES) or len(set(axes)) != len(axes):
+    axes = tuple(options["axes"].split(",")) if "axes" in options else None
+    if axes is not None and (not set(axes) <= set(AXES) or len(set(axes)) != len(axes)):
         raise InputError(f'`axes` is "{options["axes"]}", not some of {", ".join(AXES)}, each once')
-    return CONTROLLERS[scheme](address.removeprefix("//"), options, axes)
+    return CONTROLLERS[scheme], address.removeprefix("//"), options, axes

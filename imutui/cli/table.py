@@ -1,0 +1,270 @@
+"""`imutui table`: a turn table's controller, by hand."""
+
+import math
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_progress
+from imutui.cli.options import Json, Limits, YesMove
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from imutui.table.controller import AxisLimits, TableState
+    from imutui.table.owner import KeptTable
+
+_VALUES = {"status": "", "move": "OUTER MIDDLE INNER", "rate": "AXIS DPS", "stop": ""}
+_RATE_DPS, _ACCEL_DPS2 = 20.0, 100.0  # as profiles move
+_NEAR_DEG = 0.05
+_LOOK_S = 0.05
+_READ_S = 30.0
+
+
+def command(
+    action: Annotated[str, typer.Argument(metavar="|".join(_VALUES), help="What to do.")],
+    values: Annotated[
+        list[str] | None, typer.Argument(metavar="...", help="move: three angles, deg. rate: an axis, and deg/s.")
+    ] = None,
+    controller: Annotated[
+        str, typer.Option("--controller", metavar="URL", help="The controller, such as acutrol://HOST:PORT.")
+    ] = "",
+    rate_dps: Annotated[
+        float | None, typer.Option("--slew", metavar="DPS", help="move: no faster than this (20).")
+    ] = None,
+    accel_dps2: Annotated[
+        float | None, typer.Option("--accel", metavar="DPS2", help="Acceleration, deg/s^2 (100).")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", metavar="S", help="rate: end after so long, not with Ctrl+C.")
+    ] = None,
+    limits: Limits = "",
+    yes_move: YesMove = False,
+    json: Json = False,
+) -> None:
+    """Say where a turn table is, move it, turn an axis, or stop it, through its controller.
+
+    `status` only asks. `move OUTER MIDDLE INNER` goes to three angles and ends there; an axis that the table has not
+    is 0. `rate AXIS DPS` turns an axis until Ctrl+C. `stop` brings all axes to rest and turns their modes off, whoever
+    set them going. Nothing moves before somebody has said so, and nothing goes beyond the limits that the controller or
+    --limits says. Ctrl+C stops the table, and so does the end of this process, whatever the cause.
+
+    Example: imutui table move 0 0 -90 --controller acutrol://192.168.1.53:9888
+    """
+    from imutui.table import gate, registry
+
+    given = _checked(action, values or [], controller)
+    registry.check(controller)
+    gate.parse_limits(limits)
+    if action == "status":
+        _status(controller, limits, json)
+    elif action == "stop":
+        _stop(controller, json)
+    else:
+        _turn(action, given, controller, limits, (rate_dps, accel_dps2), seconds, yes_move, json)
+
+
+def _checked(action: str, values: list[str], controller: str) -> list[str | float]:
+    if action not in _VALUES:
+        raise fail(USAGE, f'imutui table is told to "{action}"; it can: {", ".join(_VALUES)}.')
+    if not controller:
+        raise fail(USAGE, "which table? Say --controller acutrol://HOST:PORT.")
+    wanted = _VALUES[action].split()
+    if len(values) != len(wanted):
+        usage = f"imutui table {action} {_VALUES[action]}".rstrip()
+        raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage} --controller URL')
+    return [text if what == "AXIS" else _number(text) for what, text in zip(wanted, values, strict=True)]
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise fail(USAGE, f'"{text}" is not a number.')
+    return value
+
+
+def _status(url: str, limits: str, json: bool) -> None:
+    from imutui.table.owner import KeptTable
+
+    table = KeptTable(url, limits)
+    try:
+        _tell(table, _first(table), json)
+    finally:
+        table.close()
+
+
+def _stop(url: str, json: bool) -> None:
+    """Over a link of its own, whatever else has one: this must not wait for anything."""
+    from imutui.table.registry import connect
+
+    controller = connect(url)
+    try:
+        controller.stop()
+        state = controller.read()
+    finally:
+        controller.close()
+    answer({"controller": url, "state": _document(state)}, lambda: f"stopped. {_text(state)}", json=json)
+
+
+def _turn(
+    action: str,
+    values: list[str | float],
+    url: str,
+    limits: str,
+    how: tuple[float | None, float | None],
+    seconds: float | None,
+    yes_move: bool,
+    json: bool,
+) -> None:
+    from imutui.table.owner import KeptTable
+
+    table = KeptTable(url, limits)
+    try:
+        wanted = _wanted(action, values, table, how)
+        _first(table)
+        if not yes_move:
+            _ask(action, wanted, url)
+        table.ask(do="enable")
+        table.ask(do=action, **wanted)
+        if action == "move":
+            _wait_for_angles(table, wanted["angles_deg"])
+        else:
+            _wait(table, math.inf if seconds is None else seconds)
+        table.ask(do="stop")
+        _tell(table, _next(table), json)
+    finally:
+        table.close()
+
+
+def _wanted(
+    action: str, values: list[str | float], table: "KeptTable", how: tuple[float | None, float | None]
+) -> dict[str, Any]:
+    """What the keeper is to be asked; where nothing is said, the usual speeds, or less where limits are lower.
+
+    Raises InputError for what is not within limits.
+    """
+    from imutui.table.gate import limits_of
+
+    least = [
+        min((getattr(axis, name) for axis in table.limits.values()), default=usual)
+        for name, usual in (("rate_dps", _RATE_DPS), ("accel_dps2", _ACCEL_DPS2))
+    ]
+    rate, accel = (
+        min(usual, most) if said is None else said
+        for said, usual, most in zip(how, (_RATE_DPS, _ACCEL_DPS2), least, strict=True)
+    )
+    for axis in table.axes if action == "move" else [str(values[0])]:
+        own = limits_of(axis, table.limits)
+        own.check(axis, rate_dps=rate if action == "move" else float(values[1]), accel_dps2=accel)
+    if action == "move":
+        return {"angles_deg": values, "rate_dps": rate, "accel_dps2": accel}
+    return {"axis": values[0], "rate_dps": values[1], "accel_dps2": accel}
+
+
+def _ask(action: str, wanted: dict[str, Any], url: str) -> None:
+    what = (
+        "to outer {:g}, middle {:g}, inner {:g} deg".format(*wanted["angles_deg"])
+        if action == "move"
+        else f"its {wanted['axis']} axis at {wanted['rate_dps']:g} deg/s"
+    )
+    if not sys.stdin.isatty():
+        raise fail(USAGE, "the table would move. When nobody is near it, say so: --yes-move.")
+    say(f"The table at {url} WILL MOVE, {what}.")
+    if input("Is everybody clear of it, and may it move? Type yes: ").strip().lower() != "yes":
+        raise fail(USAGE, "the table does not move.")
+
+
+# ------------------------------------------------------------------------------------------------------------- waiting
+
+
+def _first(table: "KeptTable") -> "TableState":
+    deadline = time.monotonic() + _READ_S
+    while table.newest is None:
+        _look(table)
+        if time.monotonic() > deadline:
+            raise fail(INSTRUMENT, f"{table.url} says no angles within {_READ_S:g} s. Look at the table.")
+    return table.newest
+
+
+def _next(table: "KeptTable") -> "TableState":
+    before = table.newest
+    while table.newest is before:
+        _look(table)
+    assert table.newest is not None
+    return table.newest
+
+
+def _wait_for_angles(table: "KeptTable", angles: list[float]) -> None:
+    """Until all axes rest where they were told to go; the keeper ends it where they do not."""
+    while True:
+        state = _next(table)
+        off = [abs(math.remainder(a - b, 360.0)) for a, b in zip(state.angles_deg, angles, strict=True)]
+        show_progress(_text(state))
+        if state.rests and max(off) < _NEAR_DEG:
+            return
+
+
+def _wait(table: "KeptTable", seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        show_progress(_text(_next(table)))
+
+
+def _look(table: "KeptTable") -> None:
+    """Wait a moment; end where the keeper has, with what it said."""
+    time.sleep(_LOOK_S)
+    if table.has_ended:
+        _ended(table)
+
+
+def _ended(table: "KeptTable") -> NoReturn:
+    raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
+
+
+# ------------------------------------------------------------------------------------------------------------- telling
+
+
+def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:
+    document = {
+        "controller": table.url,
+        "identity": table.identity,
+        "axes": list(table.axes),
+        "limits": {axis: _limits(limits) for axis, limits in table.limits.items()},
+        "state": _document(state),
+    }
+    answer(document, lambda: "\n".join([table.identity, *_limit_lines(table), _text(state)]), json=json)
+
+
+def _limits(limits: "AxisLimits") -> "Mapping[str, float | None]":
+    from dataclasses import asdict
+
+    return asdict(limits)
+
+
+def _document(state: "TableState") -> "Mapping[str, object]":
+    from dataclasses import asdict
+
+    return asdict(state)
+
+
+def _limit_lines(table: "KeptTable") -> list[str]:
+    return [
+        f"{axis}: up to {limits.rate_dps:g} deg/s and {limits.accel_dps2:g} deg/s^2, "
+        + ("without stops" if limits.low_deg is None else f"{limits.low_deg:g} to {limits.high_deg:g} deg")
+        for axis, limits in table.limits.items()
+    ]
+
+
+def _text(state: "TableState") -> str:
+    from filters.motion.segments import AXES
+
+    axes = ", ".join(
+        f"{axis} {angle:.3f} deg {rate:+.2f} deg/s"
+        for axis, angle, rate in zip(AXES, state.angles_deg, state.rates_dps, strict=True)
+    )
+    return f"{axes}, mode {state.mode}{f', FAULT: {state.fault}' if state.fault else ''}"
