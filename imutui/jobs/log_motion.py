@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.signal import savgol_filter
 
 from filters import attitude
 from filters.errors import InputError
@@ -25,6 +27,12 @@ _NO_SPEED = 1e-3  # m/s
 _WILD = 0.5 * STANDARD_GRAVITY
 # nearer to middle = ±90° than this, outer and inner cannot be told apart
 _GIMBAL = np.cos(np.deg2rad(87.0))
+# what a controller measures: so few readings are none; so long between two, and nobody knows; steps that are evened out
+_LEAST_STATES, _GAP_S, _STEPS_S = 10, 0.5, (0.002, 0.05)
+# cubics that take the noise off, s and points; how well rates must agree with angles to be theirs
+_SMOOTHED_S, _LEAST_WIDTH, _AGREE = 0.25, 7, 0.1
+# an axis stands: slower than this for so long, and so near to one angle
+_SLOW, _STANDS_S, _STANDS = np.deg2rad(0.02), 0.5, np.deg2rad(0.003)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +62,13 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, latenc
     Raises InputError if the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
+    own = options.reference is None
+    if own and log.states.stamp_ns.size >= _LEAST_STATES:
+        return _from_states(log, info, options)
     if info.reference in ("level", "turned"):  # turned by hand: the readings themselves say where it rests
         return Motion(still, still)
     if info.reference == "gravity":
         return Motion(still, still, _levelled(log, info))
-    own = options.reference is None
     if own and info.reference == "trajectory" and np.isfinite(log.table.angles_deg).all(axis=1).any():
         return _from_table(log, info)
     known = replay.motion_of(log, info, options, 0.0)
@@ -131,6 +141,75 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, latency: Array)
         unknown = ~rests
         how = "only dwells are used: a profile joined by marks does not say when the table moves"
     return _made(angles, rates, unknown, how)
+
+
+# ------------------------------------------------------------------------ angles that a table's controller measured
+
+
+def _from_states(log: Log, info: SessionInfo, options: replay.ReplayOptions) -> Motion:
+    """Angles that the table's controller measured, joined at their own stamps; the sign is the profile's, if any."""
+    known = replay.motion_of(log, info, options, 0.0) if info.reference in ("profile", "trajectory") else None
+    sign = np.array(known.sign if isinstance(known, Profile) else (1, 1, 1))
+    t, states = log.seconds(), log.states
+    at, first = np.unique(reader.seconds_since(states.stamp_ns, log.first_ns), return_index=True)
+    measured = np.unwrap(np.deg2rad(states.angles_deg[first]) * sign, axis=0)
+    angles, rates = measured_motion(at, measured, np.deg2rad(states.rates_dps[first]) * sign, t)
+    near = np.searchsorted(at, t)
+    between = at[np.clip(near, 0, at.size - 1)] - at[np.clip(near - 1, 0, at.size - 1)]
+    unknown: NDArray[np.bool_] = (t < at[0]) | (t > at[-1]) | (between > _GAP_S)
+    share = 1.0 - float(unknown.mean())
+    if share < _MOSTLY:
+        raise InputError(_mostly_unknown(log, share))
+    how = "the table's angles are as its controller measured them"
+    how += "" if share == 1.0 else f"; they are not known for {100.0 * (1.0 - share):.2f} % of the samples"
+    return _made(angles, rates, unknown if unknown.any() else None, how)
+
+
+def measured_motion(at: Array, angles: Array, rates: Array, t: Array) -> tuple[Array, Array]:
+    """Angles and rates at times `t` from measured ones, whose noise does not become noise of the rates.
+
+    Between measurements angles are cubics that have the measured rates (Hermite), or monotone ones (PCHIP, Fritsch and
+    Carlson 1980) of a controller whose rates are not those of its angles. On an even grid a cubic is fitted to a quarter
+    of a second around each point (Savitzky and Golay 1964); its slope is the rate. Where an axis stands it has one angle,
+    and rate zero.
+
+    `at`: s, increasing, shape (M,); `angles`, `rates`: rad and rad/s, shape (M, 3); `t`: s, shape (N,).
+    Returns angles and rates at `t`, shape (N, 3) each.
+    """
+    step = float(np.clip(np.median(np.diff(at)), *_STEPS_S))
+    grid = at[0] + step * np.arange(max(2.0, np.ceil((at[-1] - at[0]) / step)) + 1)
+    slopes, seconds = np.diff(angles, axis=0), np.diff(at)[:, None]
+    off = slopes - 0.5 * (rates[1:] + rates[:-1]) * seconds
+    agree = np.sum(off**2) <= _AGREE**2 * np.sum(slopes**2)
+    joined = CubicHermiteSpline(at, angles, rates) if agree else PchipInterpolator(at, angles)
+    even = np.asarray(joined(np.minimum(grid, at[-1])))
+    width = max(_LEAST_WIDTH, round(_SMOOTHED_S / step) // 2 * 2 + 1)
+    if grid.size > width:
+        rough = even
+        even = savgol_filter(rough, width, 3, axis=0)
+        slope = savgol_filter(rough, width, 3, deriv=1, delta=step, axis=0)
+        _stand(even, slope, rough, round(_STANDS_S / step))
+    else:
+        slope = np.gradient(even, step, axis=0)
+    smooth = CubicHermiteSpline(grid, even, slope)
+    inside = np.clip(t, grid[0], grid[-1])
+    return np.asarray(smooth(inside)), np.asarray(smooth(inside, 1))
+
+
+def _stand(angles: Array, rates: Array, rough: Array, least: int) -> None:
+    """Give an axis one angle, in place, wherever it stands for `least` points."""
+    for k in range(3):
+        noise = 1.4826 * float(np.median(np.abs(np.diff(rough[:, k], 2)))) / np.sqrt(6.0)
+        slow = np.abs(rates[:, k]) < _SLOW
+        edges = np.flatnonzero(np.diff(np.r_[False, slow, False].astype(int)))
+        for first, last in edges.reshape(-1, 2).tolist():
+            if last - first < least:
+                continue
+            rest = slice(first, last)
+            near = np.abs(angles[rest, k] - np.median(angles[rest, k])) < max(_STANDS, 4.0 * noise)
+            where = first + np.flatnonzero(near)
+            angles[where, k] = rough[where, k].mean()
+            rates[where, k] = 0.0
 
 
 # -------------------------------------------------------------------------------------------- a table's recorded angles
