@@ -169,9 +169,9 @@ def measured_motion(at: Array, angles: Array, rates: Array, t: Array) -> tuple[A
     """Angles and rates at times `t` from measured ones, whose noise does not become noise of the rates.
 
     Between measurements angles are cubics that have the measured rates (Hermite), or monotone ones (PCHIP, Fritsch and
-    Carlson 1980) of a controller whose rates are not those of its angles. On an even grid a cubic is fitted to a quarter
-    of a second around each point (Savitzky and Golay 1964); its slope is the rate. Where an axis stands it has one angle,
-    and rate zero.
+    Carlson 1980) of a controller whose rates are not those of its angles. On an even grid a cubic is fitted to a
+    quarter of a second around each point (Savitzky and Golay 1964); its slope is the rate. Where an axis stands it has
+    one angle, and rate zero.
 
     `at`: s, increasing, shape (M,); `angles`, `rates`: rad and rad/s, shape (M, 3); `t`: s, shape (N,).
     Returns angles and rates at `t`, shape (N, 3) each.

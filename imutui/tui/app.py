@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from textual.actions import ActionParseResult
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
-_LEAVING = ("quit", "detach", "suspend_process")  # what acts in a terminal of any size
+_LEAVING = ("quit", "detach", "suspend_process", "stop_table")  # what acts in a terminal of any size
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
 
 
@@ -73,6 +73,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         Binding("f1", "help", "help", show=False),
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
         Binding("ctrl+q", "quit", "quit", show=False, priority=True),
+        # before whatever else Esc means on a page or in a dialog
+        Binding("escape", "stop_table", "stop the table", show=False, priority=True),
         Binding(
             "ctrl+z", "suspend_process", "suspend", show=False, tooltip="Back to the shell for a while; fg returns"
         ),
@@ -189,9 +191,9 @@ class ImutuiApp(textual_private.WithoutTraceback):
         if self.context.table_page is not None:
             self.context.table_page.offer(message.path)
 
-    def on_begin_guide(self, _: requests.BeginGuide) -> None:
+    def on_begin_guide(self, message: requests.BeginGuide) -> None:
         if self.context.connected("record"):
-            self._recorder.begin_guide()
+            self._recorder.begin_guide(yes_move=message.yes_move)
 
     def on_page_wanted(self, message: Page.Wanted) -> None:
         self._recorder.show_finished(message.page)
@@ -225,6 +227,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
             return not typing
         if action in _NEEDS_ACQUISITION:
             return connected and not typing
+        if action == "stop_table":
+            return messages.table_is_commanded(self.context.connection.newest)
         if action == "missing":
             return not connected
         return not (action == "help" and typing)
@@ -274,6 +278,9 @@ class ImutuiApp(textual_private.WithoutTraceback):
     def action_debug_line(self) -> None:
         self.toggle_class("-debug")
         self.context.redraw()
+
+    def action_stop_table(self) -> None:
+        self._recorder.stop_table()
 
     def action_missing(self, purpose: str) -> None:
         self.context.connected(purpose)

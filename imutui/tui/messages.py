@@ -54,6 +54,18 @@ def silence(snapshot: Snapshot) -> str | None:
     return f"NO DATA for {silent:.1f} s: {advice}{'' if advice.endswith('?') else '.'} The acquisition keeps listening."
 
 
+def table_moves(snapshot: Snapshot | None) -> bool:
+    """Whether the table turns under command, or is about to."""
+    table = snapshot.get("controller") if snapshot else None
+    return table is not None and table["moves"]
+
+
+def table_is_commanded(snapshot: Snapshot | None) -> bool:
+    """Whether it is, or goes through a profile and may begin to turn any time: Esc stops it then."""
+    guide = snapshot["guide"] if snapshot and snapshot.get("controller") else None
+    return table_moves(snapshot) or (guide is not None and guide["state"] in ("go", "hold"))
+
+
 def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None = None) -> str:
     """Who or what ended an acquisition, or why it failed, and what became of its file.
 

@@ -68,11 +68,24 @@ class RecordingControl:
 
         self._context.app.push_screen(NoteDialog("A note for this recording", _NOTE_HINT), entered)
 
-    def begin_guide(self) -> None:
-        """Begin to guide through the profile, with a recording if none runs."""
+    def begin_guide(self, *, yes_move: bool = False) -> None:
+        """Begin to guide through the profile, with a recording if none runs; see `Client.guide`."""
         client = self._context.connection.client
         if client is not None:
-            self._start(lambda: self._begin_guide(client))
+            self._start(lambda: self._begin_guide(client, yes_move))
+
+    def stop_table(self) -> None:
+        """Stop a table under command, before anything else that was asked for is waited for."""
+        client = self._context.connection.client
+        if client is not None:
+            self._context.work(self._stop_table(client))
+
+    async def _stop_table(self, client: Client) -> None:
+        async def steps() -> None:
+            await in_thread(lambda: client.guide("cancel"))
+            self._context.say("the table was stopped: rate zero, mode off. b on page 5 goes on", "wait")
+
+        await self._context.guarded(steps)
 
     def _start(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Do what was asked for, unless something else is under way."""
@@ -108,11 +121,11 @@ class RecordingControl:
         """Leave out keys until the newest snapshot shows what was done, a little while at most: they meant that."""
         self._seen, self._seen_by = seen, time.monotonic() + _SEEN_S
 
-    async def _begin_guide(self, client: Client) -> None:
+    async def _begin_guide(self, client: Client, yes_move: bool) -> None:
         recording = self._context.recording
         wish = self._wish() if recording is None else None
         self._context.say("starting the recording" if recording is None else "beginning", "wait")
-        await in_thread(lambda: client.guide("begin", wish))
+        await in_thread(lambda: client.guide("begin", wish, yes_move=yes_move))
         if recording is None:
             self._begun()
         self._context.say("recording; the line in bold above says what to do", "good")

@@ -61,8 +61,14 @@ class Stop(ConnectRequest):
     """Stop the acquisition that is connected."""
 
 
+@dataclass
 class BeginGuide(Message):
-    """Record as the Record page's form says, and guide through the table profile."""
+    """Record as the Record page's form says, and guide through the table profile.
+
+    `yes_move`: somebody has said that a table under command may move.
+    """
+
+    yes_move: bool = False
 
 
 class LogsRequest(Message):

@@ -37,7 +37,8 @@ class StatusHeader(TextLines):
         return [self._first(now, width), self.spread(tabs, self._filter(view, width - tabs.cell_length - 2), width)]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
-        right = self.line("  ", *self._recording(now), "  ", self._time(now), " ")
+        moves = (" TABLE MOVES ", "bold reverse $text-error") if messages.table_moves(now) else ""
+        right = self.line("  ", moves, "  " if moves else "", *self._recording(now), "  ", self._time(now), " ")
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length

@@ -53,6 +53,9 @@ class ConnectForm(Vertical):
             yield Label("other port")
             yield Input(id="port", placeholder="path, stable id, socket://host:port", compact=True)
         with Horizontal(classes="row"):
+            yield Label("controller")
+            yield Input(id="controller", placeholder="of the table, such as acutrol://HOST:PORT; or none", compact=True)
+        with Horizontal(classes="row"):
             yield Label("rate, Hz")
             yield Input(f"{MAX_RATE_HZ:g}", id="rate", compact=True)
             yield Static(id="rate-verdict")
@@ -76,6 +79,7 @@ class ConnectForm(Vertical):
         if plan.port != VIRTUAL_PORT:
             self.query_one("#port", Input).value = plan.port
         self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
+        self.query_one("#controller", Input).value = plan.controller
         for name in _CHOSEN:
             self.query_one(f"#{name}", Radio).choose(getattr(plan, name), plan.reference_file[0])
 
@@ -252,7 +256,8 @@ class ConnectForm(Vertical):
             self.query_one("#rate").focus()
             return
         chosen = {name: self._value(name) for name in _CHOSEN}
-        self.post_message(requests.Start({"port": choice.value, "rate_hz": rate, **chosen}))
+        controller = self.query_one("#controller", Input).value.strip()
+        self.post_message(requests.Start({"port": choice.value, "rate_hz": rate, "controller": controller, **chosen}))
 
 
 class Radio(Widget, can_focus=True):

@@ -131,6 +131,16 @@ def zero_dialog() -> ChoiceDialog:
     return ChoiceDialog(text.ZERO_TITLE, text.ZERO_TEXT, answers, careful=True)
 
 
+def move_dialog(url: str, what: str) -> ChoiceDialog:
+    """Ask before a table moves by itself; Enter cancels."""
+    body = (
+        f"The table at {url} will be commanded through {what}, without another question. Look that nobody is near"
+        " it, and that cables are free. Esc stops it at any time, on every page."
+    )
+    answers = [Answer("y", "yes", "yes, it may move")]
+    return ChoiceDialog("THE TABLE WILL MOVE", body, answers, careful=True)
+
+
 def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
     """Ask before an acquisition is stopped to connect to something else."""
     name = _recording(snapshot)

@@ -1,6 +1,6 @@
 """Table: choose a profile, and be guided through it. The guide's state is the acquisition's."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,6 +13,7 @@ from imutui.session.snapshot import ProfileDescription, Snapshot
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.choice import move_dialog
 from imutui.tui.pages.table import text
 from imutui.tui.pages.table.chooser import ProfileChooser
 from imutui.tui.pages.table.segments import SegmentList
@@ -181,6 +182,7 @@ class TablePage(Page):
         guide = now["guide"]
         under_way = guide is not None and guide["state"] in ("go", "hold")
         can = text.can(guide, now["recording"] is not None) if text.guided(profile, now) else set()
+        can -= {"there"} if now.get("controller") else set()
         done = now["recording"] is None or (guide is not None and guide["state"] == "done")
         return can | (set() if under_way else {"choose"}) | ({"trace"} if done and self._recorded else set())
 
@@ -223,13 +225,27 @@ class TablePage(Page):
         do, done = _REQUESTS[action]
 
         def ask(client: Client) -> str:
-            client.guide(do)
+            client.guide(do, yes_move=do == "resume")
             return done
 
-        self.post_message(self.Ask(ask, ""))
+        self._when_it_may_move(lambda: self.post_message(self.Ask(ask, "")), asks=do == "resume")
 
     def action_begin(self) -> None:
-        self.post_message(requests.BeginGuide())
+        self._when_it_may_move(lambda: self.post_message(requests.BeginGuide(yes_move=True)))
+
+    def _when_it_may_move(self, then: Callable[[], object], *, asks: bool = True) -> None:
+        """Do something at once, or, where a table would move by itself, once somebody has said yes."""
+        table = self.now.get("controller") if self.now is not None else None
+        if table is None or not asks or self._segments.profile is None:
+            then()
+            return
+        dialog = move_dialog(table["url"], text.title(self._segments.profile, None))
+
+        def answered(answer: str | None) -> None:
+            if answer == "yes":
+                then()
+
+        self.app.push_screen(dialog, answered)
 
     def action_choose(self) -> None:
         self._choosing = True

@@ -124,9 +124,11 @@ class GuideHead(TextLines):
             return []
         guide, segments = view.now["guide"], self.profile["segments"]
         by_hand = text.guided(self.profile, view.now)
-        ended = view.now["state"] == "ended"
+        ended, table = view.now["state"] == "ended", view.now.get("controller") if by_hand else None
         what, then = (
-            text.ENDED if ended else text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded)
+            text.ENDED
+            if ended
+            else text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded, table is not None)
         )
         about = " ".join(self.profile.get("about", []))
         seconds = sum(s["seconds"] for s in segments)
@@ -138,6 +140,7 @@ class GuideHead(TextLines):
             self.line(then),
             *(self.line(said) for said in warned),
             *([] if warned or ended else [self._bar(guide, segments)]),
+            *([self.line(formatting.shorten(text.table_line(table), width - 2))] if table else []),
         ]
 
     def _bar(self, guide: GuideSnapshot | None, segments: list[SegmentDescription]) -> Content:

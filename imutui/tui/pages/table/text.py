@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from imutui.report import wrapping
-from imutui.session.snapshot import GuideSnapshot, ProfileDescription, SegmentDescription, Snapshot
+from imutui.session.snapshot import ControllerSnapshot, GuideSnapshot, ProfileDescription, SegmentDescription, Snapshot
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ TAKEN = {
 }
 """What is said when the acquisition has taken a profile, by how it is joined."""
 _NEEDED = 74
+_TURNS_DPS = 0.05  # slower is said to stand
 _LEAST_PLACE = 14
 WORKING_OUT = "working out…"
 NOTHING_NEW = "nothing new by itself"
@@ -107,9 +108,12 @@ def said(
     recording: bool,
     by_hand: bool = True,
     recorded: bool = False,
+    commanded: bool = False,
 ) -> tuple[str, str]:
-    """What the operator is to do now, and what happens then."""
+    """What the operator is to do now, and what happens then; `commanded`: nothing, the table goes by itself."""
     segments = profile["segments"]
+    if commanded:
+        return _commanded(guide, segments, recording)
     if guide is None and not by_hand:
         return _by_itself(profile["align"], recording, recorded)
     if guide is None or can(guide, recording) == {"begin"}:
@@ -133,6 +137,42 @@ def said(
     return f"All {len(segments)} segments are done.", "r finishes the file, t traces it with this profile."
 
 
+def _commanded(guide: GuideSnapshot | None, segments: Sequence[SegmentDescription], recording: bool) -> tuple[str, str]:
+    """What a table under command does, and what then."""
+    if guide is None or can(guide, recording) == {"begin"}:
+        first = "" if recording else "A recording starts. "
+        return "b has the table run this, after a question.", f"{first}The table goes by itself; Esc stops it."
+    number = min(guide["segment"], len(segments) - 1)
+    of, what = f"Segment {number + 1} of {len(segments)}", segments[number]["text"]
+    match guide["state"]:
+        case "go":
+            return f"{of}: {what}", "The table is on its way: keep clear. Esc stops it at once."
+        case "hold":
+            return f"{of}: {_holding(what)}", "The table goes on by itself. Esc stops it at once."
+        case "cancelled":
+            return f"Stopped at segment {number + 1} of {len(segments)}.", (
+                "The table stands, its mode is off. b goes on there, after a question; r finishes the file."
+            )
+    return f"All {len(segments)} segments are done; the table stands, its mode is off.", (
+        "r finishes the file, t traces it with the angles that were measured."
+    )
+
+
+def table_line(table: ControllerSnapshot | None) -> str:
+    """Where a table under command is: angles and rates of its axes, mode, and what is wrong with it."""
+    if table is None:
+        return ""
+    angles, rates = table["angles_deg"], table["rates_dps"]
+    if table["error"] or angles is None or rates is None:
+        return table["error"] or "no angles yet"
+    parts = [
+        f"{axis} {angles[k]:+.3f}°" + (f" {rates[k]:+.2f}°/s" if abs(rates[k]) >= _TURNS_DPS else "")
+        for k, axis in enumerate(("outer", "middle", "inner"))
+        if axis in table["axes"]
+    ]
+    return "  ".join([*parts, f"mode {table['mode']}", *([table["fault"]] if table["fault"] else [])])
+
+
 def _by_itself(align: str, recording: bool, recorded: bool) -> tuple[str, str]:
     """What to do where the table's controller runs a profile, and what then."""
     if recording:
@@ -147,7 +187,7 @@ def _by_itself(align: str, recording: bool, recorded: bool) -> tuple[str, str]:
 
 def warning(now: Snapshot, width: int) -> list[str]:
     """Before a guide begins: whether a virtual unit turns, in lines of at most so many characters."""
-    begins = can(now["guide"], now["recording"] is not None) == {"begin"}
+    begins = can(now["guide"], now["recording"] is not None) == {"begin"} and not now.get("controller")
     if now["kind"] != "simulated" or not begins:
         return []
     return wrapping.wrap(_VIRTUAL if now.get("ends_unwatched_s") is None else _VIRTUAL_TURNS, width)
