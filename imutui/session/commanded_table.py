@@ -7,7 +7,7 @@ swings. The keeper, a process of its own, has the link and is the gate of all co
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from filters.errors import InputError
@@ -100,7 +100,7 @@ class CommandedTable:
         """Begin to go to a segment; `has_arrived` says when it is there. Raises InputError of one that can't be."""
         rate = {axis: min(in_degrees(profile.slew), own.rate_dps) for axis, own in self._kept.limits.items()}
         accel = {axis: min(in_degrees(profile.accel), own.accel_dps2) for axis, own in self._kept.limits.items()}
-        self._end_turning()
+        self._end_turning(accel)
         match segment:
             case Dwell(angles):
                 targets = [in_degrees(angle) for angle in angles]
@@ -122,10 +122,11 @@ class CommandedTable:
                 raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
         self._send_first(now_ns)
 
-    def _end_turning(self) -> None:
+    def _end_turning(self, accel: Mapping[str, float]) -> None:
         turned, self._turned = self._turned, None
         if isinstance(turned, Rate):
-            self._add({"do": "rate", "axis": turned.axis, "rate_dps": 0.0}, self._stands, SETTLED_S)
+            still = {"do": "rate", "axis": turned.axis, "rate_dps": 0.0, "accel_dps2": accel[turned.axis]}
+            self._add(still, self._stands, SETTLED_S)
         elif isinstance(turned, Sine):
             end = {"do": "oscillate", "axis": turned.axis, "amplitude_deg": 0.0, "hz": turned.hz}
             self._add(end, self._stands, SETTLED_S + 1.0 / turned.hz)

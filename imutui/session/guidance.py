@@ -36,6 +36,7 @@ class Guidance:
         # of a plan that has the table run the recording's profile: it begins, and ends, with the file
         self._is_planned = table is not None and recorder.plan.yes_move and recorder.begins_with_packet
         self._leaves_when_done = False
+        self._log_ns = 0  # of the last reading: log time does not go back
 
     def forget(self) -> None:
         """Another recording, or another reference, begins."""
@@ -101,7 +102,8 @@ class Guidance:
         table, recorder = self.table, self._recorder
         if table is None:
             return
-        recorder.pipeline.table_states(table.take(now_ns), log_ns)
+        self._log_ns = max(self._log_ns, log_ns)
+        recorder.pipeline.table_states(table.take(now_ns), self._log_ns)
         if table.moves and not unit_is_there():
             self.stop("the unit has fallen silent")
         for text, is_warning in table.news():
