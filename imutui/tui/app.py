@@ -137,12 +137,6 @@ class ImutuiApp(textual_private.WithoutTraceback):
     def page(self) -> Page | None:
         return self.context.front
 
-    @property
-    def terminal_is_gone(self) -> bool:
-        """Whether the terminal that this was shown in has gone away."""
-        driver = textual_private.driver_of(self)
-        return isinstance(driver, Terminal) and driver.is_gone
-
     def finish(self) -> None:
         """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
         self._connector.give_up()
@@ -338,7 +332,8 @@ def run(
     code = app.run()
     app.finish()
     told = [] if app.unforeseen is None else [f"imutui: {defects.told(app.unforeseen)} The acquisition goes on."]
-    if app.terminal_is_gone:
+    driver = textual_private.driver_of(app)
+    if isinstance(driver, Terminal) and driver.is_gone:
         # what an interpreter does at its end takes longer than all of the above, and nobody waits for it
         os._exit(app.return_code or 0 if code is None else code)
     for line in (*app.farewell, *told):
