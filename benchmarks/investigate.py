@@ -71,7 +71,7 @@ class SimulatedUnit:
     power_on: int = 0
     now_s: float = 0.0
     table: Table = field(default_factory=lambda: TABLE)
-    squares: Array = field(default_factory=lambda: np.zeros(6))  # of the effect, over its white noise: d² so far
+    moments: Array = field(default_factory=lambda: np.zeros((3, 6)))  # of the effect so far: count, sum, sum of squares
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.effect.seed, 7, self.power_on])
@@ -93,8 +93,7 @@ class SimulatedUnit:
         degc = self._temperature.at(begins + t)
         error = self._errors(begins + t, degc, np.rad2deg(angles), np.rad2deg(rates), perfect / _SI)
         self.now_s += motion.seconds
-        parts = error.reshape(-1, AVERAGED, 6).mean(axis=1)
-        self.squares += ((parts - parts.mean(axis=0)) ** 2).sum(axis=0) * AVERAGED / LOOP_HZ / (_DENSITY / _SI) ** 2
+        self.moments += np.stack([np.full(6, float(len(error))), error.sum(axis=0), (error**2).sum(axis=0)])
         reading = perfect + self._bias + error * _SI
         mean = reading.reshape(-1, AVERAGED, 6).mean(axis=1)
         mean += self._rng.standard_normal(mean.shape) * _DENSITY * math.sqrt(LOOP_HZ / AVERAGED)
@@ -104,6 +103,13 @@ class SimulatedUnit:
             name, middle - middle[0], mean, np.round(sensed / 0.05) * 0.05, world.angles(middle), world.rates(middle),
             self._axes, PAPER_SITE, power_on="one", begins=begins, history_known=begins > 2.0 * OVERHEAD_S,
         )  # fmt: skip
+
+    @property
+    def d(self) -> dict[str, float]:
+        """Norm of the effect about its mean so far over white noise, by channel."""
+        count, total, squares = self.moments
+        about = np.maximum(squares - total**2 / np.maximum(count, 1.0), 0.0)
+        return dict(zip(CHANNELS, (np.sqrt(about / LOOP_HZ) * _SI / _DENSITY).tolist(), strict=True))
 
     def _pass(self, seconds: float, motion: CandidateMotion) -> None:
         """Let time go by where the motion begins."""
@@ -134,7 +140,7 @@ class Checks:
     def check(self, runs: Sequence[Run], seconds: float, unit: SimulatedUnit) -> bool:
         """Trace with the judging run held out; returns whether all that is visible is named, and at its floor."""
         document = trace(runs, self.judge).document
-        d = dict(zip(CHANNELS, np.sqrt(unit.squares).tolist(), strict=True))
+        d = unit.d
         judged = score.judged(self.truth, d, dict(document), None)
         error = {
             str(e["channel"]): e["after_x_floor"] for e in document["error"]
@@ -198,8 +204,7 @@ def planned(effect: Undeclared, hours: float, judge: Run) -> dict[str, Any]:
     going = Followed(laboratory, diary)
     going.checks = Checks(effect, judge)
     outcome = going.go()
-    d = dict(zip(CHANNELS, np.sqrt(laboratory.unit.squares).tolist(), strict=True))
-    end = score.judged(effect, d, dict(laboratory.document), None)
+    end = score.judged(effect, laboratory.unit.d, dict(laboratory.document), None)
     return {
         "rows": going.checks.rows, "outcome": outcome, "minutes": round(laboratory.unit.now_s / 60.0, 1),
         "explained_wrongly": end["explained_wrongly"], "outside_log_explained": end["outside_log_explained"],
