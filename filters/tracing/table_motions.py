@@ -25,6 +25,7 @@ _UNUSED = ((20, 0, 0), (-60, 0, 45), (0, 25, 0), (0, -65, 120), (110, 0, 0), (-3
 _JUDGED_S = 330.0  # of the run that judges, at least: of 300 s there is a verdict
 _TILTS = ((45, 0, 0), (-45, 0, 0), (90, 0, 0), (0, 45, 0), (0, -45, 0))
 _FOUR, _OFTEN = (0.2, -0.2, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0), (0.5, -0.5) * 5
+_HALF_TURN = 179.0  # deg
 _SHARE = 0.95  # of what an axis can, that is asked of it
 
 
@@ -153,8 +154,15 @@ def _reachable(dwell: Dwell, table: Table) -> bool:
 
 
 def held(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
-    """Rests at angles, between rests level."""
-    return [_PAUSE, *positions(angles_deg, seconds)[:-1], _PAUSE]
+    """Rests at angles, between rests level; half a turn, which has two ways, goes by level too."""
+    made: list[Segment] = [_PAUSE]
+    before = (0.0, 0.0, 0.0)
+    for angles, dwell in zip(angles_deg, positions(angles_deg, seconds), strict=False):
+        if any(abs(math.remainder(a - b, 360.0)) > _HALF_TURN for a, b in zip(angles, before, strict=True)):
+            made.append(Dwell((0.0, 0.0, 0.0), 1.0))
+        made.append(dwell)
+        before = angles
+    return [*made, _PAUSE]
 
 
 def _stairs(axis: str) -> list[Segment]:

@@ -266,8 +266,9 @@ class _Laboratory:
             with contextlib.suppress(SessionError, TimeoutError):
                 connection.stop("imutui investigate")
             raise
-        if connection.findings or not connection.ended_by_itself:
-            why = "; ".join(finding["text"] for finding in connection.findings) or f"ended by {connection.ended_by}"
+        failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
+        if failed or not connection.ended_by_itself:
+            why = "; ".join(failed) or f"ended by {connection.ended_by}"
             again = f"imutui investigate --resume -o {self._folder}"
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name
@@ -279,7 +280,11 @@ class _Laboratory:
             with contextlib.suppress(TimeoutError):
                 connection.wait(_LOOK_S)
                 return
-            self._page.seen(connection.snapshot(since=NO_SERIES), seconds)
+            seen = connection.snapshot(since=NO_SERIES)
+            self._page.seen(seen, seconds)
+            if seen["guide"] is not None and seen["guide"]["state"] == "cancelled":  # the table was stopped
+                connection.stop("imutui investigate, since the table was stopped")
+                return
 
     def runs(self, rounds: "Sequence[RoundEntry]") -> "list[Run]":
         """Runs of the logs of rounds."""
