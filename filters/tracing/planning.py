@@ -1,6 +1,6 @@
 """Which motion to make next: the one that is expected to tell most for each minute that it takes.
 
-What a motion is expected to tell is counted in bits, of three kinds:
+What a motion is expected to tell is counted in bits, of four kinds:
 
 * between rivals: two hypotheses A and B of probabilities p and 1 - p, whose readings would differ by d standard
   deviations of the noise (`experiment`), are told apart by a Gaussian test of mutual information
@@ -10,7 +10,8 @@ What a motion is expected to tell is counted in bits, of three kinds:
   a finding and each of its rivals, and what scored and did not join, against nothing;
 * on what is corrected: ½ log₂ of the ratio of each parameter's variance before and after;
 * on what may act besides: the same of effects of the catalogue, times the probability that there is such an effect,
-  greater on channels that are not explained.
+  greater on channels that are not explained;
+* on what no effect of the catalogue stands for, such as memories of motion: one for a kind of motion that was not made.
 
 Variances are those of all effects of the catalogue at once, each with its plausible size as prior, so that what only
 others could be mixed to counts little. What it leaves out: which motions a table can make (`table_motions`).
@@ -69,12 +70,13 @@ class Expectation:
     rivals: float
     corrected: float
     besides: float
+    new: float
     between: Dispute | None  # what it decides most of
 
     @property
     def bits(self) -> float:
         """All of it."""
-        return self.rivals + self.corrected + self.besides
+        return self.rivals + self.corrected + self.besides + self.new
 
 
 def assessed(runs: Sequence[Run], seed: int = 0) -> Assessment:
@@ -149,10 +151,19 @@ class Planner:
     `motions`: that can be made.
     `at_s`: when the next one begins, s since power-on.
     `overhead_s`: that comes to each motion: moves, begin and end of a recording.
+    `before`: motions that were made, by their descriptions.
     """
 
-    def __init__(self, known: Assessment, motions: Sequence[CandidateMotion], at_s: float, overhead_s: float) -> None:
+    def __init__(
+        self,
+        known: Assessment,
+        motions: Sequence[CandidateMotion],
+        at_s: float,
+        overhead_s: float,
+        before: Sequence[str] = (),
+    ) -> None:
         self.disputes = disputes(known)
+        self._kinds = {_kind(description) for description in before}
         self._parameters = _Parameters(known)
         self._overhead = overhead_s
         self._told = [0.0] * len(self.disputes)  # bits that motions taken so far are expected to tell
@@ -165,17 +176,21 @@ class Planner:
             stack = Stack.of([average(run, max(_BLOCK_S, 1.0 / motion.rate_hz))])
             self._made[number] = motion, stack, columns_on(stack, list(lasting.values()))
 
-    def chosen(self, seconds: float) -> list[Expectation]:
+    def chosen(self, seconds: float, *, only_new: bool = False) -> list[Expectation]:
         """The motions to make next, the best one at least, and others as long as they fit into some seconds.
 
-        Each is what tells most for its time beside those before it. Empty where no motion is worth it.
+        Each is what tells most for its time beside those before it. Empty where no motion is worth it; with `only_new`
+        those are not which are of a kind that was made.
         """
         out: list[Expectation] = []
         while self._made:
-            each = {number: self._expectation(number) for number in self._made}
+            every = {number: self._expectation(number) for number in self._made}
+            each = {number: e for number, e in every.items() if e.bits >= WORTH and (e.new > 0.0 or not only_new)}
+            if not each:
+                break
             number = max(each, key=lambda n: each[n].bits / (each[n].motion.seconds + self._overhead))
             left = seconds - sum(e.motion.seconds + self._overhead for e in out)
-            if each[number].bits < WORTH or (out and each[number].motion.seconds + self._overhead > left):
+            if out and each[number].motion.seconds + self._overhead > left:
                 break
             out.append(each[number])
             self._take(number)
@@ -193,14 +208,21 @@ class Planner:
         ]
         best = int(np.argmax(told)) if told and max(told) > 0.01 else None
         corrected, besides = self._parameters.told(stack, columns)
-        return Expectation(motion, sum(told), corrected, besides, None if best is None else self.disputes[best])
+        new = 0.0 if _kind(motion.description) in self._kinds else WORTH
+        return Expectation(motion, sum(told), corrected, besides, new, None if best is None else self.disputes[best])
 
     def _take(self, number: int) -> None:
-        _, stack, columns = self._made.pop(number)
+        motion, stack, columns = self._made.pop(number)
+        self._kinds.add(_kind(motion.description))
         for place, q in enumerate(self.disputes):
             self._told[place] = q.share * information(q.probability, q.pair.added(stack, columns))
             q.pair.take(stack, columns)
         self._parameters.take(stack, columns)
+
+
+def _kind(description: str) -> str:
+    """What a motion is, at whatever tilt it is made."""
+    return description.partition(" with ")[0]
 
 
 class _Parameters:

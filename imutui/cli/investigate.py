@@ -268,7 +268,7 @@ class _Laboratory:
             raise
         failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
         if failed or not connection.ended_by_itself:
-            why = "; ".join(failed) or f"ended by {connection.ended_by}"
+            why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
             again = f"imutui investigate --resume -o {self._folder}"
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name

@@ -224,9 +224,8 @@ class Investigation:
         self.tell(f"tracing {len(made)} runs", None)
         known, planner, degc = self._known()
         self._came(planner.disputes, known)
-        chosen = []
-        if not _settled(known, planner.disputes):
-            chosen = planner.chosen(max(_TOGETHER_S, _SHARE * self.spent_s))
+        settled = _settled(known, planner.disputes)
+        chosen = planner.chosen(max(_TOGETHER_S, _SHARE * self.spent_s), only_new=settled)
         fitting = [e for e in chosen if e.motion.seconds + OVERHEAD_S <= self.left_s]
         if fitting:
             for expected in fitting:
@@ -246,7 +245,8 @@ class Investigation:
         degc = None if temperature is None else float(temperature[-1])
         motions = table_motions.rounds(self.laboratory.table, degc)
         begins = max(run.begins + run.seconds for run in runs) + OVERHEAD_S
-        return known, planning.Planner(known, motions, begins, OVERHEAD_S), degc
+        before = [entry["motion"] for entry in self.diary.made]
+        return known, planning.Planner(known, motions, begins, OVERHEAD_S, before), degc
 
     def _judge(self, known: "Assessment", degc: float | None, *, in_time: bool) -> None:
         from filters.tracing import table_motions
@@ -334,6 +334,8 @@ def _why(expected: "Expectation") -> str:
         parts.append(f"how large it is ({expected.corrected:.1f} bits)")
     if expected.besides > 0.05:
         parts.append(f"what else acts ({expected.besides:.1f} bits)")
+    if expected.new:
+        parts.append("such a motion was not made yet")
     return "; ".join(parts)
 
 

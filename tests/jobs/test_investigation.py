@@ -11,6 +11,7 @@ from helpers.runs import WHITE, run_of
 
 from filters.errors import InputError
 from filters.simulation import Effect, Scenario
+from filters.tracing import table_motions
 from filters.tracing.candidate_motions import CandidateMotion
 from filters.tracing.run import Run
 from filters.tracing.table_motions import AxisRange, Table
@@ -72,12 +73,16 @@ class Laboratory:
 KEPT: dict[Path, Run] = {}
 
 
-def test_a_clean_unit_is_judged_right_after_the_first_motions(tmp_path: Path) -> None:
-    """Nothing is worth another motion where nothing is wrong; what is held out confirms it."""
+def test_a_clean_unit_makes_each_kind_of_motion_once(tmp_path: Path) -> None:
+    """Where nothing is wrong only what was not made yet is worth a motion; what is held out confirms it."""
     laboratory = Laboratory(tmp_path, ())
     diary = Diary.begun(1.0, tmp_path)
     assert Investigation(laboratory, diary).go() == "explained"
-    assert [entry["kind"] for entry in diary.made] == ["start", "start", "held_out"]
+    kinds = [entry["kind"] for entry in diary.made]
+    assert kinds == ["start", "start", *["round"] * (len(kinds) - 3), "held_out"]
+    motions = [entry["motion"] for entry in diary.made]
+    assert {motion.description for motion in table_motions.rounds(TABLE, None)} <= set(motions)
+    assert len(set(motions)) == len(motions)
     assert set(diary.made[-1]["status"].values()) == {"clean"}
     assert diary.document["takes"] == []
 
@@ -124,10 +129,10 @@ def test_time_that_does_not_suffice_is_refused_before_anything_moves(tmp_path: P
 def test_when_time_is_up_the_last_run_judges_and_it_is_said(tmp_path: Path) -> None:
     """Its time is reserved: with no time for a round the held-out run is made all the same."""
     laboratory = Laboratory(tmp_path, [SCALE])
-    diary = Diary.begun(0.2, tmp_path)
+    diary = Diary.begun(0.165, tmp_path)
     assert Investigation(laboratory, diary).go() == "time"
     assert [entry["kind"] for entry in diary.made] == ["start", "start", "held_out"]
-    assert laboratory.now_s() < 0.2 * 3600.0
+    assert laboratory.now_s() < 0.165 * 3600.0
 
 
 def test_a_folder_is_of_one_investigation(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_the_motion_that_tells_rivals_apart_comes_first(known: planning.Assessme
     assert first.motion.profile.max_rate > 50.0 * DEG  # those at hand were made at 47.5
     assert first.rivals > 0.5
     rest = next(motion for motion in motions if motion.still)
-    assert planning.Planner(known, [rest], 200.0, 15.0).chosen(0.0) == []
+    assert planning.Planner(known, [rest], 200.0, 15.0, [rest.description]).chosen(0.0) == []
 
 
 def test_what_is_planned_already_is_not_worth_the_same_again(known: planning.Assessment) -> None:
@@ -130,3 +130,14 @@ def test_what_is_planned_already_is_not_worth_the_same_again(known: planning.Ass
     assert both
     left = both[1].bits if len(both) == 2 else planner.best_bits()
     assert left < 0.8 * both[0].bits
+
+
+def test_a_kind_of_motion_is_new_once(known: planning.Assessment) -> None:
+    """What no effect stands for may show in any motion that was not made, at whatever tilt; made once it is not new."""
+    slow = [m for m in table_motions.rounds(THREE, None) if "slowly" in m.description]
+    assert len(slow) > 2
+    first, *others = planning.Planner(known, slow, 200.0, 15.0).chosen(10_000.0)
+    assert first.new == planning.WORTH
+    assert all(other.new == 0.0 for other in others)
+    again = planning.Planner(known, slow, 200.0, 15.0, [slow[0].description])
+    assert again.chosen(10_000.0, only_new=True) == []
