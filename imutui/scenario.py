@@ -66,6 +66,19 @@ scenario::
 
     [line]
     usb_bursts_s = 0.016               # an adapter that hands on what has come by a timer
+
+    [table]                            # the one under command, with `imutui virtual --controller`
+    axes = ["outer", "middle", "inner"]   # in the order of the controller's numbers
+    seed = 3                           # default: the scenario's
+    rate_dps = 400.0                   # the most, of each axis
+    stops_deg = [-110.0, 110.0]        # of outer and middle axis; default: they turn without end
+    orthogonality_sd_arcmin = 1.0      # drawn from the seed; docs/formats.md has the other keys
+
+    [[table_fault]]                    # seconds after the table is there
+    at_s = 20.0
+    kind = "stuck"                     # or another of TABLE_FAULT_KINDS
+    axis = "inner"
+    seconds = 5.0                      # default: for ever
 """
 
 import math
@@ -77,9 +90,17 @@ from typing import Any
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
 from filters.motion.profile import Profile
-from filters.simulation import FAULT_KINDS, Effect, Fault, Personality, PowerOn, Scenario, Temperature
+from filters.simulation import (
+    FAULT_KINDS,
+    Effect,
+    Fault,
+    Personality,
+    PowerOn,
+    Scenario,
+    Temperature,
+)
 from filters.state import PAPER_SITE, Site
-from imutui import outside_file, toml_text
+from imutui import outside_file, scenario_table, toml_text
 from imutui.logbook import reference_file
 from imutui.toml_text import Table, is_number, tables_of
 
@@ -98,7 +119,7 @@ _NOISE = {
 }
 _TOP = (
     *("seed", "profile", "power_ons", "biases", "noise", "temperature", "site", "instrument"),
-    *("effect", "power_on", "fault", "unit", "line"),
+    *("effect", "power_on", "fault", "unit", "line", "table", "table_fault"),
 )
 _SITE = ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2")
 _UNIT = (
@@ -213,6 +234,8 @@ def _scenario(document: Mapping[str, Any], path: Path, usual: Scenario) -> Scena
         personality=_personality(
             Table.inside(document, "unit", _UNIT), Table.inside(document, "line", ("usb_bursts_s",))
         ),
+        table=scenario_table.model_of(document),
+        table_faults=scenario_table.faults_of(document),
         site=_site(Table.inside(document, "site", _SITE)),
         axes=_axes(Table.inside(document, "instrument", ("accel_sign", "mount")), usual.axes),
     )

@@ -87,7 +87,8 @@ FLOORS = {
     },
     "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook"},
+    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
+    "imutui.scenario_table": {"filters"},
     "imutui.cli": {"filters", "imutui"},
 }
 

@@ -1,0 +1,54 @@
+"""Virtual tables whose controller is served in this process."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from filters.simulation import TableFault, TableModel, TurnTable
+from helpers.processes import LIMIT_S
+from imutui.table.acutrol_host import Acutrol
+from imutui.table.acutrol_virtual import VirtualAcutrol
+from imutui.table.controller import TableController, TableState
+from imutui.table.registry import connect
+from imutui.table.server import BUS, TCP, Style, TableServer
+
+
+@dataclass
+class Served:
+    """A table, its controller's server, its URL, and what it was told, as a log has it."""
+
+    table: TurnTable
+    server: TableServer
+    url: str
+    told: list[str]
+
+    def connected(self) -> Acutrol:
+        controller = connect(self.url)
+        assert isinstance(controller, Acutrol)
+        return controller
+
+
+@contextmanager
+def served(
+    model: TableModel | None = None, *faults: TableFault, style: Style = TCP, speed: float = 1.0
+) -> Iterator[Served]:
+    """Serve a table; over a "serial line" where it speaks as on a bus."""
+    began, told = time.monotonic(), list[str]()
+    table = TurnTable(model or TableModel(seed=3))
+    server = TableServer(
+        VirtualAcutrol(table, faults), ("127.0.0.1", 0), lambda: (time.monotonic() - began) * speed,
+        style=style, faults=faults, log=told.append,
+    )  # fmt: skip
+    with server:
+        where = f"127.0.0.1:{server.port}"
+        url = f"acutrol+serial:socket://{where}" if style is BUS else f"acutrol://{where}"
+        yield Served(table, server, url, told)
+
+
+def wait_for(controller: TableController, what: Callable[[TableState], bool]) -> TableState:
+    """Read until a state is so."""
+    deadline = time.monotonic() + LIMIT_S
+    while not what(state := controller.read()):
+        assert time.monotonic() < deadline, state
+    return state

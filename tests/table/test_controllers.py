@@ -1,0 +1,363 @@
+"""What every controller of the registry owes, over each kind of link that can be had here, on a virtual table."""
+
+import contextlib
+import importlib.util
+import math
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from helpers.tables import served, wait_for
+
+from filters.errors import InputError
+from filters.simulation import TableFault, TableModel
+from imutui.table import registry
+from imutui.table.controller import AxisLimits, TableError, TableLinkError
+from imutui.table.server import BUS, TCP, Style
+
+STYLES = {"tcp": TCP, "tcp, line ends": Style(b"12345678", b"\r\n", True), "serial line": BUS}
+every = pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
+STOPS = TableModel(seed=3, low=math.radians(-110.0), high=math.radians(110.0))
+
+
+@every
+def test_it_says_who_it_is_and_what_its_axes_may_do(style: Style) -> None:
+    with served(STOPS, style=style) as it:
+        controller = it.connected()
+        assert controller.axes == ("outer", "middle", "inner")
+        assert "VIRTUAL SIM TABLE" in controller.identify()
+        limited = AxisLimits(400.0, 500.0, -110.0, 110.0)
+        endless = AxisLimits(400.0, 500.0, None, None)
+        assert controller.limits() == {"outer": limited, "middle": limited, "inner": endless}
+        assert not it.told
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_it_is_asked_how_many_axes_it_has(count: int) -> None:
+    axes = ("outer", "middle", "inner")[-count:]
+    with served(TableModel(axes=axes)) as it:
+        assert it.connected().axes == axes
+
+
+def test_axes_can_be_named_in_the_order_of_their_numbers() -> None:
+    with served(TableModel(axes=("inner", "outer"))) as it:
+        controller = registry.connect(f"{it.url}?axes=inner,outer")
+        controller.enable()
+        controller.position("inner", 5.0, 100.0, 400.0)
+        state = wait_for(controller, lambda s: s.rests and abs(s.angles_deg[2] - 5.0) < 0.01)
+        assert state.angles_deg[0] == pytest.approx(0.0, abs=0.05)
+        assert it.table.axes["inner"].angle == pytest.approx(math.radians(5.0), abs=1e-3)
+
+
+@every
+def test_it_goes_where_it_is_told_and_no_faster(style: Style) -> None:
+    with served(style=style) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.position("middle", -3.0, 60.0, 200.0)
+        rates = []
+        wait_for(controller, lambda s: rates.append(abs(s.rates_dps[1])) or (s.rests and s.angles_deg[1] < -2.99))
+        assert max(rates) < 60.0 * 1.01
+        assert controller.read().mode == "position"
+        assert ":demand:position 2,-3" not in it.told  # an axis without stops is told within 0 and 360
+        assert it.told[-4:] == [
+            ":limit:rate pos,2,60", ":limit:acc pos,2,200", ":demand:position 2,357", ":mode:position 2",
+        ]  # fmt: skip
+
+
+@every
+def test_a_rate_is_held_and_a_stop_ends_it(style: Style) -> None:
+    with served(style=style) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 90.0, 400.0)
+        state = wait_for(controller, lambda s: abs(s.rates_dps[2] - 90.0) < 0.1)
+        assert state.mode == "rate"
+        controller.stop()
+        assert wait_for(controller, lambda s: s.rests).mode == "off"
+        assert it.told[-3:] == [":demand:rate 3,0", ":mode:rate 3", ":mode:off 3"]
+
+
+@every
+def test_it_swings_about_where_it_is_until_the_amplitude_is_zero(style: Style) -> None:
+    with served(style=style) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.oscillate("inner", 4.0, 1.0)
+        assert controller.read().mode == "oscillation"
+        wait_for(controller, lambda s: s.angles_deg[2] > 3.0)
+        wait_for(controller, lambda s: s.angles_deg[2] < -3.0)
+        controller.oscillate("inner", 0.0, 1.0)
+        wait_for(controller, lambda s: s.rests and abs(s.angles_deg[2]) < 0.02)
+
+
+def test_a_stop_leaves_axes_alone_that_are_off() -> None:
+    with served() as it:
+        controller = it.connected()
+        controller.stop()
+        assert not it.told
+        controller.enable()
+        controller.disable()
+        assert it.told[-3:] == [f":interlock:open {n}" for n in (1, 2, 3)]
+
+
+def test_a_stop_reaches_an_axis_that_is_on_its_way_to_a_position() -> None:
+    with served() as it:
+        controller = it.connected()
+        controller.enable()
+        controller.position("inner", 170.0, 100.0, 400.0)
+        wait_for(controller, lambda s: s.rates_dps[2] > 50.0)
+        controller.stop()
+        wait_for(controller, lambda s: s.rests)
+        assert abs(it.table.axes["inner"].angle) < math.radians(120.0)
+
+
+@pytest.mark.parametrize(
+    ("axis", "angle", "rate", "accel", "why"),
+    [
+        ("outer", 111.0, 10.0, 100.0, "111 deg; its limits are -110 to 110"),
+        ("outer", math.inf, 10.0, 100.0, "inf deg"),
+        ("outer", 10.0, 401.0, 100.0, "401 deg/s; its limit is 400"),
+        ("outer", 10.0, 10.0, 501.0, r"501 deg/s\^2; its limit is 500"),
+        ("outer", 10.0, 0.0, 100.0, "not positive"),
+        ("outer", 10.0, math.nan, 100.0, "nan deg/s"),
+    ],
+)
+def test_nothing_beyond_limits_is_sent(axis: str, angle: float, rate: float, accel: float, why: str) -> None:
+    with served(STOPS) as it:
+        controller = it.connected()
+        controller.enable()
+        before = list(it.told)
+        with pytest.raises(InputError, match=why):
+            controller.position(axis, angle, rate, accel)
+        with pytest.raises(InputError, match="401"):
+            controller.rate("inner", -401.0, 100.0)
+        with pytest.raises(InputError, match="deg/s"):
+            controller.oscillate("inner", 50.0, 2.0)
+        with pytest.raises(InputError, match="no up axis"):
+            controller.rate("up", 1.0, 100.0)
+        assert it.told == before
+
+
+def test_an_axis_that_turns_is_not_sent_to_a_position() -> None:
+    with served() as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 50.0, 400.0)
+        wait_for(controller, lambda s: s.rates_dps[2] > 40.0)
+        with pytest.raises(TableError, match=r"turns, at .* stop it"):
+            controller.position("inner", 0.0, 50.0, 400.0)
+
+
+def test_angles_of_an_axis_without_stops_do_not_jump() -> None:
+    with served() as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", -390.0, 500.0)
+        state = wait_for(controller, lambda s: s.angles_deg[2] < -800.0)
+        it.server.known()
+        assert abs(state.angles_deg[2]) == pytest.approx(abs(math.degrees(it.table.axes["inner"].angle)), abs=300.0)
+        controller.stop()
+        end = controller.read().angles_deg[2]
+        assert end == pytest.approx(math.degrees(it.table.axes["inner"].angle), abs=0.05)
+
+
+def test_a_stamp_is_half_way_between_question_and_answer() -> None:
+    """A link that is slow by a known time says so in the uncertainty, which holds the true instant."""
+    slow = TableFault(0.0, "slow", delay=0.03)
+    with served(None, slow) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 100.0, 400.0)
+        state = wait_for(controller, lambda s: s.rates_dps[2] > 99.9)
+        assert state.uncertainty_ns >= 15_000_000
+        later = controller.read()
+        seconds = (later.stamp_ns - state.stamp_ns) * 1e-9
+        allowed = 100.0 * (state.uncertainty_ns + later.uncertainty_ns) * 1e-9 + 0.05
+        assert abs((later.angles_deg[2] - state.angles_deg[2]) - 100.0 * seconds) <= allowed
+
+
+# ------------------------------------------------------------------------------------------------------------- faults
+
+
+def test_what_is_not_recognised_is_asked_once_more() -> None:
+    with served(None, TableFault(0.0, "unrecognised", count=1)) as it:
+        assert it.connected().axes == ("outer", "middle", "inner")
+    with (
+        served(None, TableFault(0.0, "unrecognised", count=2)) as it,
+        pytest.raises(TableError, match=r'"Command not recognized" to ":read:position. 1", 2 times'),
+    ):
+        it.connected()
+
+
+@every
+def test_an_interlock_that_opens_is_a_fault_until_it_is_reset(style: Style) -> None:
+    with served(None, TableFault(0.0, "interlock"), style=style) as it:
+        controller = it.connected()
+        assert "outer axis's interlock says Fault" in controller.read().fault
+        with pytest.raises(TableError, match=r"interlock says Fault|Interlock not closed"):
+            controller.rate("inner", 10.0, 100.0)
+        controller.enable()
+        assert controller.read().fault == ""
+
+
+def test_an_end_switch_stops_its_axis_and_is_a_fault() -> None:
+    with served(None, TableFault(0.7, "limit", axis="inner")) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 50.0, 500.0)
+        state = wait_for(controller, lambda s: s.fault != "")
+        assert state.fault == "the inner axis's interlock says Fault"
+        wait_for(controller, lambda s: s.rests and s.mode == "off")
+
+
+def test_an_axis_that_is_stuck_stays_where_it_is() -> None:
+    with served(None, TableFault(0.0, "stuck", axis="inner")) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.position("inner", 10.0, 50.0, 400.0)
+        until = it.server.known() + 0.5
+        state = wait_for(controller, lambda s: it.server.known() > until)
+        assert state.angles_deg[2] == pytest.approx(0.0, abs=0.05)
+        assert state.mode == "position"
+
+
+def test_a_controller_that_falls_silent_is_a_lost_link_and_the_table_goes_on() -> None:
+    with served(None, TableFault(1.0, "silent")) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 50.0, 500.0)
+        with pytest.raises(TableLinkError, match="does not answer"):
+            wait_for(controller, lambda s: False)
+        it.server.known()
+        assert it.table.axes["inner"].rate > 0.5
+
+
+def test_a_cut_link_is_a_lost_link_and_another_connection_stops_the_table() -> None:
+    with served(None, TableFault(1.0, "cut", seconds=0.5)) as it:
+        controller = it.connected()
+        controller.enable()
+        controller.rate("inner", 50.0, 500.0)
+        with pytest.raises(TableLinkError, match="lost"):
+            wait_for(controller, lambda s: False)
+        controller.close()
+        while it.server.known() < 1.6:
+            pass
+        assert it.table.axes["inner"].rate > 0.5
+        again = it.connected()
+        assert again.read().mode == "rate"
+        again.stop()
+        assert it.table.axes["inner"].is_idle
+
+
+def test_several_hosts_are_served_at_once() -> None:
+    with served() as it:
+        one, other = it.connected(), it.connected()
+        one.enable()
+        one.rate("inner", 20.0, 500.0)
+        wait_for(other, lambda s: s.rates_dps[2] > 19.0)
+        other.stop()
+        assert one.read().mode == "off"
+
+
+# ---------------------------------------------------------------------------------------- what no controller says well
+
+
+@contextmanager
+def saying(*answers: bytes) -> Iterator[str]:
+    """URL of something on TCP that answers so to each line in turn, whatever it is, and then hangs up."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        open_ones: list[socket.socket] = []
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            open_ones.append(connection)
+            for answer in answers:
+                if not connection.recv(4096):
+                    break
+                for byte in answer:  # as slowly as it may come
+                    connection.sendall(bytes([byte]))
+            connection.close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        try:
+            yield f"acutrol://127.0.0.1:{listener.getsockname()[1]}?axes=inner"
+        finally:
+            for connection in open_ones:
+                with contextlib.suppress(OSError):  # the host has gone already
+                    connection.shutdown(socket.SHUT_RDWR)
+
+
+LIMITS = b"00000000400,500,20000,0,0,440\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (b"00000000nothing\n", "nothing"),
+        (b"00000000\n", 'answers ""'),
+        (b"00000000nan,1,1,1,1,1\n", "nan"),
+        (b"00000000400,500\n", "400,500"),
+        (b"00000000400,500,20000,0,0,440;7\n", "7"),
+        (b"000000000,0,0,0,0,0\n", "axes=inner"),
+        (b"\xff" * 8 + b"\xfe\xff\n", "docs/tables.md"),
+    ],
+)
+def test_an_answer_that_is_none_is_told_as_it_stands(answer: bytes, why: str) -> None:
+    with saying(answer, answer) as url, pytest.raises(TableError, match=why) as error:
+        registry.connect(url).limits()
+    assert "\n" not in str(error.value)
+
+
+def test_an_answer_may_come_byte_by_byte() -> None:
+    with saying(LIMITS, b"00000000359.5;-0.25\n") as url:
+        controller = registry.connect(url)
+        assert controller.limits()["inner"] == AxisLimits(400.0, 500.0, None, None)
+
+
+def test_a_host_that_hangs_up_is_a_lost_link() -> None:
+    with saying(LIMITS) as url:
+        controller = registry.connect(url)
+        controller.limits()
+        with pytest.raises(TableLinkError):
+            controller.read()
+
+
+# ----------------------------------------------------------------------------------------------------------- addresses
+
+
+@pytest.mark.parametrize(
+    ("url", "why"),
+    [
+        ("", "it is one of"),
+        ("acutrol", "it is one of"),
+        ("telnet://host:1", "it is one of"),
+        ("acutrol://", "no HOST:PORT"),
+        ("acutrol://host:port", "no HOST:PORT"),
+        ("acutrol://host:70000", "no HOST:PORT"),
+        ("acutrol://host:1?axis=inner", 'an option "axis"'),
+        ("acutrol://host:1?axes=inner,inner", "each once"),
+        ("acutrol://host:1?axes=up", "not some of"),
+        ("acutrol+serial:tty?baud=fast", "no line speed"),
+    ],
+)
+def test_an_address_that_is_none_is_refused_in_words(url: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        registry.connect(url)
+
+
+def test_a_controller_that_is_not_there_is_told_with_its_address() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(TableLinkError, match=f"can't be reached.*{port}"):
+        registry.connect(f"acutrol://127.0.0.1:{port}")
+    with pytest.raises(TableLinkError, match="no such port"):
+        registry.connect("acutrol+serial:/dev/nothing-there")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyvisa") is not None, reason="pyvisa is installed here")
+def test_gpib_needs_a_library_and_says_which() -> None:
+    with pytest.raises(InputError, match="gpib"):
+        registry.connect("acutrol+gpib:GPIB0::1::INSTR")
