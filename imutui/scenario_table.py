@@ -6,7 +6,7 @@ from typing import Any
 
 from filters.errors import InputError
 from filters.simulation import TABLE_FAULT_KINDS, TableFault, TableModel
-from imutui.toml_text import Table, is_number, tables_of
+from imutui.toml_text import Document, Table, is_number, tables_of
 
 _DPS = math.pi / 180.0
 _ARC_MINUTE = _DPS / 60.0
@@ -23,7 +23,7 @@ _TABLE = {
 }
 
 
-def model_of(document: Mapping[str, Any]) -> TableModel:
+def model_of(document: Document) -> TableModel:
     """The table of a scenario's [table]; the usual one where there is none. Raises InputError."""
     table = Table.inside(document, "table", ("axes", "seed", "stops_deg", *_TABLE))
     values = document.get("table", {})
@@ -48,7 +48,7 @@ def model_of(document: Mapping[str, Any]) -> TableModel:
         raise InputError(f"[table]: {error}") from error
 
 
-def faults_of(document: Mapping[str, Any]) -> tuple[TableFault, ...]:
+def faults_of(document: Document) -> tuple[TableFault, ...]:
     """What goes wrong with it, as [[table_fault]] has it. Raises InputError."""
     tables = enumerate(tables_of(document, "table_fault"), 1)
     return tuple(_fault(values, f"table_fault {n}") for n, values in tables)

@@ -2,7 +2,7 @@
 
 Each axis has a reference that keeps the limits of rate and acceleration, and follows it through two equal first-order
 lags. These have positive responses of unit area, so that rate, acceleration and jerk of the axis stay within those of
-the reference, and it comes to rest without overshoot. Its jerk is at most acceleration / (e · lag).
+the reference, and it comes to rest without overshoot. Its jerk is at most 2 · acceleration / (e · lag).
 
 The true attitude is C_nb = Rx(o) exp(w_o) exp(n_m) Ry(m) exp(w_m) exp(n_i) Rz(i) exp(w_i): n are the constant angles by
 which axes are not at right angles, w the wobble of an axis, a small rotation across it that goes round once a turn.
@@ -231,7 +231,7 @@ class TurnTable:
     def _made(self, axis: str) -> Axis:
         model = self.model
         low, high = model.ends(axis)
-        lag = max(model.lag, model.accel / (math.e * model.jerk))
+        lag = max(model.lag, 2.0 * model.accel / (math.e * model.jerk))
         return Axis(low, high, lag, model.rate, model.accel, brake=0.5 * model.accel)
 
     @property
