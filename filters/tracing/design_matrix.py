@@ -105,15 +105,16 @@ class Design:
                 B += X.T @ Y
                 yy += np.sum(Y**2, axis=0)
             for number, c in enumerate(alike):
-                ratio = float(self.sd[channel] / self.sd[c]) ** 2
+                ratio = 1.0 if c == channel else float(self.sd[channel] / self.sd[c]) ** 2
                 self._gram[c] = ratio * G, ratio * B[:, number], ratio * float(yy[number])
         return self._gram[channel]
 
     def _alike(self, channel: int) -> list[int]:
         """A channel, and those whose Gram matrices are its own but for their noise: without drift, the same weights."""
-        if self.drift[channel].level != 0.0:
+        if self.drift[channel].level != 0.0 or not self.sd[channel] > 0.0:
             return [channel]
-        others = (c for c in range(6) if c not in (channel, *self._gram) and self.drift[c].level == 0.0)
+        free = (c for c in range(6) if self.drift[c].level == 0.0 and self.sd[c] > 0.0)
+        others = (c for c in free if c not in (channel, *self._gram))
         of_rows = self.multiplier, self.stack.weight
         return [channel, *(c for c in others if all(np.array_equal(x[:, c], x[:, channel]) for x in of_rows))]
 
