@@ -180,7 +180,7 @@ class Keeper:
         begun_s = _real_s()
         stopped = "the table was not moved from here"
         if self._enabled:
-            stopped = "rate zero and mode off were sent" if self._stop() else _NOT_STOPPED
+            stopped = "it was stopped: rate zero, mode off" if self._stop() else _NOT_STOPPED
         said = f"{why} {stopped[0].upper()}{stopped[1:]}."
         self._say({"error": said, "ended": True} if is_error else {"said": said, "ended": True})
         with contextlib.suppress(TableError):
@@ -192,20 +192,23 @@ class Keeper:
 
     def _stop(self) -> bool:
         """Stop; by another link where this one has gone, for as long as there is hope. Returns whether it was done."""
-        until_s = _real_s() + _PATIENCE_S
-        while True:
-            with contextlib.suppress(TableError):
+        until_s, is_open = _real_s() + _PATIENCE_S, True
+        while _real_s() < until_s:
+            try:
+                if not is_open:
+                    self._controller = self._connect()
+                    is_open = True
                 self._controller.stop()
+            except Exception as error:  # noqa: BLE001 - whatever it fails with, another link is the next to be tried
+                self._say({"said": f"connecting again, to stop the table: {error}"})
+                if is_open:
+                    is_open = False
+                    with contextlib.suppress(TableError):
+                        self._controller.close()
+                _wait(_AGAIN_S)
+            else:
                 return True
-            if _real_s() > until_s:
-                return False
-            self._say({"said": "the link to the controller is lost; connecting again, to stop the table"})
-            with contextlib.suppress(TableError):
-                self._controller.close()
-            with contextlib.suppress(TableError):
-                self._controller = self._connect()
-                continue
-            _wait(_AGAIN_S)
+        return False
 
 
 _COMMANDS: dict[str, Callable[[Keeper, Mapping[str, Any]], None]] = {

@@ -68,6 +68,11 @@ class KeptTable:
         return told["identity"], tuple(told["axes"]), limits
 
     @property
+    def pid(self) -> int:
+        """Of the keeper."""
+        return self._process.pid
+
+    @property
     def has_ended(self) -> bool:
         """Whether the keeper has ended, as told or not."""
         return self._ended.is_set()

@@ -1,0 +1,195 @@
+"""The keeper of a table, and its owner: what is never sent, and that the table stands whatever goes wrong."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from helpers.processes import wait_until
+from helpers.tables import Served, served
+
+from filters.simulation import TableFault, TableModel
+from imutui.table.controller import TableError
+from imutui.table.owner import KeptTable
+
+TURNING = math.radians(5.0)
+STOPS = TableModel(seed=3, low=math.radians(-90.0), high=math.radians(90.0))
+
+
+@contextmanager
+def kept(it: Served, limits: str = "", **options: object) -> Iterator[KeptTable]:
+    table = KeptTable(it.url, limits, **options)  # type: ignore[arg-type]
+    try:
+        yield table
+    finally:
+        table.close()
+
+
+def turning(it: Served, table: KeptTable, dps: float = 30.0) -> None:
+    """Have the inner axis turn, and wait until it does."""
+    table.ask(do="enable")
+    table.ask(do="rate", axis="inner", rate_dps=dps)
+    wait_until(lambda: abs(it.table.axes["inner"].rate) > TURNING)
+
+
+def stands(it: Served) -> bool:
+    """Whether all axes rest, with their modes off, so that they stay so."""
+    rests = all(abs(axis.rate) < math.radians(0.01) for axis in it.table.axes.values())
+    return rests and all(axis.is_idle for axis in it.table.axes.values())
+
+
+def test_it_says_what_the_table_may_do_and_asks_its_angles_all_the_time() -> None:
+    with served(STOPS) as it, kept(it, "inner=50/100, outer=20/30/-10/10") as table:
+        assert table.axes == ("outer", "middle", "inner")
+        assert (table.limits["inner"].rate_dps, table.limits["outer"].high_deg) == (50.0, 10.0)
+        wait_until(lambda: len(table.states) > 20)
+        assert it.told == []
+
+
+def test_nothing_moves_before_it_is_enabled() -> None:
+    with served() as it, kept(it) as table:
+        for command in (
+            {"do": "move", "angles_deg": [0.0, 0.0, 5.0], "rate_dps": 10.0, "accel_dps2": 10.0},
+            {"do": "rate", "axis": "inner", "rate_dps": 5.0},
+            {"do": "oscillate", "axis": "inner", "amplitude_deg": 1.0, "hz": 0.1},
+        ):
+            with pytest.raises(TableError, match="before it is enabled"):
+                table.ask(**command)
+        assert it.told == []
+
+
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        ({"do": "rate", "axis": "inner", "rate_dps": 60.0}, "its limit is 50"),
+        ({"do": "rate", "axis": "inner", "rate_dps": 10.0, "accel_dps2": 200.0}, "its limit is 100"),
+        ({"do": "rate", "axis": "up", "rate_dps": 10.0}, "up"),
+        ({"do": "rate", "axis": "inner", "rate_dps": math.nan}, "rate_dps"),
+        ({"do": "move", "angles_deg": [0.0, 91.0, 0.0], "rate_dps": 10.0, "accel_dps2": 10.0}, "-90 to 90"),
+        ({"do": "move", "angles_deg": [0.0, 9.0], "rate_dps": 10.0, "accel_dps2": 10.0}, "angles_deg"),
+        ({"do": "move", "angles_deg": [0.0, 9.0, 0.0], "rate_dps": 0.0, "accel_dps2": 10.0}, "positive"),
+        ({"do": "oscillate", "axis": "inner", "amplitude_deg": 10.0, "hz": 2.0}, "its limit is 50"),
+        ({"do": "jump"}, "not one of"),
+    ],
+)
+def test_a_command_outside_of_limits_is_refused_and_never_sent(command: dict[str, object], why: str) -> None:
+    with served(STOPS) as it, kept(it, "inner=50/100") as table:
+        table.ask(do="enable")
+        before = list(it.told)
+        with pytest.raises(TableError, match=why):
+            table.ask(**command)
+        assert it.told == before
+        assert not table.has_ended
+
+
+def test_it_moves_rests_and_is_let_go_with_its_interlock_open() -> None:
+    with served() as it:
+        with kept(it) as table:
+            table.ask(do="enable")
+            table.ask(do="move", angles_deg=[0.0, 0.0, 7.0], rate_dps=20.0, accel_dps2=50.0)
+            wait_until(lambda: abs(math.degrees(it.table.axes["inner"].angle) - 7.0) < 0.01)
+        assert stands(it)
+        assert it.told[-3:] == [f":interlock:open {n}" for n in (1, 2, 3)]
+        assert table.error == ""
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (TableFault(0.0, "interlock"), "interlock"),
+        (TableFault(0.0, "limit", axis="inner"), "interlock"),
+        (TableFault(0.0, "stuck", axis="inner"), "does not follow"),
+        (TableFault(0.0, "silent", seconds=2.0), "does not answer"),
+        (TableFault(0.0, "cut", seconds=1.0), "link"),
+    ],
+    ids=lambda value: value.kind if isinstance(value, TableFault) else "",
+)
+def test_the_table_stands_after_a_fault_and_why_is_said(fault: TableFault, said: str) -> None:
+    with served() as it, kept(it) as table:
+        turning(it, table)
+        strike(it, fault)
+        wait_until(lambda: table.has_ended)
+        wait_until(lambda: stands(it))  # one whose drive was off already brakes by itself
+        assert said in table.error
+        assert "It was stopped: rate zero, mode off." in table.error
+
+
+def strike(it: Served, fault: TableFault) -> None:
+    """Have a fault happen now."""
+    now = TableFault(it.server.known(), fault.kind, fault.axis, fault.seconds)
+    of_link = fault.kind in ("silent", "cut")
+    (it.server._of_link if of_link else it.server._controller._faults).append(now)
+
+
+def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:
+    with served() as it, kept(it) as table:
+        turning(it, table)
+        os.kill(table.pid, signal.SIGKILL)
+        wait_until(lambda: table.has_ended)
+        assert stands(it)
+        assert "were sent from here" in table.error
+
+
+def test_a_keeper_that_hangs_is_killed_and_the_table_stopped() -> None:
+    with served() as it, kept(it) as table:
+        turning(it, table)
+        os.kill(table.pid, signal.SIGSTOP)
+        wait_until(lambda: table.has_ended)
+        assert stands(it)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_keeper_that_is_told_to_end_stops_the_table_first(number: signal.Signals) -> None:
+    with served() as it, kept(it) as table:
+        turning(it, table)
+        os.kill(table.pid, number)
+        wait_until(lambda: table.has_ended)
+        assert stands(it)
+        assert number.name in table.error
+
+
+def test_an_owner_that_does_its_work_no_more_commands_no_table() -> None:
+    lives = [True]
+    with served() as it, kept(it, lives=lambda: lives[0]) as table:
+        turning(it, table)
+        lives[0] = False
+        wait_until(lambda: table.has_ended)
+        assert stands(it)
+        assert "said nothing" in table.error
+
+
+_OWNER = """
+import sys
+from imutui.table.owner import KeptTable
+table = KeptTable(sys.argv[1])
+table.ask(do="enable")
+table.ask(do="rate", axis="inner", rate_dps=30.0)
+print("turns", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_table_stands_when_its_owner_is_killed_or_stopped(number: signal.Signals) -> None:
+    with served() as it:
+        owner = subprocess.Popen(
+            [sys.executable, "-c", _OWNER, it.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert owner.stdout is not None
+            assert owner.stdout.readline() == "turns\n"
+            wait_until(lambda: abs(it.table.axes["inner"].rate) > TURNING)
+            os.kill(owner.pid, number)
+            wait_until(lambda: stands(it) and it.told[-1] == ":interlock:open 3")
+        finally:
+            owner.kill()
+            owner.communicate()
+
+
+def test_a_controller_that_is_not_there_is_told() -> None:
+    with pytest.raises(TableError, match="can't be reached"):
+        KeptTable("acutrol://127.0.0.1:9")
