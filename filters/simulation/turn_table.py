@@ -214,11 +214,22 @@ class _Past:
         a, b = step % _KEPT, (step + 1) % _KEPT
         return self.angles[a], self.angles[b], self.rates[a], self.rates[b], part
 
+    def at(self, axis: int, t: float) -> tuple[float, float]:
+        """Angle and rate of an axis at a time."""
+        step = min(max(math.floor(t / STEP_S), 0, self.newest - _KEPT + 1), max(0, self.newest - 1))
+        x, a, b = t / STEP_S - step, step % _KEPT, (step + 1) % _KEPT
+        begin, end = float(self.angles[a, axis]), float(self.angles[b, axis])
+        rate_a, rate_b = float(self.rates[a, axis]), float(self.rates[b, axis])
+        way = (rate_a * (1.0 - x) - rate_b * x) * x * (1.0 - x) * STEP_S
+        rate = rate_a * (1.0 - x) * (1.0 - 3.0 * x) - rate_b * x * (2.0 - 3.0 * x)
+        rate += (end - begin) * 6.0 * x * (1.0 - x) / STEP_S
+        return begin + (end - begin) * x * x * (3.0 - 2.0 * x) + way, rate
+
 
 class TurnTable:
     """A table at rest at zero at its time 0.
 
-    What it did can be asked for up to `now`, and a minute back; commands are for `axis(name)`, and act from `now` on.
+    What it did can be asked for up to `now`, and a minute back; commands are for `axes`, and act from `now` on.
     """
 
     def __init__(self, model: TableModel) -> None:
@@ -261,11 +272,12 @@ class TurnTable:
         past.rates[rows] = 0.0
         past.newest = last
 
-    def encoder(self, axis: str) -> tuple[float, float]:
-        """Angle and rate of an axis as it is read now, with noise, rad and rad/s."""
-        noise, here = self._rng.standard_normal(2), self.axes[axis]
-        angle = here.angle + self.encoder_offset(axis) + self.model.encoder_noise * float(noise[0])
-        return angle, here.rate + self.model.rate_noise * float(noise[1])
+    def encoder(self, axis: str, t: float) -> tuple[float, float]:
+        """Angle and rate of an axis as it is read at a time up to `now`, with noise, rad and rad/s."""
+        noise = self._rng.standard_normal(2)
+        angle, rate = self._past.at(_NUMBER[axis], t)
+        angle += self.encoder_offset(axis) + self.model.encoder_noise * float(noise[0])
+        return angle, rate + self.model.rate_noise * float(noise[1])
 
     def encoder_offset(self, axis: str) -> float:
         """What an axis's encoder reads too much, rad."""

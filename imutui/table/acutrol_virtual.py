@@ -65,9 +65,10 @@ class VirtualAcutrol:
         self._faults = sorted(faults, key=lambda fault: fault.at)
         self._stuck: dict[str, float] = {}  # until when
         self._unrecognised = 0
+        self._now = 0.0
 
     def advance(self, now: float) -> None:
-        """Let time go on, and faults happen."""
+        """Let time go on, and faults happen; it may be ahead of when lines come."""
         while self._faults and self._faults[0].at <= now:
             fault = self._faults.pop(0)
             self.table.advance(fault.at)
@@ -91,6 +92,7 @@ class VirtualAcutrol:
         A command that is not done is answered with what is wrong.
         """
         self.advance(now)
+        self._now = now
         if self._unrecognised:
             self._unrecognised -= 1
             return [NOT_RECOGNISED] * len(line)
@@ -148,10 +150,10 @@ class VirtualAcutrol:
         drive = self._one(command.arguments)
         match command.words:
             case ("read", "position"):
-                angle = self.table.encoder(drive.name)[0] / DPS
+                angle = self.table.encoder(drive.name, self._now)[0] / DPS
                 return f"{angle % 360.0 if math.isinf(self.table.axes[drive.name].low) else angle:.4f}"
             case ("read", "rate"):
-                return f"{self.table.encoder(drive.name)[1] / DPS:.4f}"
+                return f"{self.table.encoder(drive.name, self._now)[1] / DPS:.4f}"
             case ("read", "acceleration"):
                 return f"{self._acceleration(drive):.3f}"
             case ("mode",):
@@ -225,7 +227,7 @@ class VirtualAcutrol:
         if abs(by) > _DELTA_DEG:
             raise _Refused(_OUT_OF_RANGE)
         for drive in chosen:
-            angle = self.table.encoder(drive.name)[0] / DPS if drive.mode != "position" else drive.position
+            angle = self.table.encoder(drive.name, self._now)[0] / DPS if drive.mode != "position" else drive.position
             self._demand_position([str(self._number_of(drive)), str(angle + by)])
 
     def _demand_rate(self, arguments: Sequence[str]) -> None:
@@ -289,8 +291,7 @@ class VirtualAcutrol:
         return next(n for n, each in self._drives.items() if each is drive)
 
     def _acceleration(self, drive: _Drive) -> float:
-        now = self.table.now
-        before, after = self.table.rates(np.array([now - STEP_S, now]))[:, AXES.index(drive.name)]
+        before, after = self.table.rates(np.array([self._now - STEP_S, self._now]))[:, AXES.index(drive.name)]
         return float(after - before) / STEP_S / DPS
 
     def _which_limit(self, arguments: Sequence[str], what: str) -> str:

@@ -51,6 +51,8 @@ class TableServer:
     `address`: of loopback; port 0 takes one that is free.
     `clock`: the table's time, s.
     `faults`: of the link; others are the controller's.
+    `ahead_s`: by how much of its time the table goes on ahead of the clock, so that whoever stands on it can be told in
+      greater steps; so much later do commands act.
     `log`: called with each command that is no question.
     Raises InputError for an address elsewhere, OSError for one that is taken.
     """
@@ -63,11 +65,13 @@ class TableServer:
         *,
         style: Style = TCP,
         faults: Sequence[TableFault] = (),
+        ahead_s: float = 0.0,
         log: Callable[[str], None] = lambda text: None,
     ) -> None:
         if address[0] not in _LOOPBACK:
             raise InputError(f"a virtual controller is served on loopback only, such as 127.0.0.1:0, not {address[0]}")
         self._controller, self._clock, self._style, self._log = controller, clock, style, log
+        self._ahead_s = ahead_s
         self._of_link = [fault for fault in faults if fault.kind in ("silent", "cut", "slow")]
         self._lock = threading.Lock()
         self._listener = socket.create_server(address, family=socket.AF_INET6 if ":" in address[0] else socket.AF_INET)
@@ -78,9 +82,9 @@ class TableServer:
         self._thread = threading.Thread(target=self._serve, name="table", daemon=True)
 
     def known(self) -> float:
-        """Have the table go on to now; returns until when what it does is known, s."""
+        """Have the table go on; returns until when what it does is known, s."""
         with self._lock:
-            self._controller.advance(self._clock())
+            self._controller.advance(self._clock() + self._ahead_s)
             return self._controller.table.now
 
     def __enter__(self) -> Self:

@@ -249,7 +249,7 @@ def test_a_cut_link_is_a_lost_link_and_another_connection_stops_the_table() -> N
         again = it.connected()
         assert again.read().mode == "rate"
         again.stop()
-        assert it.table.axes["inner"].is_idle
+        wait_for(again, lambda s: s.rests and s.mode == "off" and it.table.axes["inner"].is_idle)
 
 
 def test_several_hosts_are_served_at_once() -> None:

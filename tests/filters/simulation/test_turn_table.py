@@ -126,7 +126,7 @@ def test_equal_seeds_move_alike_and_however_time_is_cut() -> None:
     for a, b in zip(one.pose(t), other.pose(t), strict=True):
         np.testing.assert_array_equal(a, b)
     assert not np.array_equal(one.pose(t)[0], third.pose(t)[0])
-    assert one.encoder("inner") == other.encoder("inner")
+    assert one.encoder("inner", 12.0) == other.encoder("inner", 12.0)
     table = TurnTable(TableModel(seed=1))
     tell(table, "outer", "position", 40.0)
     tell(table, "inner", "rate", 90.0, 90.0)
@@ -154,7 +154,7 @@ def test_a_table_without_flaws_stands_as_its_angles_say() -> None:
     C, w = table.pose(t)
     np.testing.assert_allclose(C, attitudes(table.angles(t)), atol=1e-12)
     np.testing.assert_allclose(w, body_rate(table.angles(t), table.rates(t)), atol=1e-5)
-    assert table.encoder("outer") == (table.axes["outer"].angle, table.axes["outer"].rate)
+    assert table.encoder("outer", 12.0) == pytest.approx((table.axes["outer"].angle, table.axes["outer"].rate))
 
 
 @pytest.mark.parametrize(
@@ -169,9 +169,17 @@ def test_a_table_with_flaws_does_not_by_arc_minutes(flaw: str, least: float, mos
     assert least < np.rad2deg(np.abs(off).max()) * 60.0 < most
 
 
+def test_an_encoder_is_read_at_its_instant() -> None:
+    """Not at a point of the grid: a rate would make an error of it."""
+    table = moved(model=PERFECT)
+    for t in np.linspace(0.0, 12.0, 777):
+        both = [float(each[0, 2]) for each in (table.angles(np.array([t])), table.rates(np.array([t])))]
+        assert table.encoder("inner", float(t)) == pytest.approx(both, abs=1e-12)
+
+
 def test_encoders_are_off_by_a_constant_and_noise() -> None:
     table = TurnTable(TableModel(seed=1, encoder_offset_sd=0.1 * DPS, encoder_noise=0.01 * DPS))
-    angles = np.rad2deg([table.encoder("inner")[0] for _ in range(400)])
+    angles = np.rad2deg([table.encoder("inner", 0.0)[0] for _ in range(400)])
     offset = np.rad2deg(table.encoder_offset("inner"))
     assert abs(offset) > 0.01
     assert angles.mean() == pytest.approx(offset, abs=0.002)
