@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from imutui.session.snapshot import Snapshot
 
 _ESC = b"\x1b"
-_MOST_PAST = 5
+_MOST_PAST = 3
 _OUTCOMES = {
     "explained": "every channel is explained, and the run that judges confirms it",
     "not_here": "not all can be explained on this table",
@@ -80,7 +80,7 @@ class Page:
     def seen(self, snapshot: "Snapshot", seconds: float) -> None:
         """Take how the acquisition of the motion is."""
         recording, controller = snapshot["recording"], snapshot.get("controller")
-        parts = [] if recording is None else [f"{recording['seconds']:.0f} s recorded, about {seconds:.0f} s to come"]
+        parts = [] if recording is None else [f"{recording['seconds']:.0f} of about {seconds:.0f} s"]
         if controller is not None and controller["angles_deg"] is not None:
             moves = "TABLE MOVES" if controller["moves"] else "table stands"
             parts.insert(0, f"{moves}  {' '.join(f'{a:8.2f}' for a in controller['angles_deg'])} deg")
