@@ -25,7 +25,7 @@ _UNUSED = ((20, 0, 0), (-60, 0, 45), (0, 25, 0), (0, -65, 120), (110, 0, 0), (-3
 _JUDGED_S = 330.0  # of the run that judges, at least: of 300 s there is a verdict
 _TILTS = ((45, 0, 0), (-45, 0, 0), (90, 0, 0), (0, 45, 0), (0, -45, 0))
 _FOUR, _OFTEN = (0.2, -0.2, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0), (0.5, -0.5) * 5
-_HALF_TURN = 179.0  # deg
+_HALF_TURN = math.radians(179.0)
 _SHARE = 0.95  # of what an axis can, that is asked of it
 
 
@@ -132,7 +132,7 @@ def commanded(
     """A motion with moves as brisk as the axes can; positions that the table can't take are left out, or all of it."""
     rate = min([_BRISK, *(_SHARE * own.rate for own in table.values())])
     accel = min([math.radians(100.0), *(_SHARE * own.accel for own in table.values())])
-    able = _able(segments, table)
+    able = _by_halves(_able(segments, table))
     moves = any(not isinstance(s, Dwell) or any(s.angles) for s in able)
     if not able or (not moves and len(segments) > 1):
         return None
@@ -147,6 +147,20 @@ def _able(segments: Sequence[Segment], table: Table) -> list[Segment]:
     return [s for s in segments if not isinstance(s, Dwell) or _reachable(s, table)]
 
 
+def _by_halves(segments: Sequence[Segment]) -> list[Segment]:
+    """Segments with a short rest amid each half turn between two others: that has two ways, and one must be said."""
+    made: list[Segment] = []
+    for segment in segments:
+        before = made[-1] if made else None
+        if isinstance(segment, Dwell) and isinstance(before, Dwell):
+            pairs = list(zip(before.angles, segment.angles, strict=True))
+            if any(abs(math.remainder(a - b, 2.0 * math.pi)) > _HALF_TURN for a, b in pairs):
+                o, m, i = (0.5 * (a + b) for a, b in pairs)
+                made.append(Dwell((o, m, i), 1.0))
+        made.append(segment)
+    return made
+
+
 def _reachable(dwell: Dwell, table: Table) -> bool:
     none = AxisRange(0.0, 0.0, 0.0, 0.0)
     ends = [table.get(axis, none) for axis in AXES]
@@ -154,15 +168,8 @@ def _reachable(dwell: Dwell, table: Table) -> bool:
 
 
 def held(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
-    """Rests at angles, between rests level; half a turn, which has two ways, goes by level too."""
-    made: list[Segment] = [_PAUSE]
-    before = (0.0, 0.0, 0.0)
-    for angles, dwell in zip(angles_deg, positions(angles_deg, seconds), strict=False):
-        if any(abs(math.remainder(a - b, 360.0)) > _HALF_TURN for a, b in zip(angles, before, strict=True)):
-            made.append(Dwell((0.0, 0.0, 0.0), 1.0))
-        made.append(dwell)
-        before = angles
-    return [*made, _PAUSE]
+    """Rests at angles, between rests level."""
+    return [_PAUSE, *positions(angles_deg, seconds)[:-1], _PAUSE]
 
 
 def _stairs(axis: str) -> list[Segment]:

@@ -1,5 +1,6 @@
 """Motions for a table under command: within what it can, enough to begin with, and the most telling one first."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES
+from filters.motion.segments import AXES, Dwell
 from filters.simulation import Effect, Scenario
 from filters.tracing import detectability, planning, table_motions
 from filters.tracing.candidate_motions import CandidateMotion
@@ -43,6 +44,10 @@ def test_no_motion_goes_beyond_what_the_axes_can(table: Table) -> None:
             assert np.abs(rates[:, k]).max() <= own.rate * 1.001 + 1e-9, motion.description
             assert own.low - 1e-6 <= angles[:, k].min(), motion.description
             assert angles[:, k].max() <= own.high + 1e-6, motion.description
+        rests = [segment.angles for segment in motion.profile.segments if isinstance(segment, Dwell)]
+        for one, other in itertools.pairwise(rests):
+            turned = [abs(math.remainder(a - b, 2.0 * math.pi)) for a, b in zip(one, other, strict=True)]
+            assert max(turned) < 179.0 * DEG, f"{motion.description}: half a turn has two ways"
 
 
 @pytest.mark.parametrize(
