@@ -43,7 +43,7 @@ Outcome = Literal["", "explained", "not_here", "time"]
 
 
 class RivalsEntry(TypedDict):
-    """What is not decided on a channel: names, and their odds against drift alone."""
+    """What may act on a channel: one name, or two of which one is true, and their odds against drift alone."""
 
     channel: str
     names: list[str]
@@ -289,11 +289,7 @@ class Investigation:
         from filters.tracing.assessment import statuses
 
         status = cast("dict[str, str]", statuses(known))
-        every = [(channel, q) for q in disputes for channel in q.channels]
-        rivals = [
-            RivalsEntry(channel=channel, names=list(q.names), odds=[float(f"{o:.3g}") for o in q.odds])
-            for channel, q in every[:_MOST_ODDS]
-        ]
+        rivals = _rivals(disputes, known)
         settled = [r for r in self.diary.made if r["status"]]
         before = settled[-1] if settled else None
         for entry in self.diary.made:
@@ -308,6 +304,19 @@ class Investigation:
         if outcome != "explained":
             document["takes"] = _takes(known, document["rounds"][-1]["status"])
         self._save()
+
+
+def _rivals(disputes: Sequence[Any], known: "Assessment") -> list[RivalsEntry]:
+    """Disputes by channel, then findings that nobody disputes."""
+    made = [(channel, list(q.names), q.odds) for q in disputes for channel in q.channels]
+    disputed = {(channel, names[0]) for channel, names, _ in made}
+    for f in known.findings:
+        effect = f.term.hypothesis.effect
+        made += [(c, [effect], (f.odds,)) for c in _names(f.channels) if f.lasting and (c, effect) not in disputed]
+    return [
+        RivalsEntry(channel=channel, names=names, odds=[float(f"{o:.3g}") for o in odds])
+        for channel, names, odds in made[:_MOST_ODDS]
+    ]
 
 
 def _settled(known: "Assessment", disputes: Sequence[Any]) -> bool:
@@ -344,7 +353,7 @@ def _changes(before: RoundEntry | None, status: dict[str, str], rivals: Sequence
     was = {} if before is None else before["status"]
     told = [f"{c} {was[c]} → {s}" if c in was else f"{c} {s}" for c, s in status.items() if was.get(c, "clean") != s]
     for now in rivals:
-        old = [r for r in ([] if before is None else before["rivals"]) if _same(r, now)]
+        old = [r for r in ([] if before is None else before["rivals"]) if _same(r, now) and len(r["names"]) == 2]
         if old and (a := _ratio(old[0])) and not 0.5 < _ratio(now) / a < 2.0:
             told.append(f"{now['channel']}: {now['names'][0]} over {now['names'][1]} {a:.3g} → {_ratio(now):.3g}")
     return "; ".join(told) or ("all channels clean" if before is None else "nothing new")
