@@ -15,7 +15,7 @@ from helpers.processes import virtual_process
 from filters.imu import IMU400CD_200
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled
-from filters.simulation import Fault, Personality, PowerOn, Scenario, Temperature, Unit
+from filters.simulation import Fault, Personality, PowerOn, Scenario, TableFault, Temperature, Unit
 from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
@@ -356,3 +356,64 @@ def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(
     name.write_text(profile_toml(dwell(7.0)))
     assert load_scenario(name).profile == Profile((Dwell((0.0, 0.0, 0.0), 7.0),))
     assert ready_made == reference_file.ready_made()[0].profile
+
+
+# ------------------------------------------------------------------------------------------- the table under command
+
+TABLE = """
+seed = 5
+[table]
+axes = ["middle", "inner"]
+seed = 9
+rate_dps = 100.0
+stops_deg = [-45.0, 90.0]
+wobble_sd_arcmin = 3.0
+[[table_fault]]
+at_s = 2.0
+kind = "stuck"
+axis = "middle"
+seconds = 1.5
+[[table_fault]]
+at_s = 3.0
+kind = "slow"
+delay_s = 0.04
+"""
+
+
+def test_a_table_and_its_faults_are_read(tmp_path: Path) -> None:
+    (tmp_path / "table.toml").write_text(TABLE)
+    made = load_scenario(tmp_path / "table.toml")
+    assert made.table.axes == ("middle", "inner")
+    assert (made.table.seed, made.seed) == (9, 5)
+    assert made.table.rate == pytest.approx(np.deg2rad(100.0))
+    assert made.table.wobble_sd == pytest.approx(np.deg2rad(0.05))
+    assert made.table.ends("middle") == pytest.approx(np.deg2rad([-45.0, 90.0]))
+    assert made.table.ends("inner") == (-np.inf, np.inf)
+    assert made.table.accel == Scenario().table.accel
+    assert made.table_faults == (
+        TableFault(2.0, "stuck", axis="middle", seconds=1.5),
+        TableFault(3.0, "slow", delay=0.04),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("[table]\nspeed = 1", "`speed` is unknown"),
+        ('[table]\naxes = "inner"', "not names"),
+        ('[table]\naxes = ["up"]', "not one of"),
+        ("[table]\nrate_dps = 0", "not all positive"),
+        ("[table]\nrate_dps = -1", "rate_dps"),
+        ("[table]\nstops_deg = [1.0]", "not two angles"),
+        ("[table]\nstops_deg = [10.0, 20.0]", "angle below 0"),
+        ("[[table_fault]]\nat_s = 1\nkind = 'worn'", "not one of: interlock"),
+        ("[[table_fault]]\nat_s = 1\nkind = 'cut'\naxis = 'inner'", "`axis` is unknown"),
+        ("[[table_fault]]\nat_s = 1\nkind = 'stuck'\naxis = 'up'", "not one of"),
+        ("[[table_fault]]\nat_s = 1\nkind = 'unrecognised'\ncount = 0", "count"),
+        ("[[table_fault]]\nkind = 'cut'", "`at_s` is missing"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_with_its_key(tmp_path: Path, text: str, why: str) -> None:
+    (tmp_path / "table.toml").write_text(text)
+    with pytest.raises(ScenarioError, match=why):
+        load_scenario(tmp_path / "table.toml")

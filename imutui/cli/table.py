@@ -148,6 +148,7 @@ def _wanted(
 
     Raises InputError for what is not within limits.
     """
+    from filters.motion.segments import AXES
     from imutui.table.gate import limits_of
 
     least = [
@@ -160,7 +161,11 @@ def _wanted(
     )
     for axis in table.axes if action == "move" else [str(values[0])]:
         own = limits_of(axis, table.limits)
-        own.check(axis, rate_dps=rate if action == "move" else float(values[1]), accel_dps2=accel)
+        if action == "move":
+            angle = float(values[AXES.index(axis)])
+            own.check(axis, angle_deg=math.nan if own.low_deg is None else angle, rate_dps=rate, accel_dps2=accel)
+        else:
+            own.check(axis, rate_dps=float(values[1]), accel_dps2=accel)
     if action == "move":
         return {"angles_deg": values, "rate_dps": rate, "accel_dps2": accel}
     return {"axis": values[0], "rate_dps": values[1], "accel_dps2": accel}
@@ -237,7 +242,7 @@ def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:
         "limits": {axis: _limits(limits) for axis, limits in table.limits.items()},
         "state": _document(state),
     }
-    answer(document, lambda: "\n".join([table.identity, *_limit_lines(table), _text(state)]), json=json)
+    answer(document, lambda: _lines(table, state), json=json)
 
 
 def _limits(limits: "AxisLimits") -> "Mapping[str, float | None]":
@@ -252,19 +257,30 @@ def _document(state: "TableState") -> "Mapping[str, object]":
     return asdict(state)
 
 
-def _limit_lines(table: "KeptTable") -> list[str]:
-    return [
-        f"{axis}: up to {limits.rate_dps:g} deg/s and {limits.accel_dps2:g} deg/s^2, "
-        + ("without stops" if limits.low_deg is None else f"{limits.low_deg:g} to {limits.high_deg:g} deg")
-        for axis, limits in table.limits.items()
-    ]
+def _lines(table: "KeptTable", state: "TableState") -> str:
+    from filters.motion.segments import AXES
+
+    lines = [table.identity]
+    for axis in table.axes:
+        k = AXES.index(axis)
+        lines.append(f"{axis:7}{state.angles_deg[k]:10.4f} deg {state.rates_dps[k]:+9.3f} deg/s  {_may(table, axis)}")
+    return "\n".join([*lines, f"mode {state.mode}{_fault(state)}"])
+
+
+def _may(table: "KeptTable", axis: str) -> str:
+    if axis not in table.limits:
+        return "limits unknown"
+    limits = table.limits[axis]
+    ends = [f"{end:g}" for end in (limits.low_deg, limits.high_deg) if end is not None]
+    return (
+        f"{limits.rate_dps:g} deg/s, {limits.accel_dps2:g} deg/s^2{', ' + ' to '.join(ends) + ' deg' if ends else ''}"
+    )
 
 
 def _text(state: "TableState") -> str:
-    from filters.motion.segments import AXES
+    angles = " ".join(f"{angle:.3f}" for angle in state.angles_deg)
+    return f"outer, middle, inner: {angles} deg, mode {state.mode}{_fault(state)}"
 
-    axes = ", ".join(
-        f"{axis} {angle:.3f} deg {rate:+.2f} deg/s"
-        for axis, angle, rate in zip(AXES, state.angles_deg, state.rates_dps, strict=True)
-    )
-    return f"{axes}, mode {state.mode}{f', FAULT: {state.fault}' if state.fault else ''}"
+
+def _fault(state: "TableState") -> str:
+    return f", FAULT: {state.fault}" if state.fault else ""

@@ -30,7 +30,8 @@ from imutui.table.links import Link
 _PATIENCE_S = 1.0  # for an answer
 _real_s = time.monotonic  # a controller takes real time, whatever the process's own is (`imutui.fast_time`)
 _MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as they were
-_CLOSING_S = 3.0
+_CLOSING_S = 3.0  # for interlocks
+_ENTERING_S = 0.5  # for a mode
 _SLOWING_S = 1.0  # within which an axis that is to stop must have become slower
 _ENDLESS_DEG = 36_000.0  # limits of angle beyond this are none
 
@@ -142,30 +143,34 @@ class Acutrol:
         )
 
     def stop(self) -> None:
-        self._look_at_modes()
-        on = [axis for axis in self.axes if self._modes[axis] != OFF]
+        try:
+            self._look_at_modes()
+            on = [axis for axis in self.axes if self._modes[axis] != OFF]
+        except TableLinkError:
+            raise
+        except TableError:  # whatever it says of its modes, it is to stop
+            on = list(self.axes)
         failed = []
         for axis in on:
-            try:
-                self._tell(demand("rate", self._number(axis), 0.0))
-                self._enter(axis, "rate")
-            except TableLinkError:
-                raise
-            except TableError as error:  # the others are to stop all the same
-                failed.append(str(error))
+            for command in (demand("rate", self._number(axis), 0.0), mode("rate", self._number(axis))):
+                failed += self._failing(lambda command=command: self._tell(command))  # type: ignore[misc]
         turning = self._wait_for_rest(on)
         for axis in on:
-            try:
-                self._enter(axis, "off")
-            except TableLinkError:
-                raise
-            except TableError as error:
-                failed.append(str(error))
-        failed += [
-            f"the {axis} axis turns still, at {rate:.2f} deg/s, and its drive is off now" for axis, rate in turning
-        ]
+            failed += self._failing(lambda axis=axis: self._enter(axis, "off"))  # type: ignore[misc]
+        failed += [f"the {axis} axis turns still, at {rate:.2f} deg/s, its drive off" for axis, rate in turning]
         if failed:
             raise TableError(f"{'; '.join(failed)}. Use the table's own emergency stop.")
+
+    @staticmethod
+    def _failing(what: Callable[[], None]) -> list[str]:
+        """Do something for one axis; returns what went wrong: the others are to stop all the same."""
+        try:
+            what()
+        except TableLinkError:
+            raise
+        except TableError as error:
+            return [str(error)]
+        return []
 
     def disable(self) -> None:
         self.stop()
@@ -223,8 +228,8 @@ class Acutrol:
         """Ask for modes and interlocks; returns what keeps drives from being ready."""
         questions = [ask(what, axis=self._number(axis)) for what in ("mode", "interlock") for axis in self.axes]
         count = len(self.axes)
-        said = self._asked(questions, lambda texts: all(_mode(text) for text in texts[:count]))
-        self._modes = {axis: _mode(text) or OFF for axis, text in zip(self.axes, said, strict=False)}
+        said = self._asked(questions, lambda texts: all(text.isalpha() for text in texts[:count]))
+        self._modes = {axis: _mode(text) for axis, text in zip(self.axes, said, strict=False)}
         told = {a: f"the {a} axis's interlock says {text}" for a, text in zip(self.axes, said[count:], strict=True)}
         at_fault = [words for words in told.values() if "fault" in words.lower()]
         opened = [words for axis, words in told.items() if words.lower().endswith("says open")]
@@ -246,7 +251,9 @@ class Acutrol:
     def _enter(self, axis: str, which: str) -> None:
         """Have an axis enter a mode, and see that it is in it."""
         self._tell(mode(which, self._number(axis)))
-        found = self._mode_of(axis)
+        deadline = _real_s() + _ENTERING_S
+        while (found := self._mode_of(axis)) != _OURS[which] and not self._fault and _real_s() < deadline:
+            pass
         if found != _OURS[which]:
             why = f" ({self._fault})" if self._fault else ""
             raise TableError(f"the {axis} axis was to enter mode {_OURS[which]}, and is in mode {found}{why}")
@@ -310,7 +317,8 @@ class Acutrol:
     def _exchange(self, line: bytes, count: int) -> tuple[str, ...]:
         """Send a line; returns the texts of its answer, of which there should be so many."""
         self._decoder.forget()
-        while self._link.receive(0.0):  # what comes late belongs to an earlier question
+        # what comes late belongs to an earlier question; a bus is not read without one
+        while self._link.quiet_s and self._link.receive(0.0):
             pass
         sent, heard = time.monotonic_ns(), 0
         deadline = _real_s() + _PATIENCE_S
@@ -341,10 +349,10 @@ def _check_moves(axis: str, rate_dps: float, accel_dps2: float) -> None:
         raise InputError(f"the {axis} axis is to move at {rate_dps:g} deg/s and {accel_dps2:g} deg/s^2, not positive")
 
 
-def _mode(text: str) -> str | None:
-    """One of our modes that a controller's word for a mode is; None where it is none."""
+def _mode(text: str) -> str:
+    """One of our modes that a controller's word for a mode is; one that nobody has seen is the most active."""
     word = acutrol.full(text, acutrol.MODES) if len(text) > 1 else None
-    return None if word is None else _OURS[word]
+    return OSCILLATION if word is None else _OURS[word]
 
 
 def _floats(text: str) -> list[float]:

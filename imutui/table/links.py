@@ -86,7 +86,7 @@ class GpibLink:
                 "a controller on GPIB needs pyvisa, which is not installed here. Type: pip install 'imutui[gpib]'"
             ) from error
         self.name = resource
-        self._errors = (pyvisa.Error, OSError)
+        self._errors = (pyvisa.Error, OSError, ValueError)  # the last where there is no library for a bus
         self._resource: Any = self._doing(lambda: pyvisa.ResourceManager().open_resource(resource))
 
     def send(self, data: bytes) -> None:

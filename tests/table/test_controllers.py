@@ -14,7 +14,7 @@ from helpers.tables import served, wait_for
 from filters.errors import InputError
 from filters.simulation import TableFault, TableModel
 from imutui.table import registry
-from imutui.table.controller import AxisLimits, TableError, TableLinkError
+from imutui.table.controller import MODES, AxisLimits, TableError, TableLinkError
 from imutui.table.server import BUS, TCP, Style
 
 STYLES = {"tcp": TCP, "tcp, line ends": Style(b"12345678", b"\r\n", True), "serial line": BUS}
@@ -315,6 +315,19 @@ def test_an_answer_may_come_byte_by_byte() -> None:
     with saying(LIMITS, b"00000000359.5;-0.25\n") as url:
         controller = registry.connect(url)
         assert controller.limits()["inner"] == AxisLimits(400.0, 500.0, None, None)
+
+
+def test_a_mode_that_nobody_has_seen_is_taken_for_the_most_active() -> None:
+    with saying(b"00000000Tracking;Closed\n", LIMITS, b"000000001.0;2.0\n") as url:
+        assert registry.connect(url).read().mode == MODES[-1]
+
+
+def test_it_is_stopped_whatever_it_says_of_its_modes() -> None:
+    """Rate zero, rate mode and mode off are sent; what then is not as it should be is told."""
+    nonsense, done, rests = b"00000000not known to me\n", b"00000000OK\n", b"000000001.0;0.0\n"
+    off = b"00000000Off;Open\n"
+    with saying(nonsense, nonsense, done, done, LIMITS, rests, done, off) as url:
+        registry.connect(url).stop()
 
 
 def test_a_host_that_hangs_up_is_a_lost_link() -> None:
