@@ -30,7 +30,8 @@ all runs, shape (n, …), SI, instrument axes. Imports: the ground, `filters.mot
 10 validation   `held_out_run` errors before and after, position error among them · `judgement` what it confirms and
                 refutes · `validation` the figures of a channel · `window_filter` what the bias filter foretells of
                 windows · `error_figure` the record of one, intervals
-11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
+11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals ·
+                `table_motions` what a table under command can do, `planning` what of it tells most for its time
 12 assessment   `assessment` steps 8-11 as one frozen record, and a word for each channel
 13 report       `trace_document` docs/formats.md as types · `report` the document, curves and their forms · `inclusion`
                 what joins the filter · `result` all that a trace gives

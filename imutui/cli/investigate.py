@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from imutui.session.client import Client
     from imutui.session.plan import Plan
 
-NAME = "investigate"  # of its acquisitions
+NAME = "investigate "  # of its acquisitions, before the folder's
 RATE_HZ = 20.0
+NAME_LIMIT = 64
 _LOGS = "logs"
 _LOOK_S = 0.2
 
@@ -95,8 +96,9 @@ def command(
         "instrument.mount": mount,
         "instrument.gyro_sign": gyro_sign,
     }
-    plan = _plan(diary, flags, limits, speed)
+    plan = _plan(diary, (NAME + output.resolve().name)[:NAME_LIMIT], flags, limits, speed)
     _may_move(plan.controller, yes_move)
+    _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
     with Page(diary.document) as page, _stopped_by_signals():
         laboratory = _Laboratory(output, plan, axes, page)
@@ -151,7 +153,16 @@ def _diary(
     return Diary.begun(hours, output, asked), speed
 
 
-def _plan(diary: "Diary", flags: dict[str, float | str | int | None], limits: str, speed: float) -> "Plan":
+def _end_left_behind(name: str) -> None:
+    """End the acquisition of a session that was killed: it goes on to the end of its motion."""
+    from imutui.session import client
+
+    if name in client.running():
+        say(f'the acquisition "{name}" of a session that was killed still runs: it is ended, and its motion made again')
+        client.attach(name).stop("imutui investigate")
+
+
+def _plan(diary: "Diary", name: str, flags: dict[str, float | str | int | None], limits: str, speed: float) -> "Plan":
     """What all acquisitions have in common."""
     from imutui import config
     from imutui.cli.session_options import plan_from
@@ -163,7 +174,7 @@ def _plan(diary: "Diary", flags: dict[str, float | str | int | None], limits: st
         port=asked.get("port", ""),
         instrument="",
         record=True,
-        name=NAME,
+        name=name,
         controller=asked.get("controller", ""),
         limits=limits,
         yes_move=True,

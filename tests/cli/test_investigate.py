@@ -90,6 +90,28 @@ def test_whatever_stops_it_stops_the_table_and_the_motion_is_made_again(tmp_path
                 assert kept["spent_s"] > 0.0
 
 
+def test_what_a_killed_session_has_left_behind_is_ended_by_the_next(tmp_path: Path) -> None:
+    """After kill -9 its acquisition commands the table still; who goes on ends it first, and makes the motion again."""
+    folder = tmp_path / "unit"
+    with started(command_line("virtual", "--controller", "127.0.0.1:0")) as virtual:
+        assert virtual.stdout is not None
+        port, url = (virtual.stdout.readline().strip() for _ in range(2))
+        begin = ["--port", port, "--controller", url, "--hours", "1", "-o", str(folder), "--yes-move"]
+        with contextlib.closing(connect(url)) as controller:
+            with started(command_line("investigate", *begin)) as process:
+                wait_until(lambda: controller.read().mode != "off", pause=0.1)
+                process.kill()
+            with started(command_line("investigate", "--resume", "-o", str(folder), "--yes-move")) as process:
+                assert process.stderr is not None
+                first = process.stderr.readline()
+                assert "it is ended" in first
+                assert "hold positions" in process.stderr.readline()
+                wait_until(lambda: controller.read().mode != "off", pause=0.1)
+                process.send_signal(signal.SIGINT)
+                process.communicate(timeout=LIMIT_S)
+            assert controller.read().mode == "off"
+
+
 @pytest.mark.parametrize("rounds", [0, 1, 30])
 def test_the_page_fits_a_small_terminal(rounds: int) -> None:
     """80 columns and 24 rows have all of it, however many motions there were and however long the reason is."""
