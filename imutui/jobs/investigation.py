@@ -352,15 +352,12 @@ def _changes(before: RoundEntry | None, status: dict[str, str], rivals: Sequence
     """What a trace says that the one before did not, a sentence."""
     was = {} if before is None else before["status"]
     told = [f"{c} {was[c]} → {s}" if c in was else f"{c} {s}" for c, s in status.items() if was.get(c, "clean") != s]
-    for now in rivals:
-        old = [r for r in ([] if before is None else before["rivals"]) if _same(r, now) and len(r["names"]) == 2]
-        if old and (a := _ratio(old[0])) and not 0.5 < _ratio(now) / a < 2.0:
+    known = {(r["channel"], *r["names"]): r for r in ([] if before is None else before["rivals"])}
+    for now in (r for r in rivals if len(r["names"]) == 2):
+        old = known.get((now["channel"], *now["names"]))
+        if old is not None and (a := _ratio(old)) and not 0.5 < _ratio(now) / a < 2.0:
             told.append(f"{now['channel']}: {now['names'][0]} over {now['names'][1]} {a:.3g} → {_ratio(now):.3g}")
     return "; ".join(told) or ("all channels clean" if before is None else "nothing new")
-
-
-def _same(a: RivalsEntry, b: RivalsEntry) -> bool:
-    return a["channel"] == b["channel"] and a["names"] == b["names"]
 
 
 def _ratio(entry: RivalsEntry) -> float:
