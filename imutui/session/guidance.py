@@ -128,7 +128,7 @@ class Guidance:
             recorder.event(_TABLE, "the profile is over: the table is left where it is, mode off")
 
     def _interrupt(self, guide: operator_guide.Guide, now_ns: int) -> None:
-        mark = guide.cancel(now_ns)
+        mark, self._leaves_when_done = guide.cancel(now_ns), False
         if mark is not None:
             self._recorder.event("mark", mark)
         why = self.table.why_failed if self.table is not None else ""

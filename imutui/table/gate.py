@@ -145,6 +145,7 @@ class _Expected:
     target: float = 0.0  # angle or rate
     accel: float = 1.0
     hz: float = 0.0
+    has_its_rate: bool = False  # of a constant rate: its change is over, and the axis was seen to follow it
     off_since_s: float | None = None
 
     def at(self, t_s: float) -> tuple[float, float]:
@@ -243,12 +244,13 @@ class Follower:
         if expected.mode == "oscillation":
             return self._stands_still(axis, expected, angle, t_s)
         should, rate = expected.at(t_s)
-        early = expected.at(t_s - _LATE_S)[1]
-        off = angle - should
-        if abs(off) <= FOLLOW_DEG + _LATE_S * max(abs(rate), abs(early)):
+        fastest = max(abs(rate), abs(expected.at(t_s - _LATE_S)[1]))
+        if expected.mode == "rate" and not expected.has_its_rate:
+            fastest = max(abs(expected.rate), abs(expected.target))
+        if abs(angle - should) <= FOLLOW_DEG + _LATE_S * fastest:
             expected.off_since_s = None
             if expected.mode == "rate":
-                self._forget(expected, angle, rate, t_s)
+                self._forget(expected, angle, t_s)
             return ""
         expected.off_since_s = t_s if expected.off_since_s is None else expected.off_since_s
         if t_s - expected.off_since_s < FOLLOW_S:
@@ -256,15 +258,18 @@ class Follower:
         return f"{axis} does not follow: it is at {angle:.2f}° and should be at {should:.2f}° for {FOLLOW_S:g} s"
 
     @staticmethod
-    def _forget(expected: _Expected, angle: float, rate: float, t_s: float) -> None:
-        """Draw what is expected of a constant rate to where the axis is, so that a scale error does not add up."""
+    def _forget(expected: _Expected, angle: float, t_s: float) -> None:
+        """Draw what is expected of a constant rate to where the axis is, so that a scale error does not add up.
+
+        What the axis was late by when its rate changed is forgotten at once, when the change is over.
+        """
         ramp_s = abs(expected.target - expected.rate) / expected.accel
         if t_s - expected.since_s <= ramp_s + FOLLOW_S:
             return
         should, _ = expected.at(t_s)
-        share = min(1.0, (t_s - expected.since_s) / _FORGET_S)
-        expected.angle, expected.rate = should + share * (angle - should), rate
-        expected.since_s = t_s
+        share = min(1.0, (t_s - expected.since_s) / _FORGET_S) if expected.has_its_rate else 1.0
+        expected.angle, expected.rate = should + share * (angle - should), expected.target
+        expected.since_s, expected.has_its_rate = t_s, True
 
     def _stands_still(self, axis: str, expected: _Expected, angle: float, t_s: float) -> str:
         """Of an oscillation its size is known, not its phase."""

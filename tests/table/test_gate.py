@@ -161,3 +161,17 @@ def test_a_controller_that_leaves_its_mode_by_itself_is_told() -> None:
 
 def test_a_table_that_is_turned_by_hand_while_nothing_is_commanded_is_none_of_its_business() -> None:
     assert run(follower(), [reading(t, inner=40.0 * t, mode="off") for t in steps(3.0)]) == (math.inf, "")
+
+
+def test_what_an_axis_was_late_by_when_its_rate_changed_is_no_error_afterwards() -> None:
+    of = follower()
+    late = 0.07
+    of.commanded("inner", "rate", 0.0, 40.0, accel=100.0)
+    up = [reading(t, inner=40.0 * max(0.0, t - 0.2 - late), rate=40.0, mode="rate") for t in steps(5.0)]
+    assert run(of, up) == (math.inf, "")
+    at = 40.0 * (5.0 - 0.2 - late)
+    of.commanded("inner", "rate", 5.0, 0.0, accel=100.0)
+    down = [reading(5.0 + t, inner=at + 40.0 * min(t, 0.2 + late), mode="rate") for t in steps(20.0)]
+    assert run(of, down) == (math.inf, "")
+    creeping = [reading(25.0 + t, inner=at + 40.0 * (0.2 + late) + 0.5 * t, mode="rate") for t in steps(20.0)]
+    assert run(of, creeping)[0] < 29.0

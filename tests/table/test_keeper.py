@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 from helpers.processes import wait_until
-from helpers.tables import Served, served
+from helpers.tables import Served, served, strike
 
 from filters.simulation import TableFault, TableModel
 from imutui.table.controller import TableError
@@ -116,13 +116,6 @@ def test_the_table_stands_after_a_fault_and_why_is_said(fault: TableFault, said:
         wait_until(lambda: stands(it))  # one whose drive was off already brakes by itself
         assert said in table.error
         assert "It was stopped: rate zero, mode off." in table.error
-
-
-def strike(it: Served, fault: TableFault) -> None:
-    """Have a fault happen now."""
-    now = TableFault(it.server.known(), fault.kind, fault.axis, fault.seconds)
-    of_link = fault.kind in ("silent", "cut")
-    (it.server._of_link if of_link else it.server._controller._faults).append(now)
 
 
 def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:

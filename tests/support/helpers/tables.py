@@ -46,6 +46,13 @@ def served(
         yield Served(table, server, url, told)
 
 
+def strike(it: Served, fault: TableFault) -> None:
+    """Have a fault happen now."""
+    now = TableFault(it.server.known(), fault.kind, fault.axis, fault.seconds)
+    of_link = fault.kind in ("silent", "cut")
+    (it.server._of_link if of_link else it.server._controller._faults).append(now)
+
+
 def wait_for(controller: TableController, what: Callable[[TableState], bool]) -> TableState:
     """Read until a state is so."""
     deadline = time.monotonic() + LIMIT_S
