@@ -67,7 +67,8 @@ class Page:
 
     def _keys(self) -> None:
         while not self._over.is_set():
-            if select.select([sys.stdin], [], [], 0.1)[0] and _ESC in os.read(sys.stdin.fileno(), 64):
+            keys = os.read(sys.stdin.fileno(), 64) if select.select([sys.stdin], [], [], 0.1)[0] else b""
+            if keys and not keys.strip(_ESC):  # arrows and the like begin with Esc too
                 os.kill(os.getpid(), signal.SIGINT)
 
     def told(self, said: str, entry: RoundEntry | None) -> None:
