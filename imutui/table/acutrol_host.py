@@ -53,6 +53,7 @@ class Acutrol:
         self._modes: dict[str, str] = {}
         self._fault = ""
         self._modes_ns = -_MODES_NS
+        self._has_line_ends = False  # whether answers have been seen to end with their line
         self._exchanged = (0, 0)  # when the last line was sent, and when its answer began to come, ns
         self._last: tuple[int, dict[str, tuple[float, float]]] | None = None  # when, angle and rate of each axis
         self.axes: tuple[str, ...] = ()
@@ -327,9 +328,12 @@ class Acutrol:
             data = self._link.receive(min(left, self._link.quiet_s) if heard else left)
             heard = heard or (time.monotonic_ns() if data else 0)
             answer = self._decoder.feed(data)
-            if answer is None and not data and heard:  # quiet: an answer without a line end is whole
-                answer = self._decoder.so_far()
-                answer = answer if answer and len(answer.texts) >= count else None
+            self._has_line_ends |= answer is not None
+            so_far = self._decoder.so_far() if answer is None and heard else None
+            # without a line end an answer is whole when the line is quiet, or when no more of it can follow
+            ended = not data or (so_far and so_far.texts == (acutrol.DONE,) * count and not self._has_line_ends)
+            if so_far and len(so_far.texts) >= count and ended:
+                answer = so_far
             if answer is not None:
                 self._exchanged = sent, heard
                 return answer.texts

@@ -145,11 +145,12 @@ class _Expected:
     target: float = 0.0  # angle or rate
     accel: float = 1.0
     hz: float = 0.0
+    late_s: float = _LATE_S
     has_its_rate: bool = False  # of a constant rate: its change is over, and the axis was seen to follow it
     off_since_s: float | None = None
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Angle and rate, of a motion that begins gently by no more than `_LATE_S`."""
+        """Angle and rate, of a motion that begins gently by no more than `late_s`."""
         t = max(0.0, t_s - self.since_s)
         if self.mode == "rate":
             ramp_s = abs(self.target - self.rate) / self.accel
@@ -187,12 +188,16 @@ class Follower:
     _other_mode_since_s: float | None = None
 
     def commanded(
-        self, axis: str, mode: str, t_s: float, target: float, speed: float = 0.0, accel: float = 1.0
-    ) -> None:
-        """Take a command: `target` angle, rate, or amplitude; `speed` of a move, or frequency of an oscillation."""
+        self, axis: str, mode: str, t_s: float, target: float, speed: float = 0.0, accel: float = 1.0,
+        *, took_s: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Take a command: `target` angle, rate, or amplitude; `speed` of a move, or frequency of an oscillation.
+
+        The axis may have begun at any time from `t_s` on that the command `took_s` to be sent.
+        """
         k = AXES.index(axis)
         rate = self.rates_dps[k] if mode == "rate" else speed
-        self._expected[axis] = _Expected(mode, t_s, self.angles_deg[k], rate, target, accel, speed)
+        self._expected[axis] = _Expected(mode, t_s, self.angles_deg[k], rate, target, accel, speed, _LATE_S + took_s)
         self._swung[axis] = deque()
         self.mode = mode
 
@@ -244,10 +249,10 @@ class Follower:
         if expected.mode == "oscillation":
             return self._stands_still(axis, expected, angle, t_s)
         should, rate = expected.at(t_s)
-        fastest = max(abs(rate), abs(expected.at(t_s - _LATE_S)[1]))
+        fastest = max(abs(rate), abs(expected.at(t_s - expected.late_s)[1]))
         if expected.mode == "rate" and not expected.has_its_rate:
             fastest = max(abs(expected.rate), abs(expected.target))
-        if abs(angle - should) <= FOLLOW_DEG + _LATE_S * fastest:
+        if abs(angle - should) <= FOLLOW_DEG + expected.late_s * fastest:
             expected.off_since_s = None
             if expected.mode == "rate":
                 self._forget(expected, angle, t_s)

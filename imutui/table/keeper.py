@@ -143,8 +143,9 @@ class Keeper:
                 raise InputError(f"{axis} turns still; have it stand first: a rate of zero")
         for axis, target in targets.items():
             # as the controller counts, which may begin anew with each turn
-            self._follower.commanded(axis, "position", time.monotonic(), target, rate, accel)
+            begun_s = time.monotonic()
             self._controller.position(axis, target, rate, accel)
+            self._follower.commanded(axis, "position", begun_s, target, rate, accel, took_s=time.monotonic() - begun_s)
 
     def _do_rate(self, asked: Mapping[str, Any]) -> None:
         axis, rate = str(asked.get("axis")), _number(asked, "rate_dps")
@@ -154,16 +155,18 @@ class Keeper:
         limits.check(axis, rate_dps=rate, accel_dps2=accel)
         if not accel > 0.0:
             raise InputError(f"`accel_dps2` is {accel:g}; it must be positive")
-        self._follower.commanded(axis, "rate", time.monotonic(), rate, accel=accel)
+        begun_s = time.monotonic()
         self._controller.rate(axis, rate, accel)
+        self._follower.commanded(axis, "rate", begun_s, rate, accel=accel, took_s=time.monotonic() - begun_s)
 
     def _do_oscillate(self, asked: Mapping[str, Any]) -> None:
         axis, amplitude, hz = str(asked.get("axis")), _number(asked, "amplitude_deg"), _number(asked, "hz")
         self._refuse_unless_enabled()
         limits = gate.limits_of(axis, self.limits)
         gate.check_swing(axis, self._follower.angles_deg[AXES.index(axis)], limits, amplitude, hz)
-        self._follower.commanded(axis, "oscillation", time.monotonic(), amplitude, hz)
+        begun_s = time.monotonic()
         self._controller.oscillate(axis, amplitude, hz)
+        self._follower.commanded(axis, "oscillation", begun_s, amplitude, hz, took_s=time.monotonic() - begun_s)
 
     def _do_stop(self, _: Mapping[str, Any]) -> None:
         self._follower.stopped()

@@ -96,6 +96,19 @@ def test_an_axis_that_moves_as_commanded_a_little_late_is_followed() -> None:
     assert model.at(10.0) == (170.0, 0.0)
 
 
+def test_an_axis_may_begin_at_any_time_while_its_command_is_sent() -> None:
+    """A slow link, or a busy machine, is no axis that does not follow; one that is stuck is told still."""
+    for begun_s in (0.0, 0.9):
+        of = follower()
+        of.commanded("inner", "rate", 0.0, 50.0, accel=100.0, took_s=0.9)
+        model = gate._Expected("rate", begun_s, 0.0, 0.0, 50.0, 100.0)
+        turning = [reading(t, inner=model.at(t)[0], rate=model.at(t)[1], mode="rate") for t in steps(10.0)]
+        assert run(of, turning) == (math.inf, "")
+    of = follower()
+    of.commanded("inner", "rate", 0.0, 50.0, accel=100.0, took_s=0.9)
+    assert run(of, [reading(t, mode="rate") for t in steps(10.0)])[0] < 3.0
+
+
 def test_a_stuck_axis_is_told_within_a_second_and_a_half() -> None:
     of = follower()
     of.commanded("inner", "position", 0.0, 170.0, 50.0, 100.0)
