@@ -2,10 +2,13 @@
 
 import contextlib
 import math
+import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -241,6 +244,14 @@ def _stopped_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _into(ended: "Future[object]", wait: "Callable[[], object]") -> None:
+    """Wait, and hand on what comes of it."""
+    try:
+        ended.set_result(wait())
+    except Exception as error:  # noqa: BLE001 - whoever takes the result has it raised
+        ended.set_exception(error)
+
+
 class _Laboratory:
     """The unit and the table on the line: an acquisition for each motion, in whose hands the table is."""
 
@@ -274,8 +285,11 @@ class _Laboratory:
             self._follow(connection, motion.seconds)
         except BaseException:
             # whatever it is, the table must not go on
-            with contextlib.suppress(SessionError, TimeoutError):
+            try:
                 connection.stop("imutui investigate")
+            except (SessionError, TimeoutError):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(connection.pid, signal.SIGTERM)
             raise
         failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
         if failed or not connection.ended_by_itself:
@@ -285,17 +299,22 @@ class _Laboratory:
         return name
 
     def _follow(self, connection: "Client", seconds: float) -> None:
+        """Show the acquisition until it ends; it is ended where the table was stopped."""
+        from imutui.session.client import SessionError
         from imutui.session.snapshot import NO_SERIES
 
-        while True:
+        # one that waits all the time hears of the end; who asks now and then may come when there is nobody any more
+        ended: Future[object] = Future()
+        threading.Thread(target=_into, args=(ended, connection.wait), name="end", daemon=True).start()
+        while not ended.done():
             with contextlib.suppress(TimeoutError):
-                connection.wait(_LOOK_S)
-                return
-            seen = connection.snapshot(since=NO_SERIES)
-            self._page.seen(seen, seconds)
-            if seen["guide"] is not None and seen["guide"]["state"] == "cancelled":  # the table was stopped
-                connection.stop("imutui investigate, since the table was stopped")
-                return
+                ended.result(_LOOK_S)
+            with contextlib.suppress(SessionError):  # busy, or just ending
+                seen = connection.snapshot(since=NO_SERIES)
+                self._page.seen(seen, seconds)
+                if seen["guide"] is not None and seen["guide"]["state"] == "cancelled":
+                    connection.stop("imutui investigate, since the table was stopped")
+        ended.result()
 
     def runs(self, rounds: "Sequence[RoundEntry]") -> "list[Run]":
         """Runs of the logs of rounds."""
