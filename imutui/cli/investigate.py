@@ -5,10 +5,9 @@ import math
 import os
 import signal
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -244,14 +243,6 @@ def _stopped_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _into(ended: "Future[object]", wait: "Callable[[], object]") -> None:
-    """Wait, and hand on what comes of it."""
-    try:
-        ended.set_result(wait())
-    except Exception as error:  # noqa: BLE001 - whoever takes the result has it raised
-        ended.set_exception(error)
-
-
 class _Laboratory:
     """The unit and the table on the line: an acquisition for each motion, in whose hands the table is."""
 
@@ -304,8 +295,9 @@ class _Laboratory:
         from imutui.session.snapshot import NO_SERIES
 
         # one that waits all the time hears of the end; who asks now and then may come when there is nobody any more
-        ended: Future[object] = Future()
-        threading.Thread(target=_into, args=(ended, connection.wait), name="end", daemon=True).start()
+        waits = ThreadPoolExecutor(1, "end")
+        ended = waits.submit(connection.wait)
+        waits.shutdown(wait=False)
         while not ended.done():
             with contextlib.suppress(TimeoutError):
                 ended.result(_LOOK_S)
