@@ -1,5 +1,6 @@
 """The table that `imutui virtual --controller` puts under its unit, and the controller's port."""
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from imutui.table.server import TableServer
 
 # wall time: at 20 times its speed a unit of 133 readings a second then makes ten of them at once
 _AHEAD_S = 0.004
+_SWITCH_S = 0.0005
 
 
 class VirtualTable:
@@ -63,6 +65,8 @@ class VirtualTable:
         """Serve the controller while the unit runs on the table; gives its URL."""
         assert self._server is not None, "the unit was made without the table"
         self._unit = unit
+        # unit and controller are threads of one process, and neither may be late for the other's arithmetic
+        sys.setswitchinterval(_SWITCH_S)
         with self._server:
             host = self._address[0]
             yield f"acutrol://{f'[{host}]' if ':' in host else host}:{self._server.port}"

@@ -3,17 +3,22 @@
 import contextlib
 import importlib.util
 import math
+import select
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from helpers.tables import served, wait_for
 
 from filters.errors import InputError
-from filters.simulation import TableFault, TableModel
+from filters.simulation import TableFault, TableModel, TurnTable
+from imutui.instrument.pseudo_terminal import PseudoTerminal
 from imutui.table import registry
+from imutui.table.acutrol import Command, CommandDecoder, encode_answer
+from imutui.table.acutrol_virtual import VirtualAcutrol
 from imutui.table.controller import MODES, AxisLimits, TableError, TableLinkError
 from imutui.table.server import BUS, TCP, Style
 
@@ -374,3 +379,35 @@ def test_a_controller_that_is_not_there_is_told_with_its_address() -> None:
 def test_gpib_needs_a_library_and_says_which() -> None:
     with pytest.raises(InputError, match="gpib"):
         registry.connect("acutrol+gpib:GPIB0::1::INSTR")
+
+
+def test_a_serial_line_is_a_terminals(tmp_path: Path) -> None:
+    """The same dialogue over a device, where nothing says that a peer is there."""
+    controller, closing = VirtualAcutrol(TurnTable(TableModel(axes=("inner",)))), threading.Event()
+    with PseudoTerminal(tmp_path / "line") as pty:
+
+        def serve() -> None:
+            decoder = CommandDecoder()
+            while not closing.is_set():
+                pty.release()
+                if not select.select([pty], (), (), 0.02)[0]:
+                    continue
+                for line in decoder.feed(pty.read()):
+                    said = controller.carry_out(line, 0.0)
+                    texts = [t or "" for t, c in zip(said, line, strict=True) if isinstance(c, Command) and c.asks]
+                    pty.write(encode_answer(texts, b"", b"\n") if texts else b"")
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            host = registry.connect(f"acutrol+serial:{tmp_path / 'line'}?baud=19200")
+            assert host.axes == ("inner",)
+            host.enable()
+            host.position("inner", 30.0, 50.0, 100.0)
+            state = host.read()
+            assert state.mode == "position"
+            assert state.fault == ""
+            host.close()
+        finally:
+            closing.set()
+            thread.join()
