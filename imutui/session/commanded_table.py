@@ -24,6 +24,8 @@ SETTLED_DEG, SETTLED_S = 0.02, 1.0
 """A dwell begins when all axes have been so near to where they should be, and stood still, for so long."""
 _RATE_S, _RATE_SHARE, _RATE_DPS = 0.3, 0.01, 0.05
 _SETTLE_PATIENCE_S = 60.0
+_KEPT_S = 1.5 * SETTLED_S
+_SWINGS, _PERIODS = 0.9, 3.0  # a sine begins at this share of its amplitude, or after so many periods at half of it
 _MOVING = 0.1  # deg/s: what is told as a table that moves
 
 
@@ -50,6 +52,8 @@ class CommandedTable:
         self._kept = self._begin()
         self._recent: deque[TableState] = deque()
         self._steps: deque[_Step] = deque()
+        self._keep_s = _KEPT_S  # how far back readings are looked at
+        self._sent_ns = 0  # when the present step's command was sent
         self._until_ns: int | None = None  # by when the present step must be done
         self._turned: Rate | Sine | None = None
         self.why_failed = ""  # why the table was stopped, where somebody must look at it
@@ -114,9 +118,10 @@ class CommandedTable:
                 self._add(turn, lambda: self._turns_at(axis, dps), abs(dps) / accel[axis] + SETTLED_S)
                 self._turned = segment
             case Sine(axis, amplitude, hz):
-                swing = {"do": "oscillate", "axis": axis, "amplitude_deg": in_degrees(amplitude), "hz": hz}
-                begun_ns = now_ns
-                self._add(swing, lambda: self._passed_s(begun_ns) > 1.0 / hz, 1.0 / hz)
+                size = in_degrees(amplitude)
+                swing = {"do": "oscillate", "axis": axis, "amplitude_deg": size, "hz": hz}
+                self._keep_s = max(_KEPT_S, 1.2 / hz)
+                self._add(swing, lambda: self._swings(axis, size, 1.0 / hz), 3.0 / hz)
                 self._turned = segment
             case Sampled():
                 raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
@@ -138,6 +143,7 @@ class CommandedTable:
         step = self._steps[0]
         # what was read before the command says nothing of what comes of it
         self._recent.clear()
+        self._sent_ns = now_ns
         self._until_ns = now_ns + round((step.seconds + _SETTLE_PATIENCE_S * self._slack) * 1e9)
         self._kept.send(**step.command)
 
@@ -173,7 +179,7 @@ class CommandedTable:
         while kept.states:
             found.append(kept.states.popleft())
         self._recent += found
-        while self._recent and self._recent[0].stamp_ns < self._recent[-1].stamp_ns - 1.5e9 * SETTLED_S:
+        while self._recent and self._recent[0].stamp_ns < self._recent[-1].stamp_ns - self._keep_s * 1e9:
             self._recent.popleft()
         if self._steps and self._until_ns is not None and now_ns > self._until_ns:
             self.leave()
@@ -199,8 +205,11 @@ class CommandedTable:
         return [state for state in self._recent if state.stamp_ns >= since_ns]
 
     def _stands(self) -> bool:
+        """Whether rates are zero but for their noise; of an axis that swings their mean is, and its angles are not."""
         states = self._last(SETTLED_S / 2.0)
-        return bool(states) and all(abs(_mean([s.rates_dps[k] for s in states])) < RESTS_DPS for k in range(3))
+        angles = zip(*(s.angles_deg for s in states), strict=True)
+        slow = all(abs(_mean([s.rates_dps[k] for s in states])) < RESTS_DPS for k in range(3)) if states else False
+        return slow and all(max(each) - min(each) < SETTLED_DEG for each in angles)
 
     def _settled(self, targets: Sequence[float]) -> bool:
         states = self._last(SETTLED_S)
@@ -212,6 +221,11 @@ class CommandedTable:
         states, k = self._last(_RATE_S), AXES.index(axis)
         off = abs(_mean([s.rates_dps[k] for s in states]) - dps) if states else math.inf
         return off < max(_RATE_DPS, _RATE_SHARE * abs(dps))
+
+    def _swings(self, axis: str, amplitude: float, period_s: float) -> bool:
+        angles = [s.angles_deg[AXES.index(axis)] for s in self._last(period_s)]
+        share = (max(angles) - min(angles)) / (2.0 * amplitude) if angles else 0.0
+        return share > _SWINGS or (share > 0.5 and self._passed_s(self._sent_ns) > _PERIODS * period_s)
 
     @property
     def moves(self) -> bool:
