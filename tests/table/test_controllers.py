@@ -411,3 +411,39 @@ def test_a_serial_line_is_a_terminals(tmp_path: Path) -> None:
         finally:
             closing.set()
             thread.join()
+
+
+BUS_DEVICE = """
+spec: "1.1"
+devices:
+  table:
+    eom: {GPIB INSTR: {q: "\\r\\n", r: "\\n"}}
+    delimiter: "|"
+    error: ERROR
+    dialogues:
+      - {q: "*idn?", r: "SIM TABLE"}
+      - {q: ":limit:absolute? 1", r: "400,500,20000,0,0,440"}
+      - {q: ":read:position? 1", r: "12.5"}
+      - {q: ":read:position? 1;rate? 1", r: "12.5;0.0"}
+      - {q: ":mode? 1;interlock? 1", r: "Off;Open"}
+resources:
+  GPIB0::1::INSTR: {device: table}
+"""
+
+
+def test_a_bus_is_spoken_to_by_pyvisa(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On pyvisa's own simulated bus. Skipped without the libraries of the extra `test`."""
+    pytest.importorskip("pyvisa_sim")
+    (tmp_path / "bus.yaml").write_text(BUS_DEVICE)
+    monkeypatch.setenv("PYVISA_LIBRARY", f"{tmp_path / 'bus.yaml'}@sim")
+    controller = registry.connect("acutrol+gpib:GPIB0::1::INSTR")
+    assert controller.axes == ("inner",)
+    assert controller.identify() == "SIM TABLE"
+    assert controller.limits() == {"inner": AxisLimits(400.0, 500.0, None, None)}
+    state = controller.read()
+    assert state.angles_deg == (0.0, 0.0, 12.5)
+    assert (state.mode, state.fault) == ("off", "")
+    controller.stop()
+    controller.close()
+    with pytest.raises(TableLinkError, match="GPIB0::9::INSTR"):
+        registry.connect("acutrol+gpib:GPIB0::9::INSTR")
