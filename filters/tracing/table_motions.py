@@ -17,6 +17,7 @@ from filters.tracing.candidate_motions import CandidateMotion
 
 _FASTEST = math.radians(120.0)  # rad/s: the unit's range has to hold errors too
 _AMPLITUDE = math.radians(20.0)
+_FIRST_S = 5.0  # of rests and rates that every unit is taken through: as short as shows all that no hour is needed for
 _HOLD_S, _HOLD_LONG_S, _STILL_ROUND_S, _TURN_S, _SWING_S = 8.0, 20.0, 180.0, 8.0, 12.0
 _BRISK = math.radians(60.0)  # rate of moves, if the axes can
 _PAUSE = Dwell((0.0, 0.0, 0.0), 15.0)  # level, before a motion and after: its constant is judged by that
@@ -76,10 +77,11 @@ def start(table: Table) -> list[CandidateMotion]:
     Together they let every effect of the catalogue that motion shows be told at plausible sizes
     (`detectability.of_motion`), but those that take an hour: an accelerometer's cubic nonlinearity, Earth rate.
     """
-    spun = [segment for axis in table for segment in turned(table, axis, (0.4, -0.4, 1.0, -1.0))]
+    shares = (0.4, -0.4, 1.0, -1.0)
+    spun = [s for axis in table for s in turned(table, axis, shares, _FIRST_S, rest_s=_FIRST_S)[1:]]
     made = [
-        ("hold positions all around", held((*SIX, *TWELVE), _HOLD_S)),
-        ("turn each axis both ways at two rates", [*spun, _PAUSE]),
+        ("hold positions all around", held((*SIX, *TWELVE), _FIRST_S)),
+        ("turn each axis both ways at two rates", [_PAUSE, *spun, _PAUSE]),
     ]
     wanted = [commanded(description, segments, table) for description, segments in made]
     return [motion for motion in wanted if motion is not None]
@@ -200,11 +202,12 @@ def turned(
     shares: Sequence[float],
     seconds: float = _TURN_S,
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rest_s: float = 8.0,
 ) -> list[Segment]:
     """An axis turned at shares of its fastest rate, a rest after each; from stop to stop where it has stops."""
     own = table[axis]
     fastest = _SHARE * min(own.rate, _FASTEST)
-    pause, made = _tilted(tilt, 8.0), list[Segment]()
+    pause, made = _tilted(tilt, rest_s), list[Segment]()
     for share in shares:
         rate = share * fastest
         if math.isfinite(own.swing):

@@ -74,7 +74,7 @@ def test_the_first_motions_let_all_be_told_that_takes_no_hour() -> None:
         return {(q.effect, q.channel.startswith("g")) for q, value in d.items() if value < detectability.TESTABLE}
 
     first = table_motions.start(THREE)
-    assert sum(motion.seconds for motion in first) < 600.0
+    assert sum(motion.seconds for motion in first) < 400.0
     assert hidden(first) == {("nonlinearity_cubic", False), ("earth_rate", False)}
     for left_out in first:
         assert len(hidden([motion for motion in first if motion is not left_out])) > 2
