@@ -37,8 +37,7 @@ class StatusHeader(TextLines):
         return [self._first(now, width), self.spread(tabs, self._filter(view, width - tabs.cell_length - 2), width)]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
-        moves = (" TABLE MOVES ", "bold reverse $text-error") if messages.table_moves(now) else ""
-        right = self.line("  ", moves, "  " if moves else "", *self._recording(now), "  ", self._time(now), " ")
+        right = self.line("  ", *self._recording(now), "  ", self._time(now), " ")
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length
@@ -74,7 +73,9 @@ class StatusHeader(TextLines):
         return Content(" ").join(parts)
 
     def _filter(self, view: View, room: int) -> Content:
-        """The filter's badge, cut where it does not fit: the tabs stay whole."""
+        """The filter's badge, cut where it does not fit: the tabs stay whole. A table that moves is more urgent."""
+        if messages.table_moves(view.now):
+            return self.line((" TABLE MOVES "[: max(room, 0)], "bold reverse $text-error"), " ")
         verdict = view.verdict
         if verdict is None:
             return self.line(" ")

@@ -214,9 +214,10 @@ class FakeClient:
         """The profile that a test put there."""
         return self.table_profile
 
-    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
+    def guide(self, do: str, wish: RecordingWish | None = None, *, yes_move: bool = False) -> None:
         """Note it, and what was wished of the recording that begins."""
         self.asked.append(f"guide {do}")
+        self.said_yes = yes_move
         if do == "begin":
             self.wish = wish
 

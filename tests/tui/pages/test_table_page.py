@@ -50,8 +50,8 @@ class Acquisition(FakeClient):
             self.changes["reference"] = {"name": "profile", "file": changes["reference_file"][0], "profile": True}
             self.changes["guide"] = None
 
-    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
-        super().guide(do, wish)
+    def guide(self, do: str, wish: RecordingWish | None = None, *, yes_move: bool = False) -> None:
+        super().guide(do, wish, yes_move=yes_move)
         now = self.changes.get("guide") or {"segment": 0, "begun": [None] * 4}
         begun = list(now["begun"])
         if do == "begin":
@@ -101,6 +101,38 @@ async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size:
     assert [what for what in client.asked if what.startswith("guide")] == [
         "guide begin", "guide next", "guide cancel", "guide resume", "guide next", "guide next", "guide next",
     ]  # fmt: skip
+
+
+def commanded(*, moves: bool) -> dict[str, Any]:
+    """A table under command, as a snapshot has it."""
+    return {
+        "url": "acutrol://127.0.0.1:9888", "identity": "", "axes": ["outer", "middle", "inner"],
+        "angles_deg": [0.0, 0.0, 63.68], "rates_dps": [0.0, 0.0, 40.0 * moves], "mode": "position" if moves else "off",
+        "fault": "", "age_s": 0.01, "moves": moves, "error": "",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_table_moves_after_a_yes_and_esc_stops_it_on_every_page(folder: Path, size: tuple[int, int]) -> None:
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    client.changes["controller"] = commanded(moves=False)
+    async with opened(client, size=size) as see:
+        await see("5 → b has the table run this | inner +63.680°  mode off")
+        await see("b → THE TABLE WILL MOVE | acutrol://127.0.0.1:9888 | Esc stops it")
+        await see("enter → b has the table run this")
+        assert not any(what.startswith("guide") for what in client.asked)
+        await see("b → THE TABLE WILL MOVE")
+        await see("y → ● REC | Segment 1 of 4")
+        assert client.said_yes
+        client.changes["controller"] = commanded(moves=True)
+        await see("→ TABLE MOVES | SIMULATED | keep clear | +40.00°/s")
+        for page in "12346":
+            await see(f"{page} → TABLE MOVES")
+        await see("escape → the table was stopped")
+        client.changes["controller"] = commanded(moves=False)
+        await see("5 → Stopped at segment 1 of 4 | b resume")
+    assert [what for what in client.asked if what.startswith("guide")] == ["guide begin", "guide cancel"]
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -151,7 +151,7 @@ def _commanded(guide: GuideSnapshot | None, segments: Sequence[SegmentDescriptio
             return f"{of}: {_holding(what)}", "The table goes on by itself. Esc stops it at once."
         case "cancelled":
             return f"Stopped at segment {number + 1} of {len(segments)}.", (
-                "The table stands, its mode is off. b goes on there, after a question; r finishes the file."
+                "The table stands, mode off. b goes on after a question; r finishes the file."
             )
     return f"All {len(segments)} segments are done; the table stands, its mode is off.", (
         "r finishes the file, t traces it with the angles that were measured."
