@@ -4,7 +4,6 @@ import contextlib
 import math
 import os
 import signal
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +13,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.exit_codes import FINDINGS, FINE, INSTRUMENT, INTERRUPTED, USAGE, fail, lacking, print_json, say
-from imutui.cli.options import AccelSign, GyroSign, Json, Mount, Operator, Place, Rate, Table
+from imutui.cli.options import (
+    AccelSign,
+    GyroSign,
+    Json,
+    Limits,
+    Mount,
+    Operator,
+    Place,
+    Rate,
+    Table,
+    YesMove,
+    ask_to_move,
+)
 
 if TYPE_CHECKING:
     from filters.tracing.candidate_motions import CandidateMotion
@@ -52,17 +63,8 @@ def command(
     switched: Annotated[
         bool, typer.Option("--switched", help="With --resume: the unit was switched off and on since.")
     ] = False,
-    limits: Annotated[
-        str,
-        typer.Option(
-            "--limits",
-            metavar="AXIS=RATE/ACCEL[/LOW/HIGH],...",
-            help="What axes may do, deg/s, deg/s^2, deg; narrower than the controller says, or where it says nothing.",
-        ),
-    ] = "",
-    yes_move: Annotated[
-        bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")
-    ] = False,
+    limits: Limits = "",
+    yes_move: YesMove = False,
     rate: Rate = None,
     operator: Operator = None,
     place: Place = None,
@@ -99,7 +101,7 @@ def command(
         "instrument.gyro_sign": gyro_sign,
     }
     plan = _plan(diary, (NAME + output.resolve().name)[:NAME_LIMIT], flags, limits, speed)
-    _may_move(plan.controller, yes_move)
+    ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
     with Page(diary.document) as page, _stopped_by_signals():
@@ -183,17 +185,6 @@ def _plan(diary: "Diary", name: str, flags: dict[str, float | str | int | None],
         speed=speed,
         since_ns=0 if speed == 1.0 else asked.get("since_ns", 0),
     )
-
-
-def _may_move(controller: str, yes_move: bool) -> None:
-    """Have somebody say that the table may move."""
-    if yes_move:
-        return
-    if not sys.stdin.isatty():
-        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
-    say(f"The table at {controller} WILL MOVE by itself, for as long as the investigation takes.")
-    if input("Is everybody clear of it, and may it move? Type yes: ").strip().lower() != "yes":
-        raise fail(USAGE, "the table does not move, and nothing was recorded.")
 
 
 def _axes(url: str, limits: str) -> "Axes":

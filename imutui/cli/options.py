@@ -1,11 +1,12 @@
 """Options that several commands share."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.exit_codes import FINE, say, tell
+from imutui.cli.exit_codes import FINE, USAGE, fail, say, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -81,6 +82,21 @@ RotateMb = Annotated[
 Start = Annotated[float | None, typer.Option("--start", metavar="S", help="First second to take.")]
 End = Annotated[float | None, typer.Option("--end", metavar="S", help="Last second to take.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.")]
+
+
+def ask_to_move(url: str, how: str, *, yes_move: bool) -> None:
+    """Have somebody on the terminal say that a table may move, unless --yes-move did; raises the exit else.
+
+    `how`: it will move, in words.
+    """
+    if yes_move:
+        return
+    if not sys.stdin.isatty():
+        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
+    say(f"The table at {url} WILL MOVE by itself, {how}.")
+    print("Is everybody clear of it, and may it move? Type yes: ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() != "yes":
+        raise fail(USAGE, "the table does not move, and nothing was recorded.")
 
 
 def acquisitions_of(name: str | None, batch: str | None) -> list[str]:

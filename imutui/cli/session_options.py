@@ -3,12 +3,12 @@
 import contextlib
 import importlib.util
 import ipaddress
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.cli.exit_codes import USAGE, fail, lacking, say
+from imutui.cli.exit_codes import lacking, say
+from imutui.cli.options import ask_to_move
 from imutui.config import DEFAULTS, Config
 from imutui.session.plan import Plan
 
@@ -95,13 +95,7 @@ def may_move(plan: Plan) -> Plan:
 
     motion = motion_of(plan)
     begin_guide(motion, filter_of(plan, motion), None, recording=False, by_itself=True)
-    if plan.yes_move:
-        return plan
-    if not sys.stdin.isatty():
-        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
-    say(f"The table at {plan.controller} WILL MOVE by itself, through {plan.reference_file[0]}.")
-    if input("Is everybody clear of it, and may it move? Type yes: ").strip().lower() != "yes":
-        raise fail(USAGE, "the table does not move, and nothing was recorded.")
+    ask_to_move(plan.controller, f"through {plan.reference_file[0]}", yes_move=plan.yes_move)
     return replace(plan, yes_move=True)
 
 

@@ -1,14 +1,13 @@
 """`imutui table`: a turn table's controller, by hand."""
 
 import math
-import sys
 import time
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_progress
-from imutui.cli.options import Json, Limits, YesMove
+from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, show_progress
+from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -127,8 +126,7 @@ def _turn(
     try:
         wanted = _wanted(action, values, table, how)
         _first(table)
-        if not yes_move:
-            _ask(action, wanted, url)
+        ask_to_move(url, _in_words(action, wanted), yes_move=yes_move)
         table.ask(do="enable")
         table.ask(do=action, **wanted)
         if action == "move":
@@ -171,17 +169,10 @@ def _wanted(
     return {"axis": values[0], "rate_dps": values[1], "accel_dps2": accel}
 
 
-def _ask(action: str, wanted: dict[str, Any], url: str) -> None:
-    what = (
-        "to outer {:g}, middle {:g}, inner {:g} deg".format(*wanted["angles_deg"])
-        if action == "move"
-        else f"its {wanted['axis']} axis at {wanted['rate_dps']:g} deg/s"
-    )
-    if not sys.stdin.isatty():
-        raise fail(USAGE, "the table would move. When nobody is near it, say so: --yes-move.")
-    say(f"The table at {url} WILL MOVE, {what}.")
-    if input("Is everybody clear of it, and may it move? Type yes: ").strip().lower() != "yes":
-        raise fail(USAGE, "the table does not move.")
+def _in_words(action: str, wanted: dict[str, Any]) -> str:
+    if action == "move":
+        return "to outer {:g}, middle {:g}, inner {:g} deg".format(*wanted["angles_deg"])
+    return f"its {wanted['axis']} axis at {wanted['rate_dps']:g} deg/s"
 
 
 # ------------------------------------------------------------------------------------------------------------- waiting
