@@ -160,8 +160,7 @@ class Diary:
             atomic_file.write(self._folder / DIARY, text, overwrite=True)
 
 
-Tell = Callable[[str, RoundEntry | None], None]
-"""Told what happens (a sentence) and the round that it is about."""
+Tell = Callable[[str, RoundEntry | None], None]  # told what happens, a sentence, and the round that it is about
 
 
 @dataclass
@@ -231,7 +230,8 @@ class Investigation:
             for expected in fitting:
                 if expected.motion.seconds + OVERHEAD_S <= self.left_s:
                     self._make(expected.motion, "round", expected.bits, _why(expected))
-        elif made[-1]["kind"] == "held_out":  # it has judged, and nothing is worth another motion
+        elif made[-1]["kind"] == "held_out" and made[-1]["power_on"] == self.diary.document["power_on"]:
+            # it has judged, and nothing is worth another motion; after a switch one of the new power-on judges
             self._end("time" if chosen else "not_here", known)
         else:
             self._judge(known, degc, in_time=not chosen)

@@ -118,6 +118,17 @@ def test_a_cause_is_sought_in_rounds_and_a_cut_round_is_made_again(tmp_path: Pat
     assert json.loads((tmp_path / DIARY).read_text()) == diary.document
 
 
+def test_after_a_switch_a_run_of_the_new_power_on_judges(tmp_path: Path) -> None:
+    """What goes with time or temperature is told by that alone: it comes first where nothing else is worth a motion."""
+    laboratory = Laboratory(tmp_path, ())
+    diary = Diary.begun(1.5, tmp_path)
+    Investigation(laboratory, diary).go()
+    before = len(diary.made)
+    diary.document |= {"power_on": 1, "outcome": ""}
+    assert Investigation(laboratory, diary).go() == "explained"
+    assert [(r["kind"], r["power_on"]) for r in diary.made[before:]] == [("held_out", 1)]
+
+
 def test_time_that_does_not_suffice_is_refused_before_anything_moves(tmp_path: Path) -> None:
     """What every unit is taken through and the run that judges must fit; the message says how long they take."""
     laboratory = Laboratory(tmp_path, ())
