@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, show_progress
+from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_progress
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
 if TYPE_CHECKING:
@@ -135,6 +135,10 @@ def _turn(
             _wait(table, math.inf if seconds is None else seconds)
         table.ask(do="stop")
         _tell(table, _next(table), json)
+    except KeyboardInterrupt:
+        table.close()
+        say(f"imutui: {table.error or 'the table was stopped: rate zero, then mode off'}")
+        raise
     finally:
         table.close()
 

@@ -74,6 +74,8 @@ def test_the_table_stands_when_the_command_is_ended(number: signal.Signals) -> N
             process.send_signal(number)
             wait_for(watcher, lambda state: state.mode == "off" and state.rests)
             code = process.wait(LIMIT_S)
+            assert process.stderr is not None
+            assert ("the table was stopped" in process.stderr.read()) is (number == signal.SIGINT)
         assert code == (130 if number == signal.SIGINT else -number)
 
 
