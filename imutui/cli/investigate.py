@@ -91,8 +91,8 @@ def command(
     if output is None:
         raise fail(USAGE, "-o DIR says where logs and diary go.")
     diary, speed = _diary(output, resume, switched, port, controller, hours, speed)
-    flags = {
-        "acquisition.rate_hz": RATE_HZ if rate is None else rate,
+    given = {
+        "acquisition.rate_hz": rate,
         "acquisition.operator": operator,
         "acquisition.place": place,
         "acquisition.table": table,
@@ -100,7 +100,10 @@ def command(
         "instrument.mount": mount,
         "instrument.gyro_sign": gyro_sign,
     }
-    plan = _plan(diary, (NAME + output.resolve().name)[:NAME_LIMIT], flags, limits, speed)
+    asked = diary.document.setdefault("asked", {})
+    asked["flags"] = asked.get("flags", {}) | {key: value for key, value in given.items() if value is not None}
+    limits = asked["limits"] = limits or asked.get("limits", "")
+    plan = _plan(diary, (NAME + output.resolve().name)[:NAME_LIMIT], speed)
     ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
@@ -166,21 +169,26 @@ def _end_left_behind(name: str) -> None:
         client.attach(name).stop("imutui investigate")
 
 
-def _plan(diary: "Diary", name: str, flags: dict[str, float | str | int | None], limits: str, speed: float) -> "Plan":
+def _plan(diary: "Diary", name: str, speed: float) -> "Plan":
     """What all acquisitions have in common."""
     from imutui import config
     from imutui.cli.session_options import plan_from
 
     asked = diary.document.get("asked", {})
+    flags: dict[str, float | str | int | None] = {
+        "acquisition.rate_hz": RATE_HZ,
+        "filter.name": "none",
+        **asked.get("flags", {}),
+    }
     return plan_from(
-        config.load().with_flags({**flags, "filter.name": "none"}),
+        config.load().with_flags(flags),
         None,
         port=asked.get("port", ""),
         instrument="",
         record=True,
         name=name,
         controller=asked.get("controller", ""),
-        limits=limits,
+        limits=asked.get("limits", ""),
         yes_move=True,
         speed=speed,
         since_ns=0 if speed == 1.0 else asked.get("since_ns", 0),

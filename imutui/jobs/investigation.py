@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NotRequired, Protocol, TypedDict, cast
 
+from filters.channels import CHANNELS
 from filters.errors import InputError
 from imutui import outside_file
 from imutui.jobs import document_shape
@@ -71,6 +72,8 @@ class AskedEntry(TypedDict, total=False):
 
     port: str
     controller: str
+    limits: str
+    flags: dict[str, float | str]  # settings that were given, by their keys
     speed: float
     since_ns: int  # monotonic instant from which on time runs faster, in trials
 
@@ -312,7 +315,11 @@ def _rivals(disputes: Sequence[Any], known: "Assessment") -> list[RivalsEntry]:
     disputed = {(channel, names[0]) for channel, names, _ in made}
     for f in known.findings:
         effect = f.term.hypothesis.effect
-        made += [(c, [effect], (f.odds,)) for c in _names(f.channels) if f.lasting and (c, effect) not in disputed]
+        made += [
+            (c, [effect], (f.odds,))
+            for c in map(CHANNELS.__getitem__, f.channels)
+            if f.lasting and (c, effect) not in disputed
+        ]
     return [
         RivalsEntry(channel=channel, names=names, odds=[float(f"{o:.3g}") for o in odds])
         for channel, names, odds in made[:_MOST_ODDS]
@@ -376,7 +383,7 @@ def _takes(known: "Assessment", status: dict[str, str]) -> list[str]:
     """What it would take to explain channels that are not, a sentence each."""
     out = []
     for channel, own in status.items():
-        found = [f for f in known.findings if any(channel == name for name in _names(f.channels))]
+        found = [f for f in known.findings if CHANNELS.index(channel) in f.channels]
         slow = any(f.term.hypothesis.source in ("time", "temperature") for f in found)
         if own in ("clean", "explained"):
             continue
@@ -392,9 +399,3 @@ def _takes(known: "Assessment", status: dict[str, str]) -> list[str]:
         else:
             out.append(f"{channel}: {_TAKES[own]}")
     return out
-
-
-def _names(channels: Sequence[int]) -> list[str]:
-    from filters.channels import CHANNELS
-
-    return [CHANNELS[c] for c in channels]
