@@ -46,7 +46,8 @@ from filters.tracing.trace import trace
 from filters.tracing.trace_document import TraceFindings
 from filters.types import Array
 from imutui.cli.spoil import load, seed_of
-from imutui.jobs.investigation import OVERHEAD_S, Diary, Investigation, RoundEntry
+from imutui.jobs.investigation import OVERHEAD_S, Investigation
+from imutui.jobs.investigation_diary import Diary, RoundEntry
 
 AVERAGED = 6  # loops that make a sample
 TABLE: Table = {axis: AxisRange(math.radians(200.0), math.radians(200.0)) for axis in AXES}

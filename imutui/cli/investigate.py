@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from filters.tracing.table_motions import Table as Axes
     from filters.tracing.trace_document import TraceFindings
     from imutui.cli.investigation_page import Page
-    from imutui.jobs.investigation import Diary, RoundEntry
+    from imutui.jobs.investigation_diary import Diary, RoundEntry
     from imutui.jobs.trace import TraceOptions
     from imutui.session.client import Client
     from imutui.session.plan import Plan
@@ -132,7 +132,7 @@ def _diary(
     speed: float,
 ) -> "tuple[Diary, float]":
     """The diary to go on with, or a new one, and how much faster time runs."""
-    from imutui.jobs.investigation import AskedEntry, Diary
+    from imutui.jobs.investigation_diary import AskedEntry, Diary
 
     if resume:
         diary = Diary.read(output)

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from imutui.cli.exit_codes import say
-from imutui.jobs.investigation import DiaryDocument, RoundEntry
+from imutui.jobs.investigation_diary import NOTHING, DiaryDocument, RoundEntry
 from imutui.plain_text import in_line
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def _odds(entry: RoundEntry, channel: str) -> str:
     for rival in entry["rivals"]:
         if rival["channel"] == channel:
             for name, odds in zip(rival["names"], rival["odds"], strict=True):
-                if name != "nothing":
+                if name != NOTHING:
                     best[plain_names.effect(name)] = odds
     return ", ".join(f"{name} {odds:.3g}:1" for name, odds in sorted(best.items(), key=lambda pair: -pair[1]))
 

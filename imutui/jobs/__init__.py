@@ -7,6 +7,6 @@ from a log to a run, `residuals` its curves and a log's noise, `run_consistency`
 `power_ons` those that are parts of one) · `page_data` what a log adds to the page of a result, `driver_curves` what an
 error follows · `documents` shapes of what they return, `result_files`
 those of replay and trace from files, `document_shape` whether they have them, `quantities` words in it ·
-`operator_steps` a profile for an operator · `investigation` rounds of a table under command, their diary ·
+`operator_steps` a profile for an operator · `investigation` rounds of a table under command, `investigation_diary` ·
 `log_files` what lies beside a log · `tasks`, `worker`, `parallel` jobs in processes of their own.
 """

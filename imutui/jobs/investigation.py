@@ -5,22 +5,19 @@
     held out   a last run with motions of its own judges; where it does not find all explained and time is left, it
                joins the others, and the rounds go on
 
-The diary has why each motion was made, what was expected of it and what came. It is written before and after each
-motion, and is all that is needed to go on after any stop: a motion that was cut is made again. What it leaves out: how
-a motion is made and recorded (`Laboratory`), what is expected of it (`filters.tracing.planning`).
+The diary (`investigation_diary`) is all that is needed to go on after any stop: a motion that was cut is made again.
+What it leaves out: how a motion is made and recorded (`Laboratory`), what is expected of it (`planning` of
+`filters.tracing`).
 """
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NotRequired, Protocol, TypedDict, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from filters.channels import CHANNELS
+from filters.effects import plain_names
 from filters.errors import InputError
-from imutui import outside_file
-from imutui.jobs import document_shape
-from imutui.logbook import atomic_file
+from imutui.jobs.investigation_diary import NOTHING, Diary, Kind, Outcome, RivalsEntry, RoundEntry
 
 if TYPE_CHECKING:
     from filters.tracing.assessment import Assessment
@@ -30,65 +27,12 @@ if TYPE_CHECKING:
     from filters.tracing.table_motions import Table
     from filters.tracing.trace_document import TraceFindings
 
-DIARY = "diary.json"
-VERSION = 1
 OVERHEAD_S = 15.0  # that come to each motion: the way there, begin and end of the recording
 _SHARE = 0.25  # of the time so far that motions take which are planned together, for a trace takes time too
 _TOGETHER_S = 240.0  # of these, at least
 _UNDECIDED = 0.5  # bits that disputes may hold on a unit whose channels are all explained
 _MOST_ODDS = 20  # entries of odds that a round keeps
-_LIMIT = 16 * 2**20  # bytes of a diary
-
-Kind = Literal["start", "round", "held_out"]
-Outcome = Literal["", "explained", "not_here", "time"]
-
-
-class RivalsEntry(TypedDict):
-    """What may act on a channel: one name, or two of which one is true, and their odds against drift alone."""
-
-    channel: str
-    names: list[str]
-    odds: list[float]
-
-
-class RoundEntry(TypedDict):
-    """A motion."""
-
-    kind: Kind
-    start_s: float  # s since the investigation began
-    motion: str  # what the table does, in words
-    minutes: float
-    expected_bits: float
-    why: str  # a sentence
-    log: str  # its file in the folder; empty until it is finished
-    power_on: int  # which of the unit's, from 0
-    rivals: list[RivalsEntry]  # as they are known with it
-    status: dict[str, str]  # of each channel, likewise
-    came: str  # what came of it, a sentence
-
-
-class AskedEntry(TypedDict, total=False):
-    """With what an investigation was begun."""
-
-    port: str
-    controller: str
-    limits: str
-    flags: dict[str, float | str]  # settings that were given, by their keys
-    speed: float
-    since_ns: int  # monotonic instant from which on time runs faster, in trials
-
-
-class DiaryDocument(TypedDict):
-    """All that is known of an investigation."""
-
-    version: int
-    hours: float
-    spent_s: float  # of these, in all sessions
-    power_on: int  # which of the unit's it is now
-    outcome: Outcome  # empty while it goes on
-    takes: list[str]  # what it would take to explain the rest, sentences
-    rounds: list[RoundEntry]
-    asked: NotRequired[AskedEntry]
+_MOST_MOVED = 3  # odds that are told of a round
 
 
 class Laboratory(Protocol):
@@ -107,60 +51,6 @@ class Laboratory(Protocol):
 
     def judged(self, rounds: Sequence[RoundEntry]) -> "TraceFindings":
         """Trace of the rounds, the last one held out; what is to be kept of it is written."""
-
-
-class Diary:
-    """The diary of an investigation, in a file of its folder; without a folder in memory."""
-
-    def __init__(self, document: DiaryDocument, folder: Path | None) -> None:
-        self.document = document
-        self._folder = folder
-
-    @classmethod
-    def begun(cls, hours: float, folder: Path | None, asked: AskedEntry | None = None) -> "Diary":
-        """A new one; raises InputError if the folder has one."""
-        if folder is not None and (folder / DIARY).exists():
-            raise InputError(
-                f"{folder / DIARY} is of another investigation. Go on with --resume, or name another folder."
-            )
-        return cls(
-            {
-                "version": VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "", "takes": [],
-                "rounds": [], "asked": asked or AskedEntry(),
-            },
-            folder,
-        )  # fmt: skip
-
-    @classmethod
-    def read(cls, folder: Path) -> "Diary":
-        """That of a folder, without a round that was cut; raises InputError if there is none."""
-        path = folder / DIARY
-        if not path.is_file():
-            raise InputError(f"{folder} has no {DIARY}: there is nothing to go on with. Begin without --resume.")
-        try:
-            document = outside_file.read_json(path, _LIMIT)
-        except InputError as error:
-            raise InputError(f"{path} is no diary: {error}. Name another folder.") from error
-        told = document_shape.problem(document, DiaryDocument, "diary")
-        if told or document["version"] != VERSION:
-            raise InputError(f"{path} is no diary of this edition: {told or 'another version'}. Name another folder.")
-        diary = cls(cast("DiaryDocument", document), folder)
-        lost = [r for r in diary.made if not (folder / r["log"]).is_file()]
-        if lost:
-            raise InputError(f"{folder / lost[0]['log']} is not there, which {path} names. Put it back, or begin anew.")
-        diary.document["rounds"] = diary.made
-        return diary
-
-    @property
-    def made(self) -> list[RoundEntry]:
-        """Rounds whose log is whole."""
-        return [entry for entry in self.document["rounds"] if entry["log"]]
-
-    def save(self) -> None:
-        """Write it, whole or not at all."""
-        if self._folder is not None:
-            text = json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
-            atomic_file.write(self._folder / DIARY, text, overwrite=True)
 
 
 Tell = Callable[[str, RoundEntry | None], None]  # told what happens, a sentence, and the round that it is about
@@ -332,7 +222,7 @@ def _settled(known: "Assessment", disputes: Sequence[Any]) -> bool:
     from filters.tracing.planning import information
 
     for channel, status in statuses(known).items():
-        disputed = any(channel in d.channels and d.names[1] != "nothing" for d in disputes)
+        disputed = any(channel in d.channels and d.names[1] != NOTHING for d in disputes)
         if status not in ("clean", "explained") and not (status == "confounded" and not disputed):
             return False
     return sum(information(d.probability, 100.0) for d in disputes) < _UNDECIDED
@@ -340,11 +230,9 @@ def _settled(known: "Assessment", disputes: Sequence[Any]) -> bool:
 
 def _why(expected: "Expectation") -> str:
     """Why a motion was chosen, a sentence."""
-    from filters.effects import plain_names
-
     parts = []
     if expected.between is not None:
-        a, b = (plain_names.effect(n) if n != "nothing" else n for n in expected.between.names)
+        a, b = map(_plain, expected.between.names)
         parts.append(f"{a} or {b} on {' '.join(expected.between.channels)} ({expected.rivals:.1f} bits)")
     if expected.corrected > 0.05:
         parts.append(f"how large it is ({expected.corrected:.1f} bits)")
@@ -360,11 +248,17 @@ def _changes(before: RoundEntry | None, status: dict[str, str], rivals: Sequence
     was = {} if before is None else before["status"]
     told = [f"{c} {was[c]} → {s}" if c in was else f"{c} {s}" for c, s in status.items() if was.get(c, "clean") != s]
     known = {(r["channel"], *r["names"]): r for r in ([] if before is None else before["rivals"])}
+    moved: dict[str, list[str]] = {}
     for now in (r for r in rivals if len(r["names"]) == 2):
         old = known.get((now["channel"], *now["names"]))
-        if old is not None and (a := _ratio(old)) and not 0.5 < _ratio(now) / a < 2.0:
-            told.append(f"{now['channel']}: {now['names'][0]} over {now['names'][1]} {a:.3g} → {_ratio(now):.3g}")
+        if old is not None and (a := _ratio(old)) and not 0.5 < (b := _ratio(now)) / a < 2.0:
+            moved.setdefault(f"{' over '.join(map(_plain, now['names']))} {a:.3g} → {b:.3g}", []).append(now["channel"])
+    told += [f"{' '.join(channels)}: {text}" for text, channels in [*moved.items()][:_MOST_MOVED]]
     return "; ".join(told) or ("all channels clean" if before is None else "nothing new")
+
+
+def _plain(effect: str) -> str:
+    return effect if effect == NOTHING else plain_names.effect(effect)
 
 
 def _ratio(entry: RivalsEntry) -> float:

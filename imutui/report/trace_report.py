@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import cast
 
 from filters.tracing.trace_document import TraceDocument
-from imutui.jobs.investigation import DiaryDocument
+from imutui.jobs.investigation_diary import DiaryDocument
 from imutui.jobs.page_data import LogData
 from imutui.report import data_quality, filter_figures, how_to_apply, identity, trace_figures, trace_tables
 from imutui.report.blocks import (

@@ -12,7 +12,7 @@ from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.traces import whole_document
 
 from imutui.cli.investigation_page import ended, page
-from imutui.jobs.investigation import DIARY, DiaryDocument, RoundEntry
+from imutui.jobs.investigation_diary import DIARY, DiaryDocument, RoundEntry
 from imutui.report import trace_report
 from imutui.report.blocks import Table
 from imutui.table.registry import connect

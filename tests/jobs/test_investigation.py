@@ -17,7 +17,8 @@ from filters.tracing.run import Run
 from filters.tracing.table_motions import AxisRange, Table
 from filters.tracing.trace import trace
 from filters.tracing.trace_document import TraceFindings
-from imutui.jobs.investigation import DIARY, OVERHEAD_S, Diary, Investigation, RoundEntry
+from imutui.jobs.investigation import OVERHEAD_S, Investigation
+from imutui.jobs.investigation_diary import DIARY, Diary, RoundEntry
 
 TABLE: Table = {"inner": AxisRange(math.radians(100.0), math.radians(100.0))}
 SCALE = Effect("scale", ("gz",), {"relative": 0.004})

@@ -1,0 +1,124 @@
+"""The diary of an investigation: why each motion was made, what was expected of it, what came; and its file.
+
+It is written before and after each motion, and is all that is needed to go on after any stop. What it leaves out: the
+rounds (`investigation`).
+"""
+
+import json
+from pathlib import Path
+from typing import Literal, NotRequired, TypedDict, cast
+
+from filters.errors import InputError
+from imutui import outside_file
+from imutui.jobs import document_shape
+from imutui.logbook import atomic_file
+
+DIARY = "diary.json"
+VERSION = 1
+NOTHING = "nothing"  # in the place of an effect: that there is none
+_LIMIT = 16 * 2**20  # bytes of a diary
+
+Kind = Literal["start", "round", "held_out"]
+Outcome = Literal["", "explained", "not_here", "time"]
+
+
+class RivalsEntry(TypedDict):
+    """What may act on a channel: one name, or two of which one is true, and their odds against drift alone."""
+
+    channel: str
+    names: list[str]
+    odds: list[float]
+
+
+class RoundEntry(TypedDict):
+    """A motion."""
+
+    kind: Kind
+    start_s: float  # s since the investigation began
+    motion: str  # what the table does, in words
+    minutes: float
+    expected_bits: float
+    why: str  # a sentence
+    log: str  # its file in the folder; empty until it is finished
+    power_on: int  # which of the unit's, from 0
+    rivals: list[RivalsEntry]  # as they are known with it
+    status: dict[str, str]  # of each channel, likewise
+    came: str  # what came of it, a sentence
+
+
+class AskedEntry(TypedDict, total=False):
+    """With what an investigation was begun."""
+
+    port: str
+    controller: str
+    limits: str
+    flags: dict[str, float | str]  # settings that were given, by their keys
+    speed: float
+    since_ns: int  # monotonic instant from which on time runs faster, in trials
+
+
+class DiaryDocument(TypedDict):
+    """All that is known of an investigation."""
+
+    version: int
+    hours: float
+    spent_s: float  # of these, in all sessions
+    power_on: int  # which of the unit's it is now
+    outcome: Outcome  # empty while it goes on
+    takes: list[str]  # what it would take to explain the rest, sentences
+    rounds: list[RoundEntry]
+    asked: NotRequired[AskedEntry]
+
+
+class Diary:
+    """The diary of an investigation, in a file of its folder; without a folder in memory."""
+
+    def __init__(self, document: DiaryDocument, folder: Path | None) -> None:
+        self.document = document
+        self._folder = folder
+
+    @classmethod
+    def begun(cls, hours: float, folder: Path | None, asked: AskedEntry | None = None) -> "Diary":
+        """A new one; raises InputError if the folder has one."""
+        if folder is not None and (folder / DIARY).exists():
+            raise InputError(
+                f"{folder / DIARY} is of another investigation. Go on with --resume, or name another folder."
+            )
+        return cls(
+            {
+                "version": VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "", "takes": [],
+                "rounds": [], "asked": asked or AskedEntry(),
+            },
+            folder,
+        )  # fmt: skip
+
+    @classmethod
+    def read(cls, folder: Path) -> "Diary":
+        """That of a folder, without a round that was cut; raises InputError if there is none."""
+        path = folder / DIARY
+        if not path.is_file():
+            raise InputError(f"{folder} has no {DIARY}: there is nothing to go on with. Begin without --resume.")
+        try:
+            document = outside_file.read_json(path, _LIMIT)
+        except InputError as error:
+            raise InputError(f"{path} is no diary: {error}. Name another folder.") from error
+        told = document_shape.problem(document, DiaryDocument, "diary")
+        if told or document["version"] != VERSION:
+            raise InputError(f"{path} is no diary of this edition: {told or 'another version'}. Name another folder.")
+        diary = cls(cast("DiaryDocument", document), folder)
+        lost = [r for r in diary.made if not (folder / r["log"]).is_file()]
+        if lost:
+            raise InputError(f"{folder / lost[0]['log']} is not there, which {path} names. Put it back, or begin anew.")
+        diary.document["rounds"] = diary.made
+        return diary
+
+    @property
+    def made(self) -> list[RoundEntry]:
+        """Rounds whose log is whole."""
+        return [entry for entry in self.document["rounds"] if entry["log"]]
+
+    def save(self) -> None:
+        """Write it, whole or not at all."""
+        if self._folder is not None:
+            text = json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
+            atomic_file.write(self._folder / DIARY, text, overwrite=True)
