@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -264,9 +265,14 @@ class Acquisition:
             now = time.monotonic_ns()
             self.recorder.events.handled_ns = written_ns = self._written_ns(now)
             try:
-                self.guidance.look_at_table(now, written_ns, lambda: not self.line.falls_silent(self._moment(now)))
+                self.guidance.look_at_table(now, written_ns, lambda: not self._is_silent(now))
             finally:
                 self.recorder.events.handled_ns = None
+
+    def _is_silent(self, now_ns: int) -> bool:
+        """Whether the unit is silent for so long that a table is stopped; in real time, which waits take."""
+        moment = self._moment(now_ns)
+        return self.line.falls_silent(replace(moment, silent_s=moment.silent_s / self.recorder.plan.speed))
 
     def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self.reader.last_packet_ns) / 1e9

@@ -180,12 +180,17 @@ class Follower:
     """Compares readings with commands; `angles_deg` are the axes' own counts, on through whole turns."""
 
     limits: Mapping[str, AxisLimits]
+    slack: float = 1.0  # how much more patience than usual: the times that time runs faster
     angles_deg: list[float] = field(default_factory=list)
     rates_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mode: str = "off"  # that was commanded last
     _expected: dict[str, _Expected] = field(default_factory=dict)
     _swung: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
     _other_mode_since_s: float | None = None
+
+    @property
+    def _late_s(self) -> float:
+        return _LATE_S * self.slack
 
     def commanded(
         self, axis: str, mode: str, t_s: float, target: float, speed: float = 0.0, accel: float = 1.0,
@@ -197,7 +202,9 @@ class Follower:
         """
         k = AXES.index(axis)
         rate = self.rates_dps[k] if mode == "rate" else speed
-        self._expected[axis] = _Expected(mode, t_s, self.angles_deg[k], rate, target, accel, speed, _LATE_S + took_s)
+        self._expected[axis] = _Expected(
+            mode, t_s, self.angles_deg[k], rate, target, accel, speed, self._late_s + took_s
+        )
         self._swung[axis] = deque()
         self.mode = mode
 
@@ -236,7 +243,7 @@ class Follower:
             return f"{axis} turns at {rate:.1f} deg/s, above its limit of {limits.rate_dps:g} deg/s"
         expected = self._expected.get(axis)
         if expected is not None and expected.mode == "rate" and expected.target:
-            ahead = angle + math.copysign(braking_deg(rate, limits), expected.target) + _LATE_S * rate
+            ahead = angle + math.copysign(braking_deg(rate, limits), expected.target) + self._late_s * rate
             if not low <= ahead <= high:
                 return f"{axis} at {rate:+.1f} deg/s comes to its limit: it is at {angle:.1f}°"
         return ""
@@ -258,7 +265,7 @@ class Follower:
                 self._forget(expected, angle, t_s)
             return ""
         expected.off_since_s = t_s if expected.off_since_s is None else expected.off_since_s
-        if t_s - expected.off_since_s < FOLLOW_S:
+        if t_s - expected.off_since_s < FOLLOW_S * self.slack:
             return ""
         return f"{axis} does not follow: it is at {angle:.2f}° and should be at {should:.2f}° for {FOLLOW_S:g} s"
 
@@ -283,7 +290,7 @@ class Follower:
         swung.append((t_s, angle))
         while swung[0][0] < t_s - max(period_s, FOLLOW_S):
             swung.popleft()
-        if amplitude and abs(angle - expected.angle) > amplitude + FOLLOW_DEG + _LATE_S * amplitude:
+        if amplitude and abs(angle - expected.angle) > amplitude + FOLLOW_DEG + self._late_s * amplitude:
             return f"{axis} swings to {angle:.2f}°, farther than the {amplitude:g}° commanded"
         if t_s - expected.since_s < period_s + 2.0 * FOLLOW_S or amplitude < FOLLOW_DEG:
             return ""
@@ -297,6 +304,6 @@ class Follower:
             self._other_mode_since_s = None
             return ""
         since_s = self._other_mode_since_s = self._other_mode_since_s or t_s
-        if t_s - since_s < FOLLOW_S:
+        if t_s - since_s < FOLLOW_S * self.slack:
             return ""
         return f"the controller has left the mode {self.mode} by itself and is off"

@@ -66,6 +66,7 @@ class Keeper:
 
     `given`: limits that the operator gives.
     `say`: takes what the owner is to be told.
+    `speed`: times that time runs faster, of a trial.
     Raises TableError if there is no controller.
     """
 
@@ -74,6 +75,7 @@ class Keeper:
         connect: Callable[[], TableController],
         given: Mapping[str, AxisLimits],
         say: Callable[[Told], None],
+        speed: float = 1.0,
     ) -> None:
         self._connect = connect
         self._say = say
@@ -82,7 +84,7 @@ class Keeper:
         read = controller.limits()
         known = gate.narrower(read, given)
         self.limits = {axis: known[axis] for axis in controller.axes if axis in known}
-        self._follower = gate.Follower(self.limits)
+        self._follower = gate.Follower(self.limits, speed)
         self._enabled = False
         told = {axis: asdict(limits) for axis, limits in self.limits.items()}
         say({"identity": identity, "axes": controller.axes, "limits": told})
@@ -280,7 +282,7 @@ def run(connect: Callable[[], TableController], given: Mapping[str, AxisLimits],
         signal.signal(number, lambda number, _: asked_to_end.append(signal.Signals(number).name))
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        keeper = Keeper(connect, given, say)
+        keeper = Keeper(connect, given, say, speed)
     except TableError as error:
         say({"error": str(error), "ended": True})
         return 4
