@@ -28,8 +28,12 @@ def of_samples(
     reference: ReferenceFile | None = None,
     marks: Iterable[tuple[float, str]] = (),
     invalid: Collection[int] = (),
+    states: Iterable[tuple[float, np.ndarray, np.ndarray]] = (),
 ) -> Path:
-    """A finished log of samples (body axes, SI): with the file of its motion, marks (s, text), and some no readings."""
+    """A finished log of samples (body axes, SI): with the file of its motion, marks (s, text), and some no readings.
+
+    `states`: what a table's controller said: when (s), angles (deg) and rates (deg/s).
+    """
     log = LogWriter(path, info, "x = 1\n", START, overwrite=True)
     if reference is not None:
         log.attach(reference.name, reference.media_type, reference.content, START)
@@ -42,6 +46,10 @@ def of_samples(
     for t, text in marks:
         stamp = START + round(t * 1e9)
         log.message(schemas.EVENTS, schemas.event(stamp, "mark", text), stamp, stamp)
+    for t, angles, rates in states:
+        stamp = START + round(t * 1e9)
+        told = schemas.encode_table_state(stamp, 2_000_000, angles, rates, "position", "")
+        log.encoded(schemas.STATE, told, stamp, stamp)
     log.finish({}, START)
     return path
 
