@@ -49,8 +49,8 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
         if filtering == "profile":
             if record:
                 engine.call(lambda acquisition: acquisition.stop_recording(), timeout=120.0)
-            engine.call(lambda acquisition: acquisition.guide("begin", RecordingWish()))
-            engine.call(lambda acquisition: acquisition.guide("next", RecordingWish()))
+            engine.call(lambda acquisition: acquisition.guidance.do("begin", RecordingWish()))
+            engine.call(lambda acquisition: acquisition.guidance.do("next", RecordingWish()))
             assert looked_at(run)["guide"]["state"] == "hold"
             described = travelled(engine.call(lambda acquisition: acquisition.profile()))
             assert mismatch(described, ProfileDescription, "profile") == ""
