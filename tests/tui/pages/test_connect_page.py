@@ -71,7 +71,7 @@ async def test_what_is_heard_of_ports_after_the_page_has_gone_is_let_go(
 async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
-        await see("tab '/dev/x' tab home shift+end delete '0.5' tab right → (x) polled | x, 0.5 Hz, polled")
+        await see("tab '/dev/x' tab tab home shift+end delete '0.5' tab right → (x) polled | x, 0.5 Hz, polled")
         await see("enter → gx, deg/s")
     assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
     assert [p.instrument for p in machine] == [""], "which unit it is, is asked"
@@ -149,7 +149,7 @@ async def test_a_unit_that_answered_is_offered_what_it_gives(
         await see("p → IMU381ZA-200 #17 | ttyUSB0, 100 Hz | 0.1 to 100; unaveraged at 2 4 5 10 20 25 50 100")
         assert "packets S1: rates, forces" in see.text()
         await see("down → virtual, 100 Hz | 0.1 to 133 | voltage mode is not used")
-        await see("up tab tab home shift+end delete '120' → outside 0.1 to 100 Hz")
+        await see("up tab tab tab home shift+end delete '120' → outside 0.1 to 100 Hz")
         await see("enter → The rate is outside 0.1 to 100 Hz.")
         assert machine == []
         await see("home shift+end delete '7' enter → gx, deg/s")
@@ -180,7 +180,7 @@ async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.Monke
 async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> None:
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
-        await see("tab*4 right down right → (x) spkf-paper | (x) gravity | voltage mode is not used")
+        await see("tab*5 right down right → (x) spkf-paper | (x) gravity | voltage mode is not used")
         await see("enter → gx, deg/s")
     assert [(p.filter, p.reference) for p in machine] == [("spkf-paper", "gravity")]
 
@@ -211,7 +211,7 @@ async def test_a_unit_without_a_command_that_zeroes_is_not_offered_it() -> None:
 async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
-        await see("tab tab end 4 → outside 0.1 to 133 Hz")
+        await see("tab tab tab end 4 → outside 0.1 to 133 Hz")
         await see("enter → The rate is outside 0.1 to 133 Hz")
     assert machine == []
 
