@@ -152,7 +152,7 @@ def command(
             serve(
                 made.unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin,
                 on_line=made.turn, stop=stop, line=made.line, on_packet=truth,
-                began=None if table is None else table.began,
+                began=None if table is None else table.began, on_idle=made.keep_up,
             )  # fmt: skip
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error

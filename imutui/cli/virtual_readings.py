@@ -30,6 +30,7 @@ PLAYED = "IMU400CD-200 VIRTUAL REC"
 
 # fates of readings are asked for while their packets are on the line: a few readings later at the slowest speed
 _REMEMBERED = 256
+_BEHIND = 4096  # readings: whoever asks next asks for later ones
 _ROOM = Temperature(((0.0, 25.0),))
 
 
@@ -45,6 +46,9 @@ class UnitOnTheLine:
     personality: Personality = field(default_factory=Personality)  # what the unit is like
     # turns the table that it stands on, see `session.table_turner`; None where something else does
     turn: Callable[[str], None] | None = None
+    # makes readings that nobody asks for, up to a time of theirs, s: those of a long rest at once take longer than a
+    # host waits; None where they take next to nothing
+    keep_up: Callable[[float], None] | None = None
 
     def options(self, serial_number: int) -> UnitOptions:
         """Which unit this is."""
@@ -81,11 +85,12 @@ class SimulatedReadings:
         table: OnTable | None = None,
     ) -> None:
         self.unit = Unit(scenario, power_on, rate_hz, background, table)
+        self.newest = -1
         self._fates: dict[int, tuple[bool, float]] = {}
 
     def reading(self, k: int) -> Reading | None:
         """Reading k of the unit's loop, instrument axes; None after the end of a recording."""
-        axes = self.unit.scenario.axes
+        axes, self.newest = self.unit.scenario.axes, max(k, self.newest)
         rate, force = self.unit.reading(k)
         if not math.isfinite(rate[0]):
             return None
@@ -194,6 +199,13 @@ def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None =
     turned = None if own_motion else TurnedReadings(source, readings.unit)
     told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
     made_unit = UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed, made.personality)
+    if table is not None:
+
+        def keep_up(t: float) -> None:
+            if (k := math.floor(t * rate_hz) - _BEHIND) > readings.newest:
+                source.reading(k)
+
+        made_unit = replace(made_unit, keep_up=keep_up)
     return made_unit if turned is None else replace(made_unit, readings=turned, turn=turned.turn)
 
 

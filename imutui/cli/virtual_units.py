@@ -50,19 +50,24 @@ _LONGEST_STREAM = 64 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class VirtualSetting:
-    """A unit, its line, where its readings come from in words ("" where its identity says enough), its table."""
+    """A unit, its line, where its readings come from in words ("" where its identity says enough), its table.
+
+    `turn`, `keep_up`: see `UnitOnTheLine`.
+    """
 
     unit: VirtualInstrument[Any, Any]
     line: FaultyLine | None
     source: str
     turn: Callable[[str], None] | None = None
+    keep_up: Callable[[float], None] | None = None
 
 
 def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU400CD-200."""
     made = on_the_line(asked)
     options = made.options(SERIAL_NUMBER if serial_number is None else serial_number)
-    return VirtualSetting(imu400cd.VirtualUnit(made.readings, options, made.seed), made.line, made.source, made.turn)
+    unit = imu400cd.VirtualUnit(made.readings, options, made.seed)
+    return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
 
 
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
@@ -77,7 +82,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
         clock_skew_ppm=it.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
-    return VirtualSetting(unit, made.line, made.source, made.turn)
+    return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
 
 
 UNITS: dict[str, Callable[[Asked, int | None], VirtualSetting]] = {

@@ -40,6 +40,7 @@ def serve(
     line: FaultyLine | None = None,
     on_packet: Callable[[PacketT, int], None] | None = None,
     began: float | None = None,
+    on_idle: Callable[[float], None] | None = None,
 ) -> None:
     """Run a unit on a pseudo-terminal until told to stop.
 
@@ -60,6 +61,7 @@ def serve(
     `on_packet`: called with each packet that the unit begins to send, and the host's monotonic time when it was
       sampled, ns.
     `began`: when the unit's time began, where that is not now: the host's monotonic time, s.
+    `on_idle`: called while nothing is asked of the unit, with the time of its readings, s.
     Raises ValueError if `speed` is not positive.
     Raises FileExistsError if `link` exists and is not a symbolic link.
     """
@@ -93,6 +95,8 @@ def serve(
             if pty in readable:
                 _hear(unit, wire, pty.read(), now, baud, log)
             queue.put(wire.arrived(now, baud))
+            if on_idle is not None and unit.data_asked_for and wire.next_event() is None:
+                on_idle(now * speed - unit.source_begins)
             if wire.is_away(now) is not away:
                 away = not away
                 log(queue.hang_up() if away else _back(pty))

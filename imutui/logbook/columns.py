@@ -18,7 +18,7 @@ RAW_SIZE, S1_SIZE = 38, schemas.RAW_DTYPE.itemsize
 _DOUBLE = 8
 # of the numbers of sensor_msgs/Imu behind its header: angular rate, specific force, the first of their covariances
 _IMU_DOUBLES, _OF_IMU = 37, (13, 14, 15, 25, 26, 27, 16, 28)
-_TEMPERATURE_DOUBLES, _TABLE_DOUBLES = 2, 6
+_TEMPERATURE_DOUBLES, _TABLE_DOUBLES, _STATE_NUMBERS = 2, 6, 7
 
 
 class Channels(ABC):
@@ -94,7 +94,7 @@ class Columns:
             role: [np.empty((0, width), dtype)]
             for role, width, dtype in (
                 (IMU, 9, np.uint64), (TEMPERATURE, 2, np.uint64), (RAW, S1_SIZE, np.uint8), (TABLE, 7, np.uint64),
-                (STATE, 7, np.uint64),
+                (STATE, 8, np.uint64),
             )
         }  # fmt: skip
 
@@ -152,10 +152,14 @@ class Columns:
         rows = np.concatenate(self._parts[TEMPERATURE])
         return rows[:, 0].astype(np.int64), rows[:, 1].copy().view(np.float64)
 
-    def tables(self, role: int = TABLE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stamps (ns, int64, (L,)), angles (deg, (L, 3)) and rates (deg/s, (L, 3)), of `TABLE` or `STATE`."""
+    def tables(self, role: int = TABLE) -> tuple[np.ndarray, ...]:
+        """Stamps (ns, int64, (L,)), angles (deg, (L, 3)) and rates (deg/s, (L, 3)), of `TABLE` or `STATE`.
+
+        Of `STATE` the uncertainty of the stamps too, ns, int64, (L,).
+        """
         rows = np.concatenate(self._parts[role])
-        return rows[:, 0].astype(np.int64), rows[:, 1:4].copy().view(np.float64), rows[:, 4:].copy().view(np.float64)
+        numbers = rows[:, 1:4].copy().view(np.float64), rows[:, 4:7].copy().view(np.float64)
+        return rows[:, 0].astype(np.int64), *numbers, *rows[:, 7:].astype(np.int64).T
 
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
@@ -193,13 +197,13 @@ def _gather_table(data: np.ndarray, at: np.ndarray, length: np.ndarray) -> np.nd
 
 
 def _gather_state(data: np.ndarray, at: np.ndarray, length: np.ndarray) -> np.ndarray | None:
-    """Numbers right behind the header; what follows them is not read."""
+    """Numbers right behind the header, the uncertainty of the stamp among them; what follows them is not read."""
     if not _begins(data, at, length):
         return None
     body = at + 4 + (12 + _uint32(data, at + 12) + 7) // _DOUBLE * _DOUBLE
-    if (body + _TABLE_DOUBLES * _DOUBLE > at + length).any():
+    if (body + _STATE_NUMBERS * _DOUBLE > at + length).any():
         return None
-    return np.column_stack([_stamps(data, at), windows(data, body, _TABLE_DOUBLES * _DOUBLE).view("<u8")])
+    return np.column_stack([_stamps(data, at), windows(data, body, _STATE_NUMBERS * _DOUBLE).view("<u8")])
 
 
 def _gather_raw(data: np.ndarray, at: np.ndarray, length: np.ndarray) -> np.ndarray | None:
@@ -273,7 +277,7 @@ def _table_row(message: Message) -> np.ndarray:
 
 def _state_row(message: Message) -> np.ndarray:
     m = schemas.decode(schemas.TYPES[schemas.STATE], message.data)
-    return _row(m.header, message, [*m.angles_deg, *m.rates_dps])
+    return np.append(_row(m.header, message, [*m.angles_deg, *m.rates_dps]), np.uint64(m.uncertainty_ns))
 
 
 def _raw_row(message: Message) -> np.ndarray:

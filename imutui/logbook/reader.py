@@ -41,6 +41,7 @@ class Table:
     stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     angles_deg: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     rates_dps: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    uncertainty_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # of the stamp; of states only
 
 
 @dataclass(slots=True)

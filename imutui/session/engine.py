@@ -47,6 +47,7 @@ _READER_END_S = 0.5
 _BEHIND_S = 0.2
 _LOOK_S = 0.1
 _AFTER_BLOCK_S = 0.015
+_real_s = time.monotonic  # packets take real time to come, whatever the process's own is (`imutui.fast_time`)
 _HANGS_S = 5.0  # a thread that does not come round for so long commands no table
 
 T = TypeVar("T")
@@ -131,11 +132,11 @@ class Engine:
             live_filter.load()
         self._reader.start()
         self._worker.start()
-        deadline = time.monotonic() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
+        deadline = _real_s() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
         stands = self.lifecycle
         while not stands.streaming.wait(0.05) and not stands.ended.is_set():
             # a busy machine may take longer to make a file of the first one
-            if time.monotonic() > deadline and not self._reader.has_packet:
+            if _real_s() > deadline and not self._reader.has_packet:
                 self.request_stop()
                 stands.ended.wait(5.0)
                 raise InstrumentError(

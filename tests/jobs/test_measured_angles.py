@@ -11,7 +11,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Segment, Sine
 from filters.simulation import TableModel, TurnTable, simulate
 from filters.tracing import residual
-from imutui.jobs import runs
+from imutui.jobs import log_motion, runs
 from imutui.jobs.log_motion import measured_motion
 from imutui.jobs.replay import ReplayOptions
 from imutui.logbook.session_info import SessionInfo
@@ -93,3 +93,16 @@ def test_biases_and_scale_factors_are_those_of_a_profile_that_gyros_join(tmp_pat
     by_gyros, _ = fitted(measured, ReplayOptions(reference=MOTION))
     assert np.all(np.abs(by_controller - by_gyros) < sds)
     assert np.abs(by_controller[:, 1] - SCALE).max() < 4.0 * sds[:, 1].max() + 1e-4
+
+
+def test_a_stamp_that_is_uncertain_counts_only_where_there_is_no_better_one() -> None:
+    """Of a host that was held up: one late answer among certain ones, and a stretch with none but late ones."""
+    t = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.10, 0.11, 0.12, 0.20])
+    uncertainty = np.array([100, 120, 9000, 90, 110, 7000, 5000, 8000, 100]) * 1000
+    kept = log_motion._certain(t, uncertainty)
+    assert kept.tolist() == [0, 1, 3, 4, 6, 8]
+
+
+def test_a_link_that_is_always_slow_loses_none() -> None:
+    t = np.arange(50) * 0.04
+    assert log_motion._certain(t, np.full(50, 20_000_000)).size == 50
