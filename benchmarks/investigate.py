@@ -98,7 +98,7 @@ class SimulatedUnit:
         reading = perfect + self._bias + error * _SI
         mean = reading.reshape(-1, AVERAGED, 6).mean(axis=1)
         mean += self._rng.standard_normal(mean.shape) * _DENSITY * math.sqrt(LOOP_HZ / AVERAGED)
-        middle: Array = (np.arange(len(mean)) * AVERAGED + 0.5 * (AVERAGED - 1)) / LOOP_HZ
+        middle = np.asarray((np.arange(len(mean)) * AVERAGED + 0.5 * (AVERAGED - 1)) / LOOP_HZ, np.float64)
         sensed = self._temperature.at(begins + middle) + 0.02 * self._rng.standard_normal(middle.size)
         return Run(
             name, middle - middle[0], mean, np.round(sensed / 0.05) * 0.05, world.angles(middle), world.rates(middle),
