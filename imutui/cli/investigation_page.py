@@ -84,7 +84,7 @@ class Page:
         parts = [] if recording is None else [f"{recording['seconds']:.0f} of about {seconds:.0f} s"]
         if controller is not None and controller["angles_deg"] is not None:
             moves = "TABLE MOVES" if controller["moves"] else "table stands"
-            parts.insert(0, f"{moves}  {' '.join(f'{a:8.2f}' for a in controller['angles_deg'])} deg")
+            parts.insert(0, f"{moves}  {' '.join(f'{round(a, 2) + 0.0:8.2f}' for a in controller['angles_deg'])} deg")
         self._table = "   ".join(parts)
 
     def _text(self) -> Text:
@@ -97,7 +97,7 @@ def page(diary: DiaryDocument, doing: str, table: str, left_s: float, width: int
     """Lines of the page, which fit 80 by 24."""
     rounds = diary["rounds"]
     left = f"{max(0.0, left_s) / 60.0:.0f} of {60.0 * diary['hours']:.0f} min left"
-    yield f"INVESTIGATION   {len(rounds)} motions   {left}"
+    yield f"INVESTIGATION   {_motions(len(rounds))}   {left}"
     yield ""
     known = next((r for r in reversed(rounds) if r["status"]), None)
     yield "What is known"
@@ -149,6 +149,11 @@ def _cut(text: str, width: int) -> str:
 
 def ended(diary: DiaryDocument, sentence: str) -> Iterator[str]:
     """What is said at the end."""
-    yield f"{_OUTCOMES[diary['outcome']]}, after {diary['spent_s'] / 60.0:.0f} min and {len(diary['rounds'])} motions."
+    minutes, made = diary["spent_s"] / 60.0, _motions(len(diary["rounds"]))
+    yield f"{_OUTCOMES[diary['outcome']]}, after {minutes:.0f} min and {made}."
     yield sentence
     yield from diary["takes"]
+
+
+def _motions(count: int) -> str:
+    return f"{count} motion{'' if count == 1 else 's'}"

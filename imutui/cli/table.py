@@ -258,7 +258,9 @@ def _lines(table: "KeptTable", state: "TableState") -> str:
     lines = [table.identity]
     for axis in table.axes:
         k = AXES.index(axis)
-        lines.append(f"{axis:7}{state.angles_deg[k]:10.4f} deg {state.rates_dps[k]:+9.3f} deg/s  {_may(table, axis)}")
+        # no zero with a minus
+        angle, rate = round(state.angles_deg[k], 4) + 0.0, round(state.rates_dps[k], 3) + 0.0
+        lines.append(f"{axis:7}{angle:10.4f} deg {rate:+9.3f} deg/s  {_may(table, axis)}")
     return "\n".join([*lines, f"mode {state.mode}{_fault(state)}"])
 
 
@@ -273,7 +275,7 @@ def _may(table: "KeptTable", axis: str) -> str:
 
 
 def _text(state: "TableState") -> str:
-    angles = " ".join(f"{angle:.3f}" for angle in state.angles_deg)
+    angles = " ".join(f"{round(angle, 3) + 0.0:.3f}" for angle in state.angles_deg)
     return f"outer, middle, inner: {angles} deg, mode {state.mode}{_fault(state)}"
 
 
