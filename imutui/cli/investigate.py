@@ -1,6 +1,7 @@
 """`imutui investigate`."""
 
 import contextlib
+import hashlib
 import math
 import os
 import signal
@@ -103,7 +104,7 @@ def command(
     asked = diary.document.setdefault("asked", {})
     asked["flags"] = asked.get("flags", {}) | {key: value for key, value in given.items() if value is not None}
     limits = asked["limits"] = limits or asked.get("limits", "")
-    plan = _plan(diary, (NAME + output.resolve().name)[:NAME_LIMIT], speed)
+    plan = _plan(diary, _name_of(output), speed)
     ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
@@ -158,6 +159,13 @@ def _diary(
     output.mkdir(parents=True, exist_ok=True)
     asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
     return Diary.begun(hours, output, asked), speed
+
+
+def _name_of(folder: Path) -> str:
+    """Name of its acquisitions: of the folder, and of it alone; there is more than one `unit` on a machine."""
+    path = folder.resolve()
+    digest = hashlib.sha256(str(path).encode()).hexdigest()[:8]
+    return f"{(NAME + path.name)[: NAME_LIMIT - 9]} {digest}"
 
 
 def _end_left_behind(name: str) -> None:

@@ -93,8 +93,7 @@ def ask_to_move(url: str, how: str, *, yes_move: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
-    say(f"The table at {url} WILL MOVE by itself, {how}.")
-    print("Is everybody clear of it, and may it move? Type yes: ", end="", file=sys.stderr, flush=True)
+    say(f"The table at {url} WILL MOVE by itself, {how}.\nIs everybody clear of it, and may it move? Type yes:")
     if sys.stdin.readline().strip().lower() != "yes":
         raise fail(USAGE, "the table does not move, and nothing was recorded.")
 

@@ -11,11 +11,14 @@ from helpers.commands import imutui
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.traces import whole_document
 
+from imutui.cli import investigate
 from imutui.cli.investigation_page import ended, page
 from imutui.jobs.investigation_diary import DIARY, DiaryDocument, RoundEntry
 from imutui.report import trace_report
 from imutui.report.blocks import Table
 from imutui.table.registry import connect
+
+pytestmark = pytest.mark.usefixtures("home")
 
 ENOUGH = ("--port", "/dev/null", "--controller", "acutrol://127.0.0.1:9", "--hours", "1")
 
@@ -64,6 +67,12 @@ def test_a_controller_that_is_not_there_is_said(tmp_path: Path) -> None:
     """Exit code 4, with where it was sought."""
     told = imutui("investigate", *ENOUGH, "-o", tmp_path / "made", "--yes-move", check=4).stderr
     assert "127.0.0.1:9" in told
+
+
+def test_folders_of_one_name_have_acquisitions_of_their_own(tmp_path: Path) -> None:
+    """Else one investigation would take the other's for what a killed session has left behind, and end it."""
+    first, second = tmp_path / "a/unit", tmp_path / "b/unit"
+    assert investigate._name_of(first) == investigate._name_of(tmp_path / "b/../a/unit") != investigate._name_of(second)
 
 
 def test_whatever_stops_it_stops_the_table_and_the_motion_is_made_again(tmp_path: Path) -> None:

@@ -31,8 +31,8 @@ def test_info_says_what_is_in_a_log(home: Path) -> None:
     assert "520 samples of 3,469 packets" in text
     assert "19.997 Hz measured, 20 Hz asked for, stream" in text
     assert "degC" in text
-    # the sample is of a version that wrote no transform, and is read all the same
-    assert all((topic in text) == (topic != schemas.TRANSFORMS) for topic in schemas.TYPES)
+    # the sample is of a version that wrote no transform, and is read all the same; no table was commanded
+    assert all((topic in text) == (topic not in (schemas.TRANSFORMS, schemas.STATE)) for topic in schemas.TYPES)
     assert max(map(len, text.splitlines())) <= 80
     document = imutui_json("info", SAMPLE)
     assert (document["kind"], document["samples"]) == ("simulated", 520)

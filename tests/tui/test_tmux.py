@@ -131,8 +131,8 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
 def choose_virtual_at_20_hz(terminal: Terminal) -> None:
     """On the Connect screen: the virtual instrument whatever ports there are, the rate field, Enter."""
     choose(terminal, "virtual, 133 Hz")
-    terminal.press("Tab")
-    terminal.press("Tab")
+    for _ in range(3):
+        terminal.press("Tab")
     terminal.press("C-a")
     terminal.see("C-k", "not a number; 0.1 to 133 Hz")
     terminal.type("20")
