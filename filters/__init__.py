@@ -50,7 +50,7 @@ Where things are
                   `filter_input` what they take · `settings`, `rows`, `runner` a run, one sample or many · `long_gap`
                   biases without a reference · `consistency` NIS, noise, convergence · `alarms` what contradicts it
     `effects`     the catalogue of what may be wrong with a unit
-    `simulation`  units with known truth
+    `simulation`  units with known truth, and the table that they stand on
     `tracing`     from residual to effect; its docstring has the steps in order
     `fleet`       many units and power-ons: what is the unit's own, its model's, and the day's
     `multiposition`  a unit turned by hand between rests: calibrated from gravity alone
