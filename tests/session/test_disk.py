@@ -27,6 +27,7 @@ from imutui.logbook import checksum_file, reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import client, lifecycle
+from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard, disk_message, vanished
 from imutui.session.plan import Plan, RecordingWish
 
@@ -157,9 +158,13 @@ def test_a_file_that_was_removed_just_before_the_end_is_not_said_to_be_finished(
         assert (result["log"], result["finished"], result["log_sha256"]) == (str(run.first), False, None)
         assert [str(run.first) in text and "lost" in text for text in run.findings()] == [True]
     with acquiring(home) as run:
-        run.first.unlink()
+
+        def at_once(acquisition: Acquisition) -> None:
+            run.first.unlink()
+            acquisition.stop_recording()
+
         with pytest.raises(ValueError, match=r"a\.mcap was removed .* lost"):
-            run.engine.call(lambda acquisition: acquisition.stop_recording())
+            run.engine.call(at_once)
         assert run.seen()["recording"] is None
     assert list((home / "logs").iterdir()) == []
 
