@@ -25,18 +25,13 @@ import numpy as np
 
 from filters.channels import CHANNELS
 from filters.effects.run_specific import RunSpecific
-from filters.tracing.assessment import Assessment, assess, statuses
+from filters.tracing.assessment import Assessment, statuses
 from filters.tracing.blocks import average
 from filters.tracing.candidate_motions import CandidateMotion
 from filters.tracing.columns import ColumnsByTerm, columns_on
-from filters.tracing.comparison import compare
 from filters.tracing.design_matrix import first_parameters, parameters_on
 from filters.tracing.experiment import Pair, white_on
-from filters.tracing.identifiability import untestable
-from filters.tracing.run import Run, in_order
-from filters.tracing.screening import Screening, noise_findings, without_faults
 from filters.tracing.stack import Stack
-from filters.tracing.trace import block_s
 from filters.tracing.trace_document import odds_of
 from filters.types import Array
 
@@ -77,22 +72,6 @@ class Expectation:
     def bits(self) -> float:
         """All of it."""
         return self.rivals + self.corrected + self.besides + self.new
-
-
-def assessed(runs: Sequence[Run], seed: int = 0) -> Assessment:
-    """What runs show, none held out: what a plan starts from."""
-    runs = in_order(runs)
-    cleaned = [without_faults(run) for run in runs]
-    period = block_s(sum(run.seconds for run in runs), still=all(run.still for run in runs))
-    found = compare([run for run, _ in cleaned], None, period, min(60.0, max(r.seconds for r in runs)), lambda _: None)
-    screening = Screening(
-        faults=tuple(fault for _, own in cleaned for fault in own),
-        lines=tuple(found.lines),
-        noise_drivers=tuple(found.drivers),
-        noise_findings=tuple(noise_findings(found.left)) if found.left else (),
-        untestable=tuple(untestable(found.chosen.design, found.channels)),
-    )
-    return assess(found.chosen, found.channels, screening, None, (), seed)
 
 
 def disputes(known: Assessment) -> list[Dispute]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from filters.errors import InputError
-from filters.tracing.assessment import assess
+from filters.tracing.assessment import Assessment, assess
 from filters.tracing.blocks import BLOCK_S
 from filters.tracing.comparison import compare
 from filters.tracing.identifiability import untestable
@@ -34,7 +34,19 @@ def trace(
     seed: int = 0,
     progress: Progress = lambda share, text: None,
 ) -> Trace:
-    """Trace what the model of constant biases lacks.
+    """Trace what the model of constant biases lacks; arguments and errors as of `assessed`."""
+    return report(assessed(runs, heldout, asked=asked, seed=seed, progress=progress))
+
+
+def assessed(
+    runs: Sequence[Run],
+    heldout: Run | None,
+    *,
+    asked: Sequence[str] = (),
+    seed: int = 0,
+    progress: Progress = lambda share, text: None,
+) -> Assessment:
+    """What a trace finds, before it is put into a document.
 
     `runs`: power-ons to learn from, or parts of them, at least one.
     `heldout`: a power-on, or a part of one, that nothing is fitted to; without one, folds of the runs judge.
@@ -65,7 +77,7 @@ def trace(
     )
     found = assess(chosen, channels, screening, compared.held_out, asked, seed)
     progress(1.0, "done")
-    return report(found)
+    return found
 
 
 def block_s(seconds: float, *, still: bool) -> float:

@@ -198,6 +198,7 @@ def _plan(diary: "Diary", name: str, speed: float) -> "Plan":
         controller=asked.get("controller", ""),
         limits=asked.get("limits", ""),
         yes_move=True,
+        needs_viewer=True,
         speed=speed,
         since_ns=0 if speed == 1.0 else asked.get("since_ns", 0),
     )

@@ -12,7 +12,7 @@ What it leaves out: how a motion is made and recorded (`Laboratory`), what is ex
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from filters.channels import CHANNELS
 from filters.effects import plain_names
@@ -22,7 +22,7 @@ from imutui.jobs.investigation_diary import NOTHING, Diary, Kind, Outcome, Rival
 if TYPE_CHECKING:
     from filters.tracing.assessment import Assessment
     from filters.tracing.candidate_motions import CandidateMotion
-    from filters.tracing.planning import Expectation
+    from filters.tracing.planning import Dispute, Expectation, Planner
     from filters.tracing.run import Run
     from filters.tracing.table_motions import Table
     from filters.tracing.trace_document import TraceFindings
@@ -129,11 +129,12 @@ class Investigation:
         else:
             self._judge(known, degc, in_time=not chosen)
 
-    def _known(self) -> "tuple[Assessment, Any, float | None]":
+    def _known(self) -> "tuple[Assessment, Planner, float | None]":
         from filters.tracing import planning, table_motions
+        from filters.tracing.trace import assessed
 
         runs = self.laboratory.runs(self.diary.made)
-        known = planning.assessed(runs)
+        known = assessed(runs, None)
         temperature = runs[-1].temperature
         degc = None if temperature is None else float(temperature[-1])
         motions = table_motions.rounds(self.laboratory.table, degc)
@@ -177,7 +178,7 @@ class Investigation:
         self.diary.document["spent_s"] = round(self.spent_s, 1)
         self.diary.save()
 
-    def _came(self, disputes: Sequence[Any], known: "Assessment") -> None:
+    def _came(self, disputes: "Sequence[Dispute]", known: "Assessment") -> None:
         """Write what is known now to the rounds that have come since the last trace."""
         from filters.tracing.assessment import statuses
 
@@ -199,9 +200,11 @@ class Investigation:
         self._save()
 
 
-def _rivals(disputes: Sequence[Any], known: "Assessment") -> list[RivalsEntry]:
+def _rivals(disputes: "Sequence[Dispute]", known: "Assessment") -> list[RivalsEntry]:
     """Disputes by channel, then findings that nobody disputes."""
-    made = [(channel, list(q.names), q.odds) for q in disputes for channel in q.channels]
+    made: list[tuple[str, list[str], Sequence[float]]] = [
+        (channel, list(q.names), q.odds) for q in disputes for channel in q.channels
+    ]
     disputed = {(channel, names[0]) for channel, names, _ in made}
     for f in known.findings:
         effect = f.term.hypothesis.effect
@@ -216,7 +219,7 @@ def _rivals(disputes: Sequence[Any], known: "Assessment") -> list[RivalsEntry]:
     ]
 
 
-def _settled(known: "Assessment", disputes: Sequence[Any]) -> bool:
+def _settled(known: "Assessment", disputes: "Sequence[Dispute]") -> bool:
     """Whether nothing is left that another motion would show: each channel is explained, or only a power-on lacks."""
     from filters.tracing.assessment import statuses
     from filters.tracing.planning import information

@@ -43,6 +43,7 @@ _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
 _START_GRACE_S = 5.0
 _TERMINATED_GRACE_S = 1.2
+_ORPHANED_S = 5.0  # real time
 _SIGNALS = {
     signal.SIGTERM: "the signal SIGTERM, as `kill` and a shutdown send it",
     signal.SIGINT: "the signal SIGINT, as Ctrl+C sends it",
@@ -178,6 +179,8 @@ def _acquire(
     while not engine.lifecycle.ended.wait(0.5):
         if limit_s is not None and server.unwatched_s > limit_s:
             engine.request_stop(f"itself: nobody had looked on for {limit_s:g} s, and its unit is a virtual one")
+        if plan.needs_viewer and server.unwatched_s > _ORPHANED_S * plan.speed:
+            engine.request_stop("itself: whoever gave the table its motion has gone")
     stands = engine.lifecycle
     end_report.write(plan.name, stands.ended_by, stands.error, stands.findings, engine.result)
     # who started it may not have asked yet how it goes; it must hear how it went

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import select
 import socket
 import socketserver
 import struct
@@ -214,8 +215,10 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def unwatched_s(self) -> float:
         """For how long nobody has been connected."""
         with self.idle:
-            here = self.viewers or self._reserved
-            return 0.0 if here else time.monotonic() - self._unwatched_since
+            # one that was killed while it waited for an answer is heard to have gone when there is one
+            if not all(map(_has_hung_up, (*self.viewers, *self._reserved))):
+                self._unwatched_since = time.monotonic()
+            return time.monotonic() - self._unwatched_since
 
     @contextlib.contextmanager
     def answering(self, connection: socket.socket) -> Iterator[Callable[[Request], Reply]]:
@@ -345,3 +348,11 @@ def _uid_of_peer(connection: socket.socket) -> int:
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     _, uid, _ = struct.unpack("3i", credentials)
     return int(uid)
+
+
+def _has_hung_up(connection: socket.socket) -> bool:
+    if connection.fileno() < 0:
+        return True
+    poll = select.poll()
+    poll.register(connection, select.POLLRDHUP)
+    return bool(poll.poll(0))

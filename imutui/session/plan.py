@@ -155,6 +155,7 @@ class Plan:
     controller: str = ""
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
+    needs_viewer: bool = False  # ends, and stops the table, soon after its last viewer has gone, who gave the motion
     speed: float = 1.0  # times that time runs faster, with virtual instruments only
     since_ns: int = 0  # monotonic instant from which on it does, the same for processes that belong together; 0: now
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"

@@ -16,6 +16,7 @@ from imutui.cli.investigation_page import ended, page
 from imutui.jobs.investigation_diary import DIARY, DiaryDocument, RoundEntry
 from imutui.report import trace_report
 from imutui.report.blocks import Table
+from imutui.session import client
 from imutui.table.registry import connect
 
 pytestmark = pytest.mark.usefixtures("home")
@@ -99,21 +100,27 @@ def test_whatever_stops_it_stops_the_table_and_the_motion_is_made_again(tmp_path
                 assert kept["spent_s"] > 0.0
 
 
-def test_what_a_killed_session_has_left_behind_is_ended_by_the_next(tmp_path: Path) -> None:
-    """After kill -9 its acquisition commands the table still; who goes on ends it first, and makes the motion again."""
+def test_the_table_stands_when_whoever_investigates_is_killed_and_the_motion_is_made_again(tmp_path: Path) -> None:
+    """After kill -9 its acquisition ends by itself; one that somebody looks at still is ended by who goes on."""
     folder = tmp_path / "unit"
     with started(command_line("virtual", "--controller", "127.0.0.1:0")) as virtual:
         assert virtual.stdout is not None
         port, url = (virtual.stdout.readline().strip() for _ in range(2))
         begin = ["--port", port, "--controller", url, "--hours", "1", "-o", str(folder), "--yes-move"]
+        resume = ["--resume", "-o", str(folder), "--yes-move"]
+        name = investigate._name_of(folder)
         with contextlib.closing(connect(url)) as controller:
             with started(command_line("investigate", *begin)) as process:
                 wait_until(lambda: controller.read().mode != "off", pause=0.1)
                 process.kill()
-            with started(command_line("investigate", "--resume", "-o", str(folder), "--yes-move")) as process:
+            wait_until(lambda: controller.read().mode == "off" and name not in client.running(), pause=0.1)
+            with started(command_line("investigate", *resume)) as process:
+                wait_until(lambda: controller.read().mode != "off", pause=0.1)
+                viewer = client.attach(name)
+                process.kill()
+            with contextlib.closing(viewer), started(command_line("investigate", *resume)) as process:
                 assert process.stderr is not None
-                first = process.stderr.readline()
-                assert "it is ended" in first
+                assert "it is ended" in process.stderr.readline()
                 assert "hold positions" in process.stderr.readline()
                 wait_until(lambda: controller.read().mode != "off", pause=0.1)
                 process.send_signal(signal.SIGINT)

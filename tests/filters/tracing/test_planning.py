@@ -16,6 +16,7 @@ from filters.simulation import Effect, Scenario
 from filters.tracing import detectability, planning, table_motions
 from filters.tracing.candidate_motions import CandidateMotion
 from filters.tracing.table_motions import AxisRange, Table
+from filters.tracing.trace import assessed
 
 DEG = math.pi / 180.0
 FREE = AxisRange(200.0 * DEG, 200.0 * DEG)
@@ -108,7 +109,7 @@ def known() -> planning.Assessment:
     assert motion is not None
     effect = Effect("scale", ("gz",), {"relative": 0.004})
     scenario = Scenario(seed=3, spec=WHITE, profile=motion.profile, effects=(effect,))
-    return planning.assessed([run_of(scenario, seconds=motion.seconds)])
+    return assessed([run_of(scenario, seconds=motion.seconds)], None)
 
 
 def test_the_motion_that_tells_rivals_apart_comes_first(known: planning.Assessment) -> None:

@@ -84,7 +84,7 @@ async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size:
     client = Acquisition(folder / "logs")
     async with opened(client, size=size) as see:
         await see("5 → six positions, 30 s each | ready-made | bad.toml | can't be used | bias gx gy gz")
-        await see("enter → b begins. | 4 segments | joined by your marks | to do | Segment 1 makes testable")
+        await see("enter → b begins. | 4 segments | joined by marks | to do | Segment 1 makes testable")
         assert client.files[0][0].endswith(".toml")
         assert 'align = "marks"' in client.files[0][1]
         await see("b → ● REC | Segment 1 of 4: go to outer 0° | I wait for you | now | next | c cancel")

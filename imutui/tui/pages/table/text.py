@@ -42,7 +42,7 @@ _VIRTUAL = (
 _VIRTUAL_TURNS = "a virtual unit turns by itself: Enter sends it to each step, which is marked when it has come there"
 _ALIGNS = {
     "none": "profile time is the log's time",
-    "marks": "joined by your marks",
+    "marks": "joined by marks",
     "gyro": "joined by the gyros",
 }
 _THERE = {
