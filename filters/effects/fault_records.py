@@ -1,6 +1,7 @@
 """What the searches for faults of data share: the record of a fault, one channel's readings, stretches in words."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -93,6 +94,15 @@ def edges_of_equal(x: Array) -> NDArray[np.intp]:
     differ = np.ones(x.size + 1, np.bool_)
     np.not_equal(x[1:], x[:-1], out=differ[1:-1])
     return np.flatnonzero(differ)
+
+
+def poisson_tail(count: int, mean: float) -> float:
+    """Return the chance of `count` events or more where `mean` are expected."""
+    if count <= mean or mean <= 0.0:
+        return 1.0 if count <= mean else 0.0
+    # terms fall off at once above the mean
+    last = count + 60 + 10 * math.isqrt(count)
+    return math.fsum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1.0)) for k in range(count, last))
 
 
 def runs_of(flags: Flags) -> NDArray[np.intp]:

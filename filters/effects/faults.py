@@ -7,11 +7,11 @@ Every threshold is a bound on what noise does by chance: noise of any colour, fo
 its neighbours, against the differences seen in the 2 s around it and in the whole run.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from filters.channels import CHANNELS
 from filters.effects import quantisation, time_stamps
@@ -23,6 +23,7 @@ from filters.effects.fault_records import (
     Flags,
     edges_of_equal,
     noise_scales,
+    poisson_tail,
     runs_of,
     stretches_in_words,
     times_in_words,
@@ -41,6 +42,7 @@ _LEAST_RUN = 5  # readings alike
 _RUN_MARGIN = 2.0
 _OVER_USUAL = 3.0  # times the length that all but one in a hundred repetitions have
 _LEAST_CHANGES = 10
+_LEAST_SHARE = 0.02  # of the noise: smaller steps than this matter to nothing
 
 
 def find(
@@ -70,8 +72,10 @@ def find(
     if t.size < quantisation.LEAST_WINDOW:
         return flagged, faults
     stamps = time_stamps.analyse(t)
-    for c in range(len(CHANNELS)):
-        bad, own = _of_channel(_channel(c, t, reading, perfect, lsb, stamps.period, of or t.size))
+    channels = [_channel(c, t, reading, perfect, lsb, stamps.period, of or t.size) for c in range(len(CHANNELS))]
+    for c, channel in enumerate(channels):
+        triad = channels[3 * (c // 3) : 3 * (c // 3) + 3]
+        bad, own = _of_channel(channel, [other.lattice for other in triad if other is not channel])
         if bad.any():
             flagged[:, c] = bad
         faults += own
@@ -103,8 +107,8 @@ def _channel(
     )
 
 
-def _of_channel(channel: ChannelReadings) -> tuple[Flags, list[DataFault]]:
-    """Flags of a channel, shape (N,), and its faults."""
+def _of_channel(channel: ChannelReadings, beside: Sequence[float]) -> tuple[Flags, list[DataFault]]:
+    """Flags of a channel, shape (N,), and its faults; `beside`: lattices of the other two of its kind."""
     if np.ptp(channel.reading) == 0.0:
         t = channel.t
         where = f"{DEAD}{channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
@@ -120,7 +124,7 @@ def _of_channel(channel: ChannelReadings) -> tuple[Flags, list[DataFault]]:
     kept = isolated[rows]
     faults += _spikes_told(channel, isolated, off[kept], sd[kept])
     stuck, more = _stuck(channel, saturated)
-    return np.asarray(isolated | saturated | stuck), [*faults, *more, *_coarse(channel, stuck)]
+    return np.asarray(isolated | saturated | stuck), [*faults, *more, *_coarse(channel, stuck, beside)]
 
 
 # ------------------------------------------------------------------------------------------------------------ stuck
@@ -170,14 +174,18 @@ def _held(channel: ChannelReadings) -> float:
         return 0.05
     sd = min(float(np.quantile(first, 0.1)), float(np.quantile(second, 0.1)))
     noise = np.sqrt(max(sd**2 - channel.lattice**2 / 12.0, (0.15 * channel.lattice) ** 2))
-    return float(np.clip(special.erf(channel.lattice / (2.0 * np.sqrt(2.0) * noise)), 0.05, 1.0 - 1e-9))
+    return float(np.clip(math.erf(channel.lattice / (2.0 * math.sqrt(2.0) * noise)), 0.05, 1.0 - 1e-9))
 
 
 # ----------------------------------------------------------------------------------------------------------- coarse
 
 
-def _coarse(channel: ChannelReadings, stuck: Flags) -> list[DataFault]:
-    """Whether readings come in steps so large that quantisation is no noise any more."""
+def _coarse(channel: ChannelReadings, stuck: Flags, beside: Sequence[float]) -> list[DataFault]:
+    """Steps of readings that are far above a count.
+
+    Where the size of a count is not known: above those of both channels beside it, which are made alike, or so large
+    that quantisation is no noise any more.
+    """
     if channel.lattice == 0.0 or np.count_nonzero(channel.reading[1:] != channel.reading[:-1]) < _LEAST_CHANGES:
         return []
     scales = quantisation.scales(channel.error, channel.width)
@@ -185,6 +193,9 @@ def _coarse(channel: ChannelReadings, stuck: Flags) -> list[DataFault]:
     noise = float(np.median(np.delete(scales, held) if held.size < scales.size else scales))
     if channel.lsb is not None:
         is_coarse, against = channel.lattice > COARSE * channel.lsb, f"{channel.lattice / channel.lsb:.1f} counts"
+    elif channel.lattice > COARSE * max(beside) and _LEAST_SHARE * noise < channel.lattice:
+        is_coarse = True
+        against = "while the other two of its kind show " + (f"{max(beside):.4g}" if max(beside) else "none")
     else:
         # what is seen has the step's own noise in it, lattice²/12
         is_coarse = noise**2 < channel.lattice**2 * (1.0 / COARSE**2 + 1.0 / 12.0)
@@ -261,7 +272,7 @@ def _at_extreme(channel: ChannelReadings, side: float, spikes: Flags) -> Flags:
             at[at] = beyond > least
         return at if np.sum(at) >= _LEAST_PILE else none
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
-    if special.pdtrc(count - 1, expected) > FALSE / 1000.0 * channel.t.size / channel.of:
+    if poisson_tail(count, expected) > FALSE / 1000.0 * channel.t.size / channel.of:
         return none
     if len(runs_of(at)) <= 2 and not (np.median(beyond) > -noise or _broken_off(channel, side, extreme, at)):
         return none  # held, and nothing says that there was more to show

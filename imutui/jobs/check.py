@@ -9,7 +9,7 @@ from pathlib import Path
 from imutui.jobs import check_file
 from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, lossy
 from imutui.jobs.check_packets import PacketSteps
-from imutui.jobs.check_samples import Limits, SamplesOfPackets
+from imutui.jobs.check_samples import Health, Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument
 from imutui.jobs.info import lacking_channels, status_words
@@ -35,7 +35,8 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     """
     found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"), indexes=True)
     content = audit.belongings(found)
-    rules = [rule(content) for rule in _DATA_RULES]
+    health = Health(content)
+    rules: list[DataRule] = [*(rule(content) for rule in _DATA_RULES), health]
     looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
     for part in audit.parts(found, content, looked):
         for rule in rules:
@@ -52,6 +53,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "state": _state(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
+        "health": health.entries,
         "notes": list(_notes(log)),
         "bytes": found.size,
         "chunks": sum(piece.last_ns > 0 for piece in found.pieces),

@@ -5,6 +5,8 @@ That of a replay is `imutui.logbook.results.ResultDocument`, that of a trace `fi
 
 from typing import TYPE_CHECKING, TypedDict
 
+from imutui.filter_snapshot import HealthEntry
+
 if TYPE_CHECKING:
     from filters.tracing.trace_document import CurveEntry as CurveEntry
     from filters.tracing.trace_document import FindingEntry as FindingEntry
@@ -146,6 +148,7 @@ class CheckDocument(TypedDict):
     state: str
     fine: bool
     findings: list[FindingField]
+    health: list[HealthEntry]
     notes: list[str]
     bytes: int
     chunks: int

@@ -17,7 +17,7 @@ from filters.kalman.settings import Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.jobs import replay_input
+from imutui.jobs import channel_health, replay_input
 from imutui.jobs.replay_course import ReplayCourse, ReplayPoints
 from imutui.jobs.replay_input import Feed, Part
 from imutui.logbook import (
@@ -25,6 +25,7 @@ from imutui.logbook import (
     checksum_file,
     effects_file,
     estimates,
+    health,
     reader,
     reference_file,
     results,
@@ -136,10 +137,13 @@ def replayed(
     sink = None
     if options.output is not None:
         sink = _EstimateSink(options, options.output, info, log, first_ns)
-    temperature = replay_input.Temperatures()
+    temperature, of_samples = replay_input.Temperatures(), channel_health.SampleHealth(info)
+    parts = temperature.seen(fed.parts())
+    if not channel_health.has_packets(log.info):
+        parts = of_samples.seen(parts)
     started = time.perf_counter()
     try:
-        for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
+        for rows in run(estimator, parts, fed.seconds, options.speed, progress):
             for taker in (course, points):
                 if taker is not None:
                     taker.take(rows, estimator)
@@ -152,6 +156,12 @@ def replayed(
             sink.abandon()
         raise
     filter_s = time.perf_counter() - started
+    monitor = of_samples.monitor
+    if channel_health.has_packets(log.info):
+        first = None if options.start is None else first_ns
+        last = None if options.end is None else first_ns + round(fed.seconds * 1e9)
+        monitor = channel_health.of_packets(path, info, first, last)
+    sd, moving = health.bias_sd(estimator, info), not info.effects_sha256
     result = results.document(
         estimator,
         info,
@@ -162,6 +172,7 @@ def replayed(
         filter_s=filter_s,
         read_s=read_s,
         log_sha256=log_sha256,
+        health=health.entries(monitor.findings(sd, moving=moving, final=True)),
     )
     if log.damage:
         result["damage"] = log.damage

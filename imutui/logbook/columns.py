@@ -97,6 +97,7 @@ class Columns:
                 (STATE, 8, np.uint64),
             )
         }  # fmt: skip
+        self._packet_stamps: list[np.ndarray] = [np.empty(0, np.int64)]
 
     @property
     def rows(self) -> int:
@@ -120,11 +121,15 @@ class Columns:
                 found[role] = rows
         for role, rows in found.items():
             self._parts[role].append(rows)
+        if RAW in found:
+            self._packet_stamps.append(batch.heads["publish_ns"][roles == RAW])
         return True
 
     def one(self, role: int, message: Message) -> None:
         """One message of any layout that rosbags can decode; raises UndecodableError if it is none."""
         self._parts[role].append(_DECODE[role](message)[None])
+        if role == RAW:
+            self._packet_stamps.append(np.array([message.publish_time]))
 
     def imu(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Stamps (ns, int64, (N,)), angular rate (rad/s, (N, 3)), specific force (m/s², (N, 3)), validity (bool, (N,)).
@@ -164,6 +169,10 @@ class Columns:
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
         return np.concatenate(self._parts[RAW]).view(schemas.RAW_DTYPE)[:, 0]
+
+    def packet_stamps(self) -> np.ndarray:
+        """When each packet was sampled, UTC, ns, int64, shape (K,)."""
+        return np.concatenate(self._packet_stamps).astype(np.int64)
 
 
 # ------------------------------------------------------------------------------------------------- messages of a batch

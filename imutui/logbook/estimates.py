@@ -23,7 +23,7 @@ class BiasVerdicts:
     def of(cls, estimator: Estimator, info: SessionInfo) -> "BiasVerdicts":
         """What the estimator says after its latest sample."""
         axes = info.axes()
-        since = results.converged_since(estimator, axes)
+        since = results.converged_since(estimator, axes, np.ones(6, bool))
         converged = tuple(s is not None for name in ("accel_bias", "gyro_bias") for s in since[name])
         return cls(tuple(bool(s) for s in results.seen_axes(estimator, axes)), converged)
 

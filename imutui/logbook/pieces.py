@@ -113,7 +113,7 @@ def _emptied(log: Log) -> Log:
     return replace(
         log, stamp_ns=nothing.stamp_ns, gyro=nothing.gyro, accel=nothing.accel, valid=nothing.valid,
         temperature_stamp_ns=nothing.temperature_stamp_ns, temperature_degc=nothing.temperature_degc,
-        packets=nothing.packets, table=nothing.table, states=nothing.states,
+        packets=nothing.packets, packet_stamp_ns=nothing.packet_stamp_ns, table=nothing.table, states=nothing.states,
     )  # fmt: skip
 
 

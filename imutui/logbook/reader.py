@@ -63,6 +63,7 @@ class Log:
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))  # all temperature messages, shape (M,)
     # packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
+    packet_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # when sampled, UTC, ns, (K,)
     # whether packets have temperatures of each sensor and a status word; else these fields are zero
     has_details: bool = False
     reference: str | None = None  # kind of the last /table/reference
@@ -265,7 +266,7 @@ class Content(Channels):
 def _fill(log: Log, columns: Columns) -> None:
     log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
     log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
-    log.packets = columns.packets()
+    log.packets, log.packet_stamp_ns = columns.packets(), columns.packet_stamps()
     log.table, log.states = Table(*columns.tables()), Table(*columns.tables(STATE))
 
 

@@ -14,8 +14,9 @@ from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.estimate_history import HistoryRows
-from imutui.filter_snapshot import CauseSnapshot
+from imutui.filter_snapshot import CauseSnapshot, HealthEntry
 from imutui.logbook import departures
+from imutui.logbook.health import has_readings
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -174,6 +175,8 @@ class ResultDocument(TypedDict):
     lost_packets: int
     bad_checksums: int
     alarms: list[str]
+    health: list[HealthEntry]
+    """Faults of the channels, the worst first."""
     log_sha256: str | None
     duration_s: NotRequired[float]
     rate_hz: NotRequired[float | None]
@@ -265,14 +268,20 @@ def seen_axes(estimator: "Estimator", axes: AxisMap) -> np.ndarray:
     return np.concatenate([axes.sd_to_instrument(part) for part in seen]) > 0.5
 
 
-def converged_since(estimator: "Estimator", axes: AxisMap) -> dict[str, list[float | None]]:
-    """When each bias was declared converged, s, instrument axes; None where it is not."""
+def converged_since(estimator: "Estimator", axes: AxisMap, reads: np.ndarray) -> dict[str, list[float | None]]:
+    """Return when each bias was declared converged, s, instrument axes; None where it is not.
+
+    `reads`: whether each channel measures anything, accelerometers then gyros, shape (6,).
+    """
     since = estimator.monitor.convergence().since
     as_numbers = np.array(
         [-1.0 if s is None or not seen else s for s, seen in zip(since, estimator.observable, strict=True)]
     )
     return {
-        name: [float(s) if s >= 0.0 else None for s in axes.sd_to_instrument(as_numbers[part])]
+        name: [
+            float(s) if s >= 0.0 and ok else None
+            for s, ok in zip(axes.sd_to_instrument(as_numbers[part]), reads[part], strict=True)
+        ]
         for name, part in zip(_BIASES, (slice(0, 3), slice(3, 6)), strict=True)
     }
 
@@ -288,12 +297,14 @@ def document(
     filter_s: float,
     read_s: float,
     log_sha256: str,
+    health: list[HealthEntry],
 ) -> ResultDocument:
     """Result of a run, ready for JSON (contract version 1).
 
     `estimator`: after its last sample; it must have had one.
     `finished`: whether the file has its footer.
     `lost_packets`, `bad_checksums`: as the acquisition counted.
+    `health`: faults of the channels; a channel that measures nothing has no bias.
     `filter_s`, `read_s`: how long it took; only in these do live and replay differ.
     Raises ValueError if there was no sample.
     """
@@ -303,7 +314,8 @@ def document(
     if latest is None or estimator.reference is None:
         raise ValueError("`estimator` has had no sample")
     axes, g_unit = info.axes(), info.g_unit
-    seen = seen_axes(estimator, axes)
+    reads = has_readings(health)
+    seen = seen_axes(estimator, axes) & reads
     nav, P = latest.belief.nav, latest.belief.P
     rest = estimator.first_rest
     begun, duration = (0.0, latest.t) if rest is None else (rest.begun or 0.0, rest.last_t or latest.t)
@@ -328,13 +340,14 @@ def document(
         "final": state_fields(nav, axes, g_unit, seen, placed=not unplaced),
         "sd": sd_fields(P, nav, axes, g_unit, seen, placed=not unplaced),
         "spread": _spread(estimator, axes, g_unit, seen),
-        "converged": estimator.converged,
-        "converged_s": converged_since(estimator, axes),
+        "converged": estimator.converged and bool(reads.all()),
+        "converged_s": converged_since(estimator, axes, reads),
         "nis": nis_fields(estimator),
         "noise": noise_fields(estimator, axes, info.noise),
         "effects": effect_fields(estimator),
         "history_known": bool(info.memory),
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
+        "health": health,
         "lost_packets": lost_packets,
         "bad_checksums": bad_checksums,
         "rejected": estimator.rejected,

@@ -41,6 +41,7 @@ from imutui.session.timebase import Timebase
 from imutui.session.watches import ClockStepMonitor, GravityCheck, LineWatch, Moment, News, StatusWords, gap_text
 
 if TYPE_CHECKING:
+    from imutui.filter_snapshot import HealthEntry
     from imutui.logbook.results import ResultDocument
 
 
@@ -87,6 +88,7 @@ class Acquisition:
         if stream is not None:
             self._news.append(lambda _: [(said, WARNING)] if (said := stream.look()) else [])
         self.loss_advice = LossAdvice(info.port, info.firmware)
+        self.health: list[HealthEntry] = []  # faults of the channels in the present run of samples
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
@@ -250,10 +252,19 @@ class Acquisition:
             for news in self._news:
                 for text, level in news(moment):
                     self.event("acquisition", text, level)
+            self._look_at_health()
             for name, text in self.recorder.pipeline.news():
                 self.event(name, text, WARNING if name == "cause" else INFORMATION)
         finally:
             self.recorder.events.handled_ns = None
+
+    def _look_at_health(self) -> None:
+        """Look for faults of the channels; each one is an event when it is found."""
+        known = {(entry["channel"], entry["kind"]) for entry in self.health}
+        self.health = self.recorder.pipeline.health()
+        for entry in self.health:
+            if (entry["channel"], entry["kind"]) not in known:
+                self.event("health", entry["said"], WARNING)
 
     def _written_ns(self, now_ns: int) -> int:
         """When what is written now is said to be: what was read since waits for its block, and is written behind it."""

@@ -9,8 +9,9 @@ import numpy as np
 from filters import specification
 from filters.imu import CHANNELS
 from filters.motion.profile import Profile
-from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
+from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, HealthEntry
 from imutui.logbook import line_advice
+from imutui.logbook.health import has_readings
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard
@@ -92,7 +93,8 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "controller": None if of.guidance.table is None else of.guidance.table.snapshot(),
         "channels": of.recent.channels(),
         "statistics_s": STATISTICS_S,
-        "filter": None if pipeline.filter is None else _filter(pipeline.filter),
+        "health": of.health,
+        "filter": None if pipeline.filter is None else _filter(pipeline.filter, of.health),
         "events": recorder.events.events(),
         "series": of.recent.series(since),
     }
@@ -116,7 +118,7 @@ def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
     }
 
 
-def _filter(live: LiveFilter) -> FilterSnapshot:
+def _filter(live: LiveFilter, health: "list[HealthEntry]") -> FilterSnapshot:
     """The filter; until its first sample has been used, when its code may not be loaded yet, what its settings say."""
     info, estimator = live.info, live.estimator
     spec = specification.of_model(info.instrument) if estimator is None else estimator.settings.spec
@@ -160,20 +162,21 @@ def _filter(live: LiveFilter) -> FilterSnapshot:
         "confounded": [],
     }
     if estimator is not None:
-        _estimates(out, estimator, info)
+        _estimates(out, estimator, info, health)
     if live.failure is not None:
         out["alarms"].append(live.failure)
     return out
 
 
-def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo) -> None:
+def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo, health: "list[HealthEntry]") -> None:
     """Put in what there is of estimates, in the instrument's axes and units; loads statistics, as the filter has."""
     from imutui.logbook import departures, results
     from imutui.verdict import sources
 
     axes, latest = info.axes(), estimator.latest
     out["samples"] = estimator.taken
-    out["converged"] = estimator.converged
+    reads = has_readings(health)
+    out["converged"] = estimator.converged and bool(reads.all())
     out["nis"] = results.nis_fields(estimator)
     out["remainder"] = results.remainder_fields(estimator, axes)
     out["noise"] = sources.noisiest(results.noise_fields(estimator, axes, info.noise), info.reference)
@@ -185,8 +188,8 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo) -
     out["alarms"] = estimator.alarms()
     out["rejected"] = estimator.rejected
     out["confounded"] = estimator.confounded()
-    change, seen = estimator.monitor.convergence().change, results.seen_axes(estimator, axes)
-    since = results.converged_since(estimator, axes)
+    change, seen = estimator.monitor.convergence().change, results.seen_axes(estimator, axes) & reads
+    since = results.converged_since(estimator, axes, reads)
     for bias, is_seen, converged_s in zip(
         out["biases"], (*seen[3:], *seen[:3]), (*since["gyro_bias"], *since["accel_bias"]), strict=True
     ):

@@ -195,6 +195,7 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
             "lost_packets": counters.lost_packets,
             "bad_checksums": counters.bad_checksums,
             "alarms": [] if failure is None else [failure],
+            "health": pipeline.health(final=True),
             "log_sha256": log_sha256,
         }
     document = results.document(
@@ -207,6 +208,7 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
         filter_s=live.seconds,
         read_s=0.0,
         log_sha256=log_sha256 or "",
+        health=pipeline.health(final=True),
     )
     document["log_sha256"] = log_sha256
     if failure is not None:

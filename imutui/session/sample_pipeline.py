@@ -9,24 +9,29 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, field
 from itertools import chain
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from filters.health.monitor import HealthMonitor
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from imutui.filter_snapshot import HealthEntry
 from imutui.instrument.clock import Stamp
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook import polled_rate, schemas
+from imutui.logbook import health, polled_rate, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.timebase import Timebase
 from imutui.table.controller import TableState
+
+if TYPE_CHECKING:
+    from filters.kalman.runner import Estimator
 
 Stamped: TypeAlias = tuple[DataPacket, Stamp, int]
 """A packet with its stamp, and when it was read, monotonic, ns."""
@@ -118,6 +123,26 @@ class SampleRate:
         return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
 
 
+class _ChannelHealth:
+    """Feeds the packets of a run, at their full rate, to the monitor of channel health."""
+
+    def __init__(self, info: SessionInfo, instrument: Instrument) -> None:
+        self._info = info
+        self._readings = health.Readings(instrument.scaling(info.rate_range_dps, info.accel_range_g), info.g_unit)
+        self._monitor = HealthMonitor(health.expected(info, self._readings.lsb))
+        self._first_ns: int | None = None
+
+    def add(self, stamps_ns: np.ndarray, counts: np.ndarray) -> None:
+        """Take packets: sampling instants, ns, and readings in counts, (N, 7)."""
+        self._first_ns = int(stamps_ns[0]) if self._first_ns is None else self._first_ns
+        self._monitor.add((stamps_ns - self._first_ns) / 1e9, *self._readings.of(counts))
+
+    def entries(self, estimator: "Estimator | None", *, final: bool) -> list[HealthEntry]:
+        """Faults found so far."""
+        sd, moving = health.bias_sd(estimator, self._info), not self._info.effects_sha256
+        return health.entries(self._monitor.findings(sd, moving=moving, final=final))
+
+
 class SamplePipeline:
     """Packets in; raw packets, samples and estimates out, to the file (`writer`) if there is one.
 
@@ -143,6 +168,7 @@ class SamplePipeline:
         self.flushed_ns: int | None = None  # when all was last seen onto the disk, monotonic
         self.first_stamp_ns: int | None = None  # sampling instant of the first sample, UTC
         self.history = RunHistory()
+        self._health = _ChannelHealth(info, instrument)
         self.filter = LiveFilter(info, motion, effects, self.history.estimates) if info.filter != "none" else None
         self._writer = writer
         self._timebase = timebase
@@ -179,6 +205,7 @@ class SamplePipeline:
             if stamp.gap is not None:
                 self.counters.lost_packets += stamp.gap.lost_min
                 self.counters.lost_packets_max += stamp.gap.lost_max
+        self._health.add(np.array([stamp.monotonic_ns for _, stamp, _ in arrived]), counts)
         messages: list[list[Encoded]] = [[] for _ in arrived]
         for of_packet, raw in zip(messages, self._raws(arrived, counts, at_limit, before), strict=False):
             of_packet.append(raw)
@@ -197,6 +224,12 @@ class SamplePipeline:
                 when, valid = (np.array([getattr(s, name) for s in done.values()]) for name in ("stamp_ns", "valid"))
                 self._samples(np.array(list(done)), when, means, valid, arrived, messages)
         self._write(messages)
+
+    def health(self, *, final: bool = False) -> list[HealthEntry]:
+        """Faults of the channels over all packets so far; `final` as in `HealthMonitor.findings`."""
+        live = self.filter
+        estimator = None if live is None or live.failure is not None else live.estimator
+        return self._health.entries(estimator, final=final)
 
     def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
         """Take what the line has cost since the packet before."""

@@ -6,7 +6,7 @@ biases and channels in the instrument's own axes and sign. None stands for what 
 
 from typing import Literal, NotRequired, TypedDict
 
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.filter_snapshot import FilterSnapshot, HealthEntry
 
 NO_SERIES = 2**62  # number of a packet that never comes: a snapshot from it on is one without a series
 
@@ -196,6 +196,7 @@ class Snapshot(TypedDict):
     stream: NotRequired[StreamSnapshot | None]
     channels: list[ChannelSnapshot]
     statistics_s: float
+    health: list[HealthEntry]
     filter: FilterSnapshot | None
     events: list[EventLine]
     series: SeriesSnapshot

@@ -9,7 +9,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from imutui.filter_snapshot import BiasSnapshot, CauseSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
+from filters.health.finding import ADVICE
+from imutui.filter_snapshot import (
+    BiasSnapshot,
+    CauseSnapshot,
+    HealthEntry,
+    NisSnapshot,
+    NoiseSnapshot,
+    RemainderSnapshot,
+)
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -25,8 +33,8 @@ _NOTHING = "–"
 USE = "usable; unseen: effects of motion, slow ones: t"
 """What GREEN allows and has not looked for, as short as a badge."""
 USE_AT_LENGTH = (
-    "the biases can be used: corrected reading = reading − bias. Looked at: alarms, limits, convergence, 10 s means,"
-    " noise, oscillations, steps, temperature; not: effects of motion, and slow ones, which a trace looks for"
+    "the biases can be used: corrected reading = reading − bias. Looked at: channels, alarms, limits, convergence,"
+    " 10 s means, noise, oscillations, steps, temperature; not: effects of motion and slow ones, which a trace finds"
 )
 TRACE_KEY = "t traces this recording"  # what to do on the screen; a command says the same in its words
 
@@ -94,9 +102,8 @@ class Verdict:
 
     @property
     def passes(self) -> bool:
-        """Whether a command that ends with it exits with 0: not RED, and every bias that can be seen has converged."""
-        converged = next((check.level for check in self.checks if check.name == "converged"), "good")
-        return self.level != "bad" and converged == "good"
+        """Whether a command that ends with it exits with 0: GREEN, or no filter ran and no channel is at fault."""
+        return self.level not in ("wait", "bad")
 
     @property
     def badge(self) -> str:
@@ -114,12 +121,21 @@ class Verdict:
         return f"filter {self.badge} {self.brief}".rstrip()
 
 
-def judge(standing: Standing | None) -> Verdict:
-    """The verdict on a filter; None is an acquisition or a log without one."""
+def judge(standing: Standing | None, health: Sequence[HealthEntry]) -> Verdict:
+    """Return the verdict on a unit's channels and on its filter.
+
+    `standing`: None for an acquisition or a log without a filter.
+    `health`: faults of the channels.
+    """
+    channels = _health(health)
+    if any(check.level == "bad" for check in channels) or (standing is None and health):
+        # what a filter makes of such readings says nothing: it is not waited for
+        rules = () if standing is None or standing.waiting or standing.t is None else tuple(_rules(standing))
+        return replace(_of((*channels, *(check for check in rules if check))), sudden=True)
     if standing is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
         return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
-    checks = tuple(check for check in (_running(standing), *_rules(standing)) if check)
+    checks = tuple(check for check in (_running(standing), *channels, *_rules(standing)) if check)
     if checks[0].level == "bad":
         return replace(_of(checks), sudden=True)
     if standing.waiting or standing.t is None:
@@ -180,6 +196,25 @@ def _running(standing: Standing) -> Check:
     if standing.silent is not None:
         return Check("wait", "running", "no new data: the estimates are old", "no data", "check power and cable")
     return Check("good", "running", "data come")
+
+
+def _health(health: Sequence[HealthEntry]) -> list[Check]:
+    """One check for each kind of fault that channels have, the worst first."""
+    kinds: dict[str, list[HealthEntry]] = {}
+    for entry in health:
+        kinds.setdefault(entry["kind"], []).append(entry)
+    if not kinds:
+        return [Check("good", "channels", "no fault of a channel shows")]
+    return [_of_kind(found) for found in kinds.values()]
+
+
+def _of_kind(found: Sequence[HealthEntry]) -> Check:
+    first, others = found[0], found[1:]
+    also = (
+        f" (so {'is' if len(others) == 1 else 'are'} {', '.join(one['channel'] for one in others)})" if others else ""
+    )
+    brief = f"{' '.join(one['channel'] for one in found[:3])} {first['kind']}"
+    return Check(first["level"], "channels", first["said"] + also, brief, ADVICE[first["kind"]])
 
 
 def _alarms(standing: Standing) -> Check:

@@ -9,7 +9,9 @@ from filters.specification import IMU400CD_200, ImuSpec
 from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, channel, judge
 
 if TYPE_CHECKING:
-    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
+    from collections.abc import Sequence
+
+    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, HealthEntry, NoiseSnapshot
     from imutui.logbook.results import NoiseFields, ResultDocument, SdFields, StateFields
 
 _AT_REST = ("level", "gravity")
@@ -40,15 +42,15 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
     )
 
 
-def of_biases(standing: Standing) -> list[Verdict]:
-    """Verdicts on the six biases, each by the rules that tell of one: limit, convergence, effects, what is unexplained.
+def of_biases(standing: Standing, health: "Sequence[HealthEntry]") -> list[Verdict]:
+    """Verdicts on the six biases, each by the rules on one: health, limit, convergence, effects, what is unexplained.
 
     A bias that cannot be seen is as one that there is no filter for, unless something on its channel is unexplained.
     """
-    return [_of_bias(standing, bias) for bias in standing.biases]
+    return [_of_bias(standing, bias, health) for bias in standing.biases]
 
 
-def _of_bias(standing: Standing, bias: "BiasSnapshot") -> Verdict:
+def _of_bias(standing: Standing, bias: "BiasSnapshot", health: "Sequence[HealthEntry]") -> Verdict:
     name, departure = channel(bias["name"]), standing.departure
     alone = replace(
         standing,
@@ -62,14 +64,14 @@ def _of_bias(standing: Standing, bias: "BiasSnapshot") -> Verdict:
         noise=None,
         slope_k_per_min=0.0,
     )
-    found = judge(alone)
+    found = judge(alone, [one for one in health if one["channel"] == name])
     return found if bias["observable"] or found.level == "bad" else replace(found, level="none")
 
 
 def of_document(d: "ResultDocument") -> Verdict:
     """The verdict on a live run that is over, or on a replay; a document of an older version lacks some of it."""
     if "final" not in d:
-        return _unfiltered(d.get("alarms", []))
+        return judge(None, d["health"]) if d["health"] else _unfiltered(d.get("alarms", []))
     return judge(
         Standing(
             t=d["duration_s"],
@@ -86,7 +88,8 @@ def of_document(d: "ResultDocument") -> Verdict:
             over=True,
             own_limits=_is_known(d),
             limits_of=specification_of(d).source,
-        )
+        ),
+        d["health"],
     )
 
 
@@ -191,7 +194,8 @@ def headline(d: "ResultDocument") -> str:
         return f"no filter: {d['log']}"
     said = found.word
     if found.level != "bad":
-        said += ", converged" if found.passes else ", NOT converged"
+        settled = all(check.level == "good" for check in found.checks if check.name == "converged")
+        said += ", converged" if settled else ", NOT converged"
     if "damage" in d:
         said += f" in the {d['duration_s']:.1f} s of it that can be read"
     return f"{said}: {d['log']}"

@@ -167,6 +167,7 @@ def error_row(task: Task, error: str, *, retry: bool) -> Row:
         **dict.fromkeys(_OF_IDENTITY, ""),
         "unobservable": [],
         "alarms": [],
+        "health": [],
         "wall_s": 0.0,
         "versions": versions(),
     }

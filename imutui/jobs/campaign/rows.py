@@ -6,6 +6,7 @@ run, give rows that are equal in all fields but `TIMINGS`.
 
 from typing import Annotated, NotRequired, TypedDict
 
+from imutui.filter_snapshot import HealthEntry
 from imutui.logbook.results import SdFields, SpreadFields, StateFields, Three, WhiteNoise
 
 VERSION = 1
@@ -128,6 +129,7 @@ class Row(TypedDict):
     lost_packets: int | None
     bad_checksums: int | None
     alarms: list[str]
+    health: list[HealthEntry]
     verdict: VerdictField | None
     batch: NotRequired[str | None]  # which batch its unit was recorded in; None for none
     findings: NotRequired[list[FindingField] | None]  # with a trace only; None where the log cannot be traced

@@ -131,7 +131,7 @@ class ConnectionModel:
         slope = self._series.slope_per_minute(TEMPERATURE)
         self._slope = self._temperature.slope_per_minute(0) if slope is None else slope
         self._take_biases(snapshot, gathers=history is None)
-        verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot))
+        verdict = judge(snapshot["filter"], snapshot["health"], self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 

@@ -169,10 +169,12 @@ class _Watch:
         now, verdict = answer.snapshot, None
         gauges: tuple[str, ...] = ()
         if now is not None:
-            found = judge(now["filter"], None, stale(now), waiting_profile(now))
+            found = judge(now["filter"], now["health"], None, stale(now), waiting_profile(now))
             # the acquisition's clock, which goes on when the filter's does not
             verdict = self._debounce.take(float(now["since_start_s"]), found)
             standing = None if now["filter"] is None else sources.of_snapshot(now["filter"])
-            gauges = () if standing is None else tuple(bias.level for bias in sources.of_biases(standing))
+            gauges = (
+                () if standing is None else tuple(bias.level for bias in sources.of_biases(standing, now["health"]))
+            )
         serial = now["serial_number"] if now is not None else self.view.serial_number
         self.view = UnitView(self.view.name, answer, self.view.unit, verdict, gauges, self._profile, serial)

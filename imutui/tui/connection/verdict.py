@@ -5,9 +5,10 @@ The rules are those of `imutui.verdict`.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.filter_snapshot import FilterSnapshot, HealthEntry
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.verdict import rules, sources
@@ -35,19 +36,20 @@ def waiting_profile(snapshot: Snapshot) -> str | None:
 
 def judge(
     estimates: FilterSnapshot | None,
+    health: Sequence[HealthEntry],
     slope_k_per_min: float | None = None,
     silent: str | None = None,
     waiting_profile: str | None = None,
 ) -> Verdict:
     """The verdict on the filter of a snapshot; the rest as in `imutui.verdict.rules.Standing`."""
     if estimates is None:
-        off = rules.judge(None)
+        off = rules.judge(None, health)
         aside = "5 Table lays the profile aside, or traces its recording"
-        return off if waiting_profile is None else replace(off, todo=aside)
+        return off if waiting_profile is None or health else replace(off, todo=aside)
     standing = sources.of_snapshot(estimates, slope_k_per_min)
     # once samples come, what the operator can do about it comes before what the filter waits for
     waiting = waiting_profile if standing.waiting and standing.t is not None and waiting_profile else standing.waiting
-    return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile))
+    return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile), health)
 
 
 def ended(last: Verdict | None) -> Verdict | None:

@@ -1,0 +1,354 @@
+"""The health of a unit's channels: one pass over its readings, in blocks that do not depend on how they arrive."""
+
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.channels import CHANNELS, DPS, MG
+from filters.effects import faults
+from filters.effects.fault_records import DataFault
+from filters.health import finding
+from filters.health.copies import SPAN, Copies
+from filters.health.finding import HealthFinding, of_kind
+from filters.health.levels import Levels
+from filters.health.standstill import Standstill
+from filters.health.values import Temperatures, Zeros
+from filters.specification import ImuSpec
+from filters.types import Array
+
+_BLOCK = 16  # readings between two looks for channels that stand still
+_WINDOW = 4096  # readings that are searched for single faults at once
+_LOOK = 512  # readings between two looks at a window that is not full
+_FEWEST = 256
+_TEMPERATURE = 6
+_UNITS = (DPS,) * 3 + (MG,) * 3
+_NAMES = ("deg/s",) * 3 + ("mg",) * 3
+
+# a kind of unit's noise differs by less than this from its data sheet, or from that of its other axes
+# by slow and by fast differences; a low-pass filter leaves less of the fast ones
+_NOISY, _QUIET = np.array([4.0, 2.5]), np.array([1.0 / 20.0, 1.0 / 15.0])
+_UNLIKE = np.array([2.5, 5.0])
+_MOVES_SD = 4.0
+_TOLERANCE = np.array([0.05 * DPS] * 3 + [0.6 * MG] * 3)
+"""Change of a bias that matters where no filter states its uncertainty: what a converged bias may be uncertain by."""
+
+_SPIKES, _SPIKES_MOVING = (3, 1e-4), (10, 1e-3)
+"""Isolated readings that count: how many at least, and of which share of all. Knocks of a moved unit look alike."""
+_TURNED = np.array([5.0 * DPS] * 3 + [200.0 * MG] * 3)
+"""A unit at rest whose means of a span move by more has been turned."""
+_OF_ALL = ("coarse", "repeated", "saturation")
+"""Faults that change how often each value comes: zeros then say nothing."""
+_REPEATED = 0.015  # share of readings
+_WIDE = 0.5  # share of steps of three counts or more in a span that is judged
+_FEWEST_SPANS = 4
+_ROUNDING = 4e-7  # of the largest reading: single precision leaves equal readings this far apart
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What is known of the unit beside its readings.
+
+    `lsb`: size of a count, rad/s and m/s², shape (6,); None where the source states none.
+    `spec`: data sheet of the unit, or of the type that the filter assumes.
+    `stated`: whether it is the unit's own.
+    `still`: whether the unit is at rest throughout.
+    """
+
+    spec: ImuSpec
+    lsb: Array | None = None
+    stated: bool = True
+    still: bool = True
+
+
+@dataclass(slots=True)
+class _Tally:
+    """One kind of fault on one channel, over windows."""
+
+    count: int
+    since_s: float
+    where: str
+    densest: float  # largest share of a window's readings
+
+
+class HealthMonitor:
+    """Takes every reading of a unit and reports faults of its channels.
+
+    Equal readings give equal findings, however they are divided among calls of `add`.
+    """
+
+    def __init__(self, expected: Expected) -> None:
+        self._expected = expected
+        self._t = np.empty(_WINDOW)
+        self._x = np.empty((_WINDOW, len(CHANNELS) + 1))
+        self._filled = self._blocks = self._spans = self._looked = self._count = 0
+        self._standstill = Standstill(len(CHANNELS), resolved=expected.lsb is not None)
+        self._copies, self._levels = Copies(len(CHANNELS)), Levels(len(CHANNELS))
+        self._zeros = [Zeros() for _ in CHANNELS]
+        self._temperatures = Temperatures()
+        self._tallies: dict[tuple[str, str], _Tally] = {}
+        self._of_window: list[HealthFinding] = []
+        self._still = expected.still
+        self._rest: Array | None = None  # means of the first span
+
+    def add(self, t: Array, gyro: Array, accel: Array, degc: Array) -> None:
+        """Take the next readings.
+
+        `t`: s, shape (n,).
+        `gyro`, `accel`: rad/s and m/s² as the instrument shows them, its axes and sign, shape (n, 3); NaN for a channel
+          that was not read.
+        `degc`: temperature, shape (n,), NaN where it is not known.
+        """
+        done = 0
+        while done < t.size:
+            taken = min(_WINDOW - self._filled, t.size - done)
+            rows, new = slice(self._filled, self._filled + taken), slice(done, done + taken)
+            self._t[rows], self._x[rows, :3], self._x[rows, 3:6] = t[new], gyro[new], accel[new]
+            self._x[rows, _TEMPERATURE] = degc[new]
+            self._filled += taken
+            done += taken
+            self._advance()
+
+    def _advance(self) -> None:
+        """Look at the blocks and spans that are full, and at the window if it is."""
+        while self._blocks + _BLOCK <= self._filled:
+            rows = slice(self._blocks, self._blocks + _BLOCK)
+            self._standstill.add(self._t[rows], self._x[rows, : len(CHANNELS)])
+            self._blocks += _BLOCK
+        while self._spans + SPAN <= self._filled:
+            self._span(slice(self._spans, self._spans + SPAN))
+            self._spans += SPAN
+        if self._filled == _WINDOW:
+            self._count += _WINDOW
+            _merge(self._tallies, self._window(_WINDOW, self._zeros), _WINDOW)
+            self._filled = self._blocks = self._spans = self._looked = 0
+
+    def _span(self, rows: slice) -> None:
+        t, x = self._t[rows], self._x[rows, : len(CHANNELS)]
+        self._temperatures.add(t, self._x[rows, _TEMPERATURE])
+        known = np.where(np.isfinite(x), x, 0.0)
+        mean = known.mean(axis=0)
+        self._rest = mean if self._rest is None else self._rest
+        self._still &= bool((np.abs(mean - self._rest) < _TURNED).all())
+        self._copies.add(t, known, still=self._still)
+        if self._still:
+            self._levels.add(t, known)
+
+    # ---------------------------------------------------------------------------------------------- faults of a window
+
+    def _window(self, count: int, zeros: Sequence[Zeros] = ()) -> list[tuple[DataFault, float]]:
+        """Faults of the first `count` readings of the window, each with the time since which it shows."""
+        t, x = self._t[:count], self._x[:count, : len(CHANNELS)]
+        read: NDArray[np.bool_] = ~np.isnan(x).any(axis=0)
+        reading = np.where(read, x, 0.0)
+        known = np.full((1, len(CHANNELS)), 0.0 if self._still else np.nan)
+        _, found = faults.find(t, reading, known, self._expected.lsb, of=self._count + count)
+        for c, of_channel in enumerate(zeros if self._still else ()):
+            of_channel.add(t, reading[:, c], _smallest_step(reading[:, c]))
+        found += _repeated(reading)
+        of_channels = {name for c, name in enumerate(CHANNELS) if read[c] and np.ptp(reading[:, c]) > 0.0}
+        return [(one, float(t[0])) for one in found if len(one.channels) == 1 and one.channels[0] in of_channels]
+
+    def findings(
+        self, bias_sd: Array | None = None, *, moving: bool = True, final: bool = False
+    ) -> tuple[HealthFinding, ...]:
+        """Report the faults found so far, the worst first.
+
+        `bias_sd`: standard deviations of the biases as a filter states them, rad/s and m/s², instrument axes, shape
+          (6,); NaN for one that it does not.
+        `moving`: whether a trend of the readings is one of the bias: not where effects in the filter account for it.
+        `final`: whether the newest readings are searched for single faults. Else that is done now and then, since it
+          costs some 10 ms.
+        """
+        if final or not 0 <= self._filled - self._looked < _LOOK:
+            self._looked = self._filled
+            tallies, zeros = copy.deepcopy((self._tallies, self._zeros))
+            if self._filled >= _FEWEST:
+                _merge(tallies, self._window(self._filled, zeros if final else ()), self._filled)
+            self._of_window = list(self._single(tallies, zeros))
+        standing = list(self._still_channels())
+        without = {one.channel for one in standing if one.kind in finding.NO_BIAS}
+        copied = list(self._copied(without))
+        found = [*standing, *copied, *(one for one in self._of_window if one.channel not in without)]
+        if self._still:
+            out = without | {one.channel for one in found if one.kind == "copy"}
+            found += self._noise(out)
+            if moving:
+                found += self._moving(bias_sd, without | {one.channel for one in found})
+        fault = self._temperatures.found()
+        if fault is not None:
+            found.append(of_kind("temperature", "T", *fault))
+        order = list(finding.ADVICE)
+        return tuple(sorted(found, key=lambda one: (one.level != "bad", order.index(one.kind))))
+
+    def _single(self, tallies: dict[tuple[str, str], _Tally], every_zeros: Sequence[Zeros]) -> Iterator[HealthFinding]:
+        """Findings from windows that were searched."""
+        total = self._count + self._filled
+        spikes, spikes_share = _SPIKES if self._still else _SPIKES_MOVING
+        of_all = {channel for effect, channel in tallies if effect in _OF_ALL}
+        for (effect, channel), one in tallies.items():
+            share = max(one.densest, one.count / total)
+            match effect:
+                case "spikes" if one.count >= spikes and share >= spikes_share:
+                    said = f"{channel} has {one.count} isolated readings that are far off ({one.where})"
+                    yield of_kind("invalid", channel, one.since_s, said)
+                case "saturation" if ("repeated", channel) not in tallies:
+                    said = f"{channel} is clipped: {one.count} readings pile up {one.where}"
+                    yield of_kind("clipped", channel, one.since_s, said)
+                case "coarse":
+                    yield of_kind(
+                        "coarse", channel, one.since_s, f"{channel} has lost resolution: it reads in {one.where}"
+                    )
+                case "repeated":
+                    said = f"{channel} repeats {100.0 * one.densest:.0f} % of its readings"
+                    yield of_kind("repeated", channel, one.since_s, said)
+        for channel, zeros in zip(CHANNELS, every_zeros, strict=True):
+            if channel not in of_all and (invalid := zeros.found()) is not None:
+                count, since = invalid
+                said = f"{channel} reads exactly 0 now and then, {count} times: no reading"
+                yield of_kind("invalid", channel, since, said)
+
+    # ------------------------------------------------------------------------------------------- faults of the stream
+
+    def _still_channels(self) -> Iterator[HealthFinding]:
+        ended_s, ended_since = self._standstill.frozen_s, self._standstill.frozen_since
+        for triad in (slice(0, 3), slice(3, 6)):
+            since, changed = self._standstill.still_since(triad)
+            for k, c in enumerate(range(triad.start, triad.stop)):
+                if np.isnan(self._x[0, c]):
+                    continue  # the recording lacks the channel
+                name = CHANNELS[c]
+                value = f"{self._x[max(self._filled - 1, 0), c] / _UNITS[c]:.6g} {_NAMES[c]}"
+                if not np.isnan(since[k]) and not changed[k]:
+                    said = f"{name} is dead: it has read {value} and nothing else"
+                    yield of_kind("dead", name, float(since[k]), said)
+                elif not np.isnan(since[k]):
+                    said = f"{name} is frozen at {value} since {since[k]:.1f} s"
+                    yield of_kind("frozen", name, float(since[k]), said)
+                elif ended_s[c] > 0.0:
+                    said = f"{name} was frozen for {ended_s[c]:.1f} s, from {ended_since[c]:.1f} s on"
+                    yield of_kind("frozen", name, float(ended_since[c]), said)
+
+    def _copied(self, without: set[str]) -> Iterator[HealthFinding]:
+        for pair in self._copies.pairs.values():
+            for one, of, ratio in self._copy_and_original(pair.a, pair.b, pair.ratio):
+                if {CHANNELS[one], CHANNELS[of]} & without:
+                    continue
+                shape = "reads the same as" if abs(ratio - 1.0) < 1e-3 else f"is a scaled copy ({ratio:.4g} ×) of"
+                shape = f"one reading apart, {shape}" if pair.late else shape
+                yield of_kind("copy", CHANNELS[one], pair.since_s, f"{CHANNELS[one]} {shape} {CHANNELS[of]}")
+
+    def _copy_and_original(self, a: int, b: int, ratio: float) -> Iterator[tuple[int, int, float]]:
+        """Which of two channels is the copy: the one less like the others of its kind; both if that does not show."""
+        scale = 1.0 if a // 3 == b // 3 else _UNITS[a] / _UNITS[b]
+        found = self._levels.density()
+        unlike = [0.0, 0.0]
+        if found is not None:
+            for k, c in enumerate((a, b)):
+                own, others = (
+                    found[1][c],
+                    [found[1][o] for o in range(3 * (c // 3), 3 * (c // 3) + 3) if o not in (a, b)],
+                )
+                usable = own > 0.0 and min(others) > 0.0
+                unlike[k] = abs(np.log(own / np.exp(np.mean(np.log(others))))) if usable else 0.0
+        if unlike[1] >= unlike[0] - 0.2:
+            yield b, a, ratio * scale
+        if unlike[0] >= unlike[1] - 0.2:
+            yield a, b, 1.0 / (ratio * scale)
+
+    def _noise(self, without: set[str]) -> Iterator[HealthFinding]:
+        """Channels whose noise is far from what the unit can have."""
+        found = self._levels.density()
+        if found is None:
+            return
+        slow, fast = found
+        spec = self._expected.spec
+        sheet = np.array([spec.gyro_arw] * 3 + [spec.accel_vrw] * 3)
+        for c, name in enumerate(CHANNELS):
+            if name in without or slow[c] <= 0.0:
+                continue
+            others = [o for o in range(3 * (c // 3), 3 * (c // 3) + 3) if o != c and CHANNELS[o] not in without]
+            own = np.array([slow[c], fast[c]])
+            usable = [[slow[o], fast[o]] for o in others if slow[o] > 0.0 and fast[o] > 0.0]
+            beside = own / np.array(usable).reshape(-1, 2)
+            of_sheet, alike = own / sheet[c], len(beside) == 2
+            above, below = alike and bool((beside > _UNLIKE).all()), alike and bool((beside < 1.0 / _UNLIKE).all())
+            if (self._expected.stated and (of_sheet > _NOISY).all()) or above:
+                yield of_kind("noisy", name, 0.0, f"{name} has {self._compared(of_sheet, beside if above else None)}")
+            elif (of_sheet < _QUIET).all() or below:
+                yield of_kind("quiet", name, 0.0, f"{name} has {self._compared(of_sheet, beside if below else None)}")
+
+    def _compared(self, of_sheet: Array, beside: Array | None) -> str:
+        """Noise over that of the channels `beside`, or over the data sheet's where there are none."""
+        spec = self._expected.spec.source
+        of = f"of its data sheet ({spec})" if self._expected.stated else f"that the filter assumes ({spec})"
+        ratio = float(of_sheet[0])
+        if beside is not None:
+            ratio, of = float(np.exp(np.mean(np.log(beside)))), "of the others of its kind"
+        return f"{f'{ratio:.3g} times' if ratio > 1.0 else f'1/{1.0 / ratio:.0f} of'} the noise {of}"
+
+    def _moving(self, bias_sd: Array | None, without: set[str]) -> Iterator[HealthFinding]:
+        """Channels whose mean moves by more than its stated uncertainty."""
+        found = self._levels.trend()
+        if found is None:
+            return
+        change, sd, seconds = found
+        stated = 3.0 * bias_sd if bias_sd is not None else _TOLERANCE
+        for c, name in enumerate(CHANNELS):
+            limit = stated[c] if np.isfinite(stated[c]) else _TOLERANCE[c]
+            if name in without or not sd[c] > 0.0 or abs(change[c]) < max(_MOVES_SD * sd[c], limit):
+                continue
+            unit = _UNITS[c]
+            said = (
+                f"{name} moves by {change[c] / unit:+.3g} {_NAMES[c]} in {seconds:.0f} s,"
+                f" more than the ±{limit / unit:.2g} that its bias is known to"
+            )
+            yield of_kind("moving", name, 0.0, said)
+
+
+def _merge(tallies: dict[tuple[str, str], _Tally], found: Sequence[tuple[DataFault, float]], count: int) -> None:
+    """Add the faults of a window of `count` readings."""
+    for fault, since in found:
+        key = fault.effect, fault.channels[0]
+        share = fault.count / count if fault.count >= _SPIKES[0] else 0.0
+        known = tallies.get(key)
+        if known is None:
+            tallies[key] = _Tally(fault.count, since, fault.where, share)
+        else:
+            known.count += fault.count
+            known.densest = max(known.densest, share)
+
+
+def _smallest_step(x: Array) -> float:
+    """Return the smallest step between successive readings that is not rare; 0 where nothing changes."""
+    steps = np.abs(np.diff(x))
+    steps = steps[steps > _ROUNDING * np.max(np.abs(x))]
+    return float(np.quantile(steps, 0.01)) if steps.size else 0.0
+
+
+def _repeated(x: Array) -> list[DataFault]:
+    """Channels with far more readings equal to the one before than the steps beside zero allow.
+
+    Readings at the largest and smallest value do not count: a channel at its limit repeats it.
+    """
+    found = []
+    spans = x[: x.shape[0] // SPAN * SPAN].reshape(-1, SPAN, x.shape[1])
+    for c, name in enumerate(CHANNELS):
+        own = spans[:, :, c]
+        steps = np.abs(np.diff(own, axis=1))
+        steps[steps <= _ROUNDING * np.max(np.abs(own))] = 0.0
+        inside = (own[:, 1:] < own.max()) & (own[:, 1:] > own.min())
+        step = _smallest_step(x[:, c])
+        wide, moved = (steps > 2.5 * step) & inside, (steps > 0.0) & inside
+        # equal readings are common by chance where the noise is of the size of a step
+        fine = np.count_nonzero(wide, axis=1) > np.maximum(_WIDE * np.count_nonzero(moved, axis=1), 5)
+        if np.count_nonzero(fine) < _FEWEST_SPANS or 2 * np.count_nonzero(fine) < fine.size:
+            continue
+        equal = int(np.count_nonzero(((steps == 0.0) & inside)[fine]))
+        # of the steps within two counts on either side, a quarter as many are expected at zero
+        chance = np.count_nonzero((moved & ~wide)[fine]) / 4.0
+        if equal - 3.0 * chance > max(_REPEATED * steps[fine].size, 10.0):
+            found.append(DataFault("repeated", (name,), equal, f"{equal} of {steps[fine].size} equal the one before"))
+    return found

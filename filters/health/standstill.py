@@ -1,0 +1,87 @@
+"""Channels that stopped changing: dead from the first reading on, or frozen later."""
+
+import math
+
+import numpy as np
+
+from filters.types import Array
+
+_LEAST_S = 1.5  # a channel stands still for this long before it counts as dead or frozen
+_LEAST_READINGS = 20
+_LEAST_OF_TRIAD = 48  # where no other channel of the kind changes either
+_LEAST_OF_UNKNOWN = 1024  # the same, of a unit whose resolution is not known
+_FALSE = 1e-9  # chance of a run of equal readings that counts
+_MARGIN = 2.0
+
+
+class Standstill:
+    """Follows runs of equal readings over blocks of readings, all channels at once.
+
+    A run counts once it is `_MARGIN` times as long as the share of equal readings, seen so far, allows by chance.
+
+    `resolved`: whether the unit's noise is known to exceed its counts.
+    """
+
+    def __init__(self, channels: int, *, resolved: bool) -> None:
+        self._resolved = resolved
+        self._first: float | None = None
+        self._last = 0.0
+        self._before: Array | None = None
+        self._count = 0
+        self._equal = np.zeros(channels)  # readings equal to the one before, in runs that ended
+        self._run = np.zeros(channels, np.int64)  # equal pairs in the present run
+        self._since = np.zeros(channels)  # time of the first reading of the present run, s
+        self._changed = np.zeros(channels, bool)
+        self.frozen_s = np.zeros(channels)  # longest run that counted and ended, s
+        self.frozen_since = np.full(channels, np.nan)  # when the first one began, s
+
+    def add(self, t: Array, x: Array) -> None:
+        """Take the next readings: times (n,), values (n, channels), n > 0."""
+        if self._before is None:
+            self._first, self._since[:], self._before = float(t[0]), float(t[0]), x[0]
+            t, x = t[1:], x[1:]
+            if not t.size:
+                return
+        steps = np.concatenate([self._before[None], x])
+        # NaN is no reading: it neither continues nor ends a run
+        changed = (steps[1:] != steps[:-1]) & np.isfinite(x) & np.isfinite(steps[:-1])
+        n = t.size
+        ends = changed.any(axis=0)
+        lead, trail = changed.argmax(axis=0), changed[::-1].argmax(axis=0)
+        closed = self._run + lead
+        counted = ends & (closed >= self.least())
+        if counted.any():
+            # the last equal reading of the run came just before the change
+            end = np.concatenate([[self._last], t])[lead]
+            for c in np.flatnonzero(counted).tolist():
+                self.frozen_s[c] = max(self.frozen_s[c], float(end[c] - self._since[c]))
+                if np.isnan(self.frozen_since[c]):
+                    self.frozen_since[c] = self._since[c]
+        else:
+            self._equal += np.where(ends, closed + (n - lead - changed.sum(axis=0) - trail), 0)
+        self._count += n
+        self._run = np.where(ends, trail, self._run + n)
+        self._since = np.where(ends, t[n - 1 - trail], self._since)
+        self._changed |= ends
+        self._before, self._last = x[-1], float(t[-1])
+
+    def least(self) -> Array:
+        """Equal pairs that a run needs before it counts, shape (channels,)."""
+        seen = np.maximum(self._count - self._run, 0)
+        share = np.clip((self._equal + 1.0) / (seen + 2.0), 1e-3, 1.0 - 1e-3)
+        return np.maximum(_LEAST_READINGS, _MARGIN * math.log(_FALSE) / np.log(share))
+
+    def still_since(self, triad: slice) -> tuple[Array, Array]:
+        """When the channels of a triad stopped changing, s; NaN for one that has not, and whether each ever changed."""
+        run, changed = self._run[triad], self._changed[triad]
+        others = run < _LEAST_READINGS  # those that go on
+        alone = others.any()
+        of_dead = _LEAST_READINGS if alone else _LEAST_OF_TRIAD if self._resolved else _LEAST_OF_UNKNOWN
+        least = np.where(changed, self.least()[triad], of_dead)
+        long = (run >= least) & (self._last - self._since[triad] >= _LEAST_S)
+        return np.where(long, self._since[triad], np.nan), changed
+
+    @property
+    def last(self) -> float:
+        """Time of the newest reading, s."""
+        return self._last
