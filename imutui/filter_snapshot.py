@@ -4,19 +4,7 @@ Records only, as they travel over the socket (JSON objects). Times are seconds; 
 and sign. None stands for what is not known.
 """
 
-from typing import Literal, NotRequired, TypedDict
-
-
-class HealthEntry(TypedDict):
-    """A fault of a channel (gx to az, or T); `since_s` counts from the first reading, `said` is a sentence."""
-
-    channel: str
-    kind: Literal[
-        "dead", "frozen", "copy", "clipped", "invalid", "coarse", "repeated", "noisy", "quiet", "moving", "temperature"
-    ]
-    since_s: float
-    level: Literal["wait", "bad"]
-    said: str
+from typing import NotRequired, TypedDict
 
 
 class BiasSnapshot(TypedDict):

@@ -53,7 +53,7 @@ FLOORS = {
     "filters.effects": GROUND | {"filters.motion"},
     "filters.health": GROUND | {"filters.effects"},
     "filters.simulation": GROUND | {"filters.motion", "filters.effects.inputs"},
-    "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects"},
+    "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects", "filters.health.finding"},
     "filters.fleet": GROUND,
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
@@ -68,7 +68,7 @@ FLOORS = {
         "imutui.verdict",
         "filters",
     },
-    "imutui.session.snapshot": {"imutui.filter_snapshot"},
+    "imutui.session.snapshot": {"imutui.filter_snapshot", "filters.health.finding"},
     "imutui.batch_file": {"filters.imu", "imutui.config", "imutui.instrument.names"},
     "imutui.filter_snapshot": set(),
     "imutui.verdict": {

@@ -1,7 +1,7 @@
 """Findings on the health of a channel: their kinds, how much each one matters, and what helps."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypedDict
 
 Kind = Literal[
     "dead", "frozen", "copy", "clipped", "invalid", "coarse", "repeated", "noisy", "quiet", "moving", "temperature"
@@ -17,7 +17,7 @@ ADVICE: dict[Kind, str] = {
     "coarse": "record the full resolution of the unit, without rounding",
     "repeated": "record each reading once, at the rate at which the unit makes them",
     "noisy": "check the mounting, the supply and the units of the readings",
-    "quiet": "check the units (deg/s, g) and low-pass filters of the readings; if they are right: --set filter.noise=log",
+    "quiet": "check the units (deg/s, g) of the readings and their low-pass; if both are right: --set filter.noise=log",
     "moving": "wait until the bias is steady, or record again",
     "temperature": "check the temperature sensor: effects of temperature cannot be judged",
 }
@@ -26,6 +26,16 @@ ADVICE: dict[Kind, str] = {
 BAD: tuple[Kind, ...] = ("dead", "frozen", "copy", "clipped")
 NO_BIAS: tuple[Kind, ...] = ("dead", "frozen")
 """Kinds that leave nothing to estimate a bias from."""
+
+
+class HealthEntry(TypedDict):
+    """A finding as JSON has it."""
+
+    channel: str
+    kind: Kind
+    since_s: float
+    level: Level
+    said: str
 
 
 @dataclass(frozen=True, slots=True)

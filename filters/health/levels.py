@@ -9,7 +9,7 @@ import numpy as np
 from filters.allan import CHI2_MEDIAN
 from filters.types import Array
 
-_KEPT = 600  # differences of means, at most
+_KEPT = 512  # differences of means, at most
 _FEWEST = 8
 _SECOND = 6.0  # variance of a second difference of white noise over that of a reading
 

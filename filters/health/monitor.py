@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from filters.channels import CHANNELS, DPS, MG
 from filters.effects import faults
@@ -21,7 +20,7 @@ from filters.types import Array
 
 _BLOCK = 16  # readings between two looks for channels that stand still
 _WINDOW = 4096  # readings that are searched for single faults at once
-_LOOK = 512  # readings between two looks at a window that is not full
+_LOOK_S = 10.0  # between two searches of readings that still come
 _FEWEST = 256
 _TEMPERATURE = 6
 _UNITS = (DPS,) * 3 + (MG,) * 3
@@ -83,13 +82,14 @@ class HealthMonitor:
         self._expected = expected
         self._t = np.empty(_WINDOW)
         self._x = np.empty((_WINDOW, len(CHANNELS) + 1))
-        self._filled = self._blocks = self._spans = self._looked = self._count = 0
+        self._filled = self._blocks = self._spans = self._count = 0
+        self._looked = -np.inf  # time of the newest reading at the last search, s
+        self._slow: list[HealthFinding] = []  # of the last search
         self._standstill = Standstill(len(CHANNELS), resolved=expected.lsb is not None)
         self._copies, self._levels = Copies(len(CHANNELS)), Levels(len(CHANNELS))
         self._zeros = [Zeros() for _ in CHANNELS]
         self._temperatures = Temperatures()
         self._tallies: dict[tuple[str, str], _Tally] = {}
-        self._of_window: list[HealthFinding] = []
         self._still = expected.still
         self._rest: Array | None = None  # means of the first span
 
@@ -123,7 +123,7 @@ class HealthMonitor:
         if self._filled == _WINDOW:
             self._count += _WINDOW
             _merge(self._tallies, self._window(_WINDOW, self._zeros), _WINDOW)
-            self._filled = self._blocks = self._spans = self._looked = 0
+            self._filled = self._blocks = self._spans = 0
 
     def _span(self, rows: slice) -> None:
         t, x = self._t[rows], self._x[rows, : len(CHANNELS)]
@@ -141,7 +141,7 @@ class HealthMonitor:
     def _window(self, count: int, zeros: Sequence[Zeros] = ()) -> list[tuple[DataFault, float]]:
         """Faults of the first `count` readings of the window, each with the time since which it shows."""
         t, x = self._t[:count], self._x[:count, : len(CHANNELS)]
-        read: NDArray[np.bool_] = ~np.isnan(x).any(axis=0)
+        read = np.asarray(~np.isnan(x).any(axis=0))
         reading = np.where(read, x, 0.0)
         known = np.full((1, len(CHANNELS)), 0.0 if self._still else np.nan)
         _, found = faults.find(t, reading, known, self._expected.lsb, of=self._count + count)
@@ -162,26 +162,39 @@ class HealthMonitor:
         `final`: whether the newest readings are searched for single faults. Else that is done now and then, since it
           costs some 10 ms.
         """
-        if final or not 0 <= self._filled - self._looked < _LOOK:
-            self._looked = self._filled
-            tallies, zeros = copy.deepcopy((self._tallies, self._zeros))
-            if self._filled >= _FEWEST:
-                _merge(tallies, self._window(self._filled, zeros if final else ()), self._filled)
-            self._of_window = list(self._single(tallies, zeros))
         standing = list(self._still_channels())
         without = {one.channel for one in standing if one.kind in finding.NO_BIAS}
         copied = list(self._copied(without))
-        found = [*standing, *copied, *(one for one in self._of_window if one.channel not in without)]
-        if self._still:
-            out = without | {one.channel for one in found if one.kind == "copy"}
-            found += self._noise(out)
-            if moving:
-                found += self._moving(bias_sd, without | {one.channel for one in found})
+        newest = self._standstill.last
+        if final or newest - self._looked >= _LOOK_S:
+            self._looked = newest
+            out = without | {one.channel for one in copied}
+            searched = self._searched(final=final)
+            self._slow = [*searched, *self._at_rest(bias_sd, out, {one.channel for one in searched}, moving=moving)]
         fault = self._temperatures.found()
-        if fault is not None:
-            found.append(of_kind("temperature", "T", *fault))
+        found = [*standing, *copied, *(one for one in self._slow if one.channel not in without)]
+        found += [] if fault is None else [of_kind("temperature", "T", *fault)]
         order = list(finding.ADVICE)
         return tuple(sorted(found, key=lambda one: (one.level != "bad", order.index(one.kind))))
+
+    def _searched(self, *, final: bool) -> list[HealthFinding]:
+        """Single faults of all windows, the present one among them."""
+        tallies, zeros = copy.deepcopy(self._tallies), self._zeros
+        if final:
+            zeros = copy.deepcopy(zeros)
+        if self._filled >= _FEWEST:
+            _merge(tallies, self._window(self._filled, zeros if final else ()), self._filled)
+        return list(self._single(tallies, zeros))
+
+    def _at_rest(
+        self, bias_sd: Array | None, without: set[str], faulty: set[str], *, moving: bool
+    ) -> list[HealthFinding]:
+        """Noise and trends, which only a unit at rest shows; a trend of a faulty channel is no drift of its bias."""
+        if not self._still:
+            return []
+        found = list(self._noise(without))
+        out = without | faulty | {one.channel for one in found}
+        return [*found, *self._moving(bias_sd, out)] if moving else found
 
     def _single(self, tallies: dict[tuple[str, str], _Tally], every_zeros: Sequence[Zeros]) -> Iterator[HealthFinding]:
         """Findings from windows that were searched."""
@@ -275,7 +288,7 @@ class HealthMonitor:
             beside = own / np.array(usable).reshape(-1, 2)
             of_sheet, alike = own / sheet[c], len(beside) == 2
             above, below = alike and bool((beside > _UNLIKE).all()), alike and bool((beside < 1.0 / _UNLIKE).all())
-            if (self._expected.stated and (of_sheet > _NOISY).all()) or above:
+            if (of_sheet > _NOISY).all() or above:
                 yield of_kind("noisy", name, 0.0, f"{name} has {self._compared(of_sheet, beside if above else None)}")
             elif (of_sheet < _QUIET).all() or below:
                 yield of_kind("quiet", name, 0.0, f"{name} has {self._compared(of_sheet, beside if below else None)}")

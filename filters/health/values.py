@@ -29,6 +29,8 @@ class Zeros:
         self._chance = 0.0
         self._places: list[int] = []
         self._times: list[float] = []
+        self._known: tuple[int, float] | None = None  # what `found` returns after so many readings
+        self._known_at = 0
 
     def add(self, t: Array, x: Array, step: float) -> None:
         """Take readings of shape (n,) that come in steps of `step`, 0 if they show none."""
@@ -49,6 +51,11 @@ class Zeros:
 
     def found(self) -> tuple[int, float] | None:
         """How many invalid zeros there are, and when the first one came, s; None if chance explains them."""
+        if self._known_at != self._count:
+            self._known_at, self._known = self._count, self._found()
+        return self._known
+
+    def _found(self) -> tuple[int, float] | None:
         if self._zeros < _FEWEST:
             return None
         if self._zeros - self._chance > _EXCESS_SD * math.sqrt(self._chance) + _FEWEST - 1:
@@ -65,7 +72,8 @@ class Zeros:
         around = np.convolve(np.bincount(apart), np.ones(3, np.int64), "same")
         covered = int(places[-1] - places[0]) + 1
         density = min(1.0, 3.0 * places.size / covered)
-        for lag in np.argsort(around)[::-1][:_PERIODS].tolist():
+        most = min(_PERIODS, around.size)
+        for lag in np.argpartition(around, -most)[-most:].tolist():
             first, length = _longest_chain(self._places, lag)
             chance = covered**2 / length * density ** (length - 1)
             if length >= _LEAST_PERIODIC and chance < _FALSE:

@@ -9,6 +9,8 @@ the separating experiment's profile as text. Figures that are not finite are Non
 import math
 from typing import Annotated, Literal, NotRequired, TypeAlias, TypedDict
 
+from filters.health.finding import HealthEntry
+
 SEPARATES = 5.0  # a d of this tells two effects apart
 PRIOR = 0.1
 """Probability that a slow effect acts on a channel that drifts, before the data are seen; of others the same."""
@@ -344,6 +346,7 @@ class RunEntry(TypedDict):
     identity: NotRequired[IdentityEntry]
     start_utc: NotRequired[str]
     temperature_degc: NotRequired[list[float] | None]
+    health: list[HealthEntry]
 
 
 Status = Literal["clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained"]

@@ -22,7 +22,7 @@ from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.tui.messages import lost, silence
-from imutui.verdict import sources
+from imutui.verdict import rules, sources
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -177,6 +177,8 @@ def line(s: Snapshot) -> str:
         parts.append(f"RECONNECTING for {away['seconds']:.0f} s, waits for {away['waits_for']}")
     elif silence(s) is not None:
         parts.append(f"SILENT for {s['silent_s']:.0f} s")
+    if s["health"]:
+        parts.append(rules.judge(None, s["health"]).fault.upper())
     if fit is not None:
         done = sum(b["converged_s"] is not None for b in fit["biases"])
         seen = sum(b["observable"] for b in fit["biases"])

@@ -84,7 +84,18 @@ def _more(s: "Snapshot") -> list[str]:
     slow = finding(s["rate_hz"], s["measured_hz"]) if s["sampling"] == "polled" else None
     # a rate that is too low now is told by its own line
     said = [text for text in s["findings"] if text != slow]
-    return [line for line in (silence(s), slow, *said, _room(s), _filter(s), _stream(s), _guide(s["guide"])) if line]
+    return [
+        line
+        for line in (silence(s), *_health(s), slow, *said, _room(s), _filter(s), _stream(s), _guide(s["guide"]))
+        if line
+    ]
+
+
+def _health(s: "Snapshot") -> list[str]:
+    from imutui.verdict.rules import judge
+
+    found = judge(None, s["health"])
+    return [f"{found.badge}: {check.said}" for check in found.checks if check.level != "good"]
 
 
 def _room(s: "Snapshot") -> str:

@@ -4,17 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from filters.health.finding import ADVICE
+from filters.health.finding import ADVICE, HealthEntry
 from filters.imu import CHANNELS
-from imutui.filter_snapshot import HealthEntry
 from imutui.instrument.registry import of_model
-from imutui.jobs.channel_health import PacketHealth, SampleHealth, has_packets
+from imutui.jobs.channel_health import LogHealth
 from imutui.jobs.check_context import CheckContext, Finding, is_polled
 from imutui.jobs.check_times import Places
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part
-from imutui.logbook.health import entries
-from imutui.logbook.reader import seconds_since
 from imutui.logbook.session_info import SessionInfo
 
 _LIMITS = (-32768, 32767)
@@ -151,38 +148,18 @@ class Health:
     """Faults of the channels, as the acquisition and `replay` report them."""
 
     def __init__(self, known: Audit) -> None:
-        info = known.info or SessionInfo(sampling="foreign")
-        self._of_packets = PacketHealth(info) if known.info is not None and has_packets(info) else None
-        self._of_samples = SampleHealth(info)
-        self._first_ns: int | None = None
-        self._degc = np.nan
+        self._health = LogHealth(known.info or SessionInfo(sampling="foreign"))
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        if self._of_packets is not None:
-            if part.packet_heads is not None:
-                self._of_packets.add(part.packet_heads["publish_ns"].astype(np.int64), part.packets)
-            return
-        stamps, use = part.stamp_ns[part.valid], part.valid
-        if not stamps.size:
-            return
-        self._first_ns = int(stamps[0]) if self._first_ns is None else self._first_ns
-        degc = self._temperatures(part)
-        self._of_samples.add(seconds_since(stamps, self._first_ns), part.gyro[use], part.accel[use], degc[use])
-
-    def _temperatures(self, part: Part) -> np.ndarray:
-        """Temperature of each sample: its own, or, of fewer of them, the one at the same place in the part."""
-        known, count = part.temperature_degc, part.stamp_ns.size
-        if not known.size:
-            return np.full(count, self._degc)
-        self._degc = float(known[-1])
-        return np.asarray(known[np.arange(count) * known.size // count])
+        if part.packet_heads is not None:
+            self._health.packets(part.packet_heads["publish_ns"].astype(np.int64), part.packets)
+        self._health.samples(part.stamp_ns, part.gyro, part.accel, part.valid, part.temperature_degc)
 
     @property
     def entries(self) -> list[HealthEntry]:
         """What is found, as JSON has it."""
-        of = self._of_samples if self._of_packets is None else self._of_packets
-        return entries(of.monitor.findings(final=True))
+        return self._health.entries()
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found."""

@@ -5,7 +5,7 @@ That of a replay is `imutui.logbook.results.ResultDocument`, that of a trace `fi
 
 from typing import TYPE_CHECKING, TypedDict
 
-from imutui.filter_snapshot import HealthEntry
+from filters.health.finding import HealthEntry
 
 if TYPE_CHECKING:
     from filters.tracing.trace_document import CurveEntry as CurveEntry

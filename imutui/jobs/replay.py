@@ -137,13 +137,10 @@ def replayed(
     sink = None
     if options.output is not None:
         sink = _EstimateSink(options, options.output, info, log, first_ns)
-    temperature, of_samples = replay_input.Temperatures(), channel_health.SampleHealth(info)
-    parts = temperature.seen(fed.parts())
-    if not channel_health.has_packets(log.info):
-        parts = of_samples.seen(parts)
+    temperature = replay_input.Temperatures()
     started = time.perf_counter()
     try:
-        for rows in run(estimator, parts, fed.seconds, options.speed, progress):
+        for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
             for taker in (course, points):
                 if taker is not None:
                     taker.take(rows, estimator)
@@ -156,12 +153,9 @@ def replayed(
             sink.abandon()
         raise
     filter_s = time.perf_counter() - started
-    monitor = of_samples.monitor
-    if channel_health.has_packets(log.info):
-        first = None if options.start is None else first_ns
-        last = None if options.end is None else first_ns + round(fed.seconds * 1e9)
-        monitor = channel_health.of_packets(path, info, first, last)
-    sd, moving = health.bias_sd(estimator, info), not info.effects_sha256
+    first = None if options.start is None else first_ns
+    last = None if options.end is None else first_ns + round(fed.seconds * 1e9)
+    channels = channel_health.of_log(path, info, first, last)
     result = results.document(
         estimator,
         info,
@@ -172,7 +166,7 @@ def replayed(
         filter_s=filter_s,
         read_s=read_s,
         log_sha256=log_sha256,
-        health=health.entries(monitor.findings(sd, moving=moving, final=True)),
+        health=channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256),
     )
     if log.damage:
         result["damage"] = log.damage

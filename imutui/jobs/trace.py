@@ -19,7 +19,7 @@ from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.run import Run
 from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
-from imutui.jobs import power_ons, replay, residuals, run_consistency, runs
+from imutui.jobs import channel_health, power_ons, replay, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import effects_file, power_on
@@ -130,7 +130,9 @@ def _traced(
     found, own_notes = find(fitted, held, options.asked, options.seed, progress)
     notes += own_notes
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
-    document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
+    entries = [_run(read, heldout=read is held) for read in reads]
+    notes += [f"{entry['id']}: {fault['said']}" for entry in entries for fault in entry["health"]]
+    document = _document(found, entries, notes)
     source = _source(fitted, held)
     document["source"], document["damage"] = source, list(damage)
     units = dict.fromkeys(unit for read in reads if (unit := effects_file.unit_of(read.info)))
@@ -271,6 +273,7 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "history_known": run.history_known,
         "log_sha256": read.sha256,
         "identity": info.identity(),
+        "health": channel_health.of_log(read.path, info).entries(moving=False),
         # the stamps of an import begin when its file was last written
         "start_utc": "" if info.sampling == "imported" else utc_text(read.first_ns),
         "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],

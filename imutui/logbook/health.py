@@ -7,9 +7,8 @@ import numpy as np
 
 from filters import specification
 from filters.channels import CHANNELS
-from filters.health.finding import NO_BIAS, HealthFinding
+from filters.health.finding import NO_BIAS, HealthEntry, HealthFinding
 from filters.health.monitor import Expected
-from imutui.filter_snapshot import HealthEntry
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ import numpy as np
 
 import imutui
 from filters import attitude, state
+from filters.health.finding import HealthEntry
 from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.estimate_history import HistoryRows
-from imutui.filter_snapshot import CauseSnapshot, HealthEntry
+from imutui.filter_snapshot import CauseSnapshot
 from imutui.logbook import departures
 from imutui.logbook.health import has_readings
 from imutui.logbook.session_info import SessionInfo

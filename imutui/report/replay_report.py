@@ -21,7 +21,7 @@ from imutui.report import (
 from imutui.report.axes import AFTER, INK
 from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
 from imutui.report.numbers import NOTHING
-from imutui.report.replay_text import DIGITS, UNSEEN, converged
+from imutui.report.replay_text import DIGITS, converged, why_unseen
 from imutui.verdict import sources
 from imutui.verdict.sources import ResultBias
 
@@ -84,7 +84,7 @@ def _biases(d: "ResultDocument") -> Table:
     rows, spread = [], d.get("spread")
     for b in sources.biases(d):
         if b.value is None or b.sd is None:
-            rows.append((b.name, NOTHING, NOTHING, NOTHING, UNSEEN))
+            rows.append((b.name, NOTHING, NOTHING, NOTHING, why_unseen(d, b.channel)))
             continue
         value, half = (f"{x:.{DIGITS[b.unit]}f} {b.unit}" for x in (b.value, 3.0 * b.sd))
         mean, sd = (b.of(spread["mean"]), b.of(spread["sd"])) if spread else (None, None)

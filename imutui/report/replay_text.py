@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from filters.health.finding import NO_BIAS
 from imutui.jobs.quantities import plural
 from imutui.report import numbers, plain
 from imutui.report.blocks import Block, Column, Paragraph, Table
@@ -12,14 +13,15 @@ if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
 DIGITS = {"deg/s": 4, "mg": 3}  # of biases in tables, by their unit
-UNSEEN = "not observable with this reference"
 
 
 def text(d: "ResultDocument", width: int) -> str:
     """A result as lines of at most so many characters: verdict, biases, noise, what was lost, what contradicts."""
     if "final" not in d:
-        said = [f"{d['log']}: {d['samples']} samples, no filter", *([sources.reasons(d)] if d["alarms"] else [])]
-        return plain.lines(map(Paragraph, said), width)
+        said = [f"{d['log']}: {d['samples']} samples, no filter"]
+        said += [sources.reasons(d)] if d["alarms"] or d["health"] else []
+        lines = plain.lines(map(Paragraph, said), width)
+        return f"{sources.headline(d)}\n{lines}" if d["health"] else lines
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{d['samples']} samples, {d['duration_s']:.1f} s at {rate}"
     about = f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}"
@@ -35,11 +37,17 @@ def _biases(d: "ResultDocument") -> Table:
     rows = []
     for b in sources.biases(d):
         digits = DIGITS[b.unit]
-        told = (NOTHING, NOTHING, b.unit, UNSEEN)
+        told = (NOTHING, NOTHING, b.unit, why_unseen(d, b.channel))
         if b.value is not None and b.sd is not None:
             told = (f"{b.value:.{digits}f}", f"{3.0 * b.sd:.{digits}f}", b.unit, converged(b.converged_s))
         rows.append((b.name, *told, *([f"{b.of(truth):.{digits}f}"] if truth else [])))
     return Table(columns, tuple(rows))
+
+
+def why_unseen(d: "ResultDocument", channel: str) -> str:
+    """Return why a result has no bias of a channel."""
+    kinds = [one["kind"] for one in d["health"] if one["channel"] == channel and one["kind"] in NO_BIAS]
+    return f"never: {channel} is {kinds[0]}" if kinds else "not observable with this reference"
 
 
 def converged(since: float | None) -> str:

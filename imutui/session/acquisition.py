@@ -41,7 +41,7 @@ from imutui.session.timebase import Timebase
 from imutui.session.watches import ClockStepMonitor, GravityCheck, LineWatch, Moment, News, StatusWords, gap_text
 
 if TYPE_CHECKING:
-    from imutui.filter_snapshot import HealthEntry
+    from filters.health.finding import HealthEntry
     from imutui.logbook.results import ResultDocument
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from filters import specification
 from filters.imu import CHANNELS
 from filters.motion.profile import Profile
-from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, HealthEntry
+from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.logbook.health import has_readings
 from imutui.logbook.session_info import SessionInfo
@@ -23,6 +23,7 @@ from imutui.session.recorder import Recorder
 from imutui.session.snapshot import NO_SERIES, RecordingSnapshot, Snapshot
 
 if TYPE_CHECKING:
+    from filters.health.finding import HealthEntry
     from filters.kalman.runner import Estimator
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from filters.health.finding import HealthEntry
 from filters.health.monitor import HealthMonitor
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.filter_snapshot import HealthEntry
 from imutui.instrument.clock import Stamp
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument

@@ -9,11 +9,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from filters.health.finding import ADVICE
+from filters.health.finding import ADVICE, HealthEntry
 from imutui.filter_snapshot import (
     BiasSnapshot,
     CauseSnapshot,
-    HealthEntry,
     NisSnapshot,
     NoiseSnapshot,
     RemainderSnapshot,
@@ -43,6 +42,7 @@ WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
 SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–", ENDED: "–"}
 """Beside the word: state is said twice, and never by colour alone."""
 LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}  # a check's level as a word
+CHANNELS_CHECK = "channels"  # name of the checks on channel health
 RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}  # of a level: the worst is told
 
 
@@ -104,6 +104,13 @@ class Verdict:
     def passes(self) -> bool:
         """Whether a command that ends with it exits with 0: GREEN, or no filter ran and no channel is at fault."""
         return self.level not in ("wait", "bad")
+
+    @property
+    def fault(self) -> str:
+        """The worst fault of a channel in a few characters, such as `gy dead`; empty if there is none."""
+        return next(
+            (check.brief for check in self.checks if check.name == CHANNELS_CHECK and check.level != "good"), ""
+        )
 
     @property
     def badge(self) -> str:
@@ -204,7 +211,7 @@ def _health(health: Sequence[HealthEntry]) -> list[Check]:
     for entry in health:
         kinds.setdefault(entry["kind"], []).append(entry)
     if not kinds:
-        return [Check("good", "channels", "no fault of a channel shows")]
+        return [Check("good", CHANNELS_CHECK, "no fault of a channel shows")]
     return [_of_kind(found) for found in kinds.values()]
 
 
@@ -214,7 +221,7 @@ def _of_kind(found: Sequence[HealthEntry]) -> Check:
         f" (so {'is' if len(others) == 1 else 'are'} {', '.join(one['channel'] for one in others)})" if others else ""
     )
     brief = f"{' '.join(one['channel'] for one in found[:3])} {first['kind']}"
-    return Check(first["level"], "channels", first["said"] + also, brief, ADVICE[first["kind"]])
+    return Check(first["level"], CHANNELS_CHECK, first["said"] + also, brief, ADVICE[first["kind"]])
 
 
 def _alarms(standing: Standing) -> Check:

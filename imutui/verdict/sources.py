@@ -11,7 +11,8 @@ from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, channel, judge
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, HealthEntry, NoiseSnapshot
+    from filters.health.finding import HealthEntry
+    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
     from imutui.logbook.results import NoiseFields, ResultDocument, SdFields, StateFields
 
 _AT_REST = ("level", "gravity")
@@ -192,7 +193,7 @@ def headline(d: "ResultDocument") -> str:
     found = of_document(d)
     if found.word == "OFF":
         return f"no filter: {d['log']}"
-    said = found.word
+    said = f"{found.word}, {found.fault}" if found.fault else found.word
     if found.level != "bad":
         settled = all(check.level == "good" for check in found.checks if check.name == "converged")
         said += ", converged" if settled else ", NOT converged"

@@ -6,7 +6,7 @@ run, give rows that are equal in all fields but `TIMINGS`.
 
 from typing import Annotated, NotRequired, TypedDict
 
-from imutui.filter_snapshot import HealthEntry
+from filters.health.finding import HealthEntry
 from imutui.logbook.results import SdFields, SpreadFields, StateFields, Three, WhiteNoise
 
 VERSION = 1

@@ -8,7 +8,8 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from imutui.filter_snapshot import FilterSnapshot, HealthEntry
+from filters.health.finding import HealthEntry
+from imutui.filter_snapshot import FilterSnapshot
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.verdict import rules, sources
