@@ -170,7 +170,9 @@ class CommandedTable:
     def has_arrived(self, now_ns: int) -> bool:
         """Whether the segment that it was sent to begins now; once."""
         self._heed()
-        if not self._steps or not self._steps[0].is_there():
+        is_there = bool(self._steps) and self._steps[0].is_there()
+        self._heed()  # it may have been told to stop meanwhile
+        if not is_there or not self._steps:
             return False
         self._steps.popleft()
         if self._steps:

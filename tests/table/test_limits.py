@@ -5,7 +5,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from imutui.table import acutrol_host, gate, keeper
 from imutui.table.acutrol import DONE, CommandDecoder, encode_answer
 from imutui.table.acutrol_host import Acutrol
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import TableError, TableState
+from imutui.table.controller import TableError, TableLinkError, TableState
 from imutui.table.keeper import Keeper, Told
 
 NOISE_DEG = 0.05  # of an encoder, its offset included
@@ -55,12 +55,18 @@ class Wire:
         self.controller, self._clock, self._latency_s = controller, clock, latency_s
         self._decoder = CommandDecoder()
         self._answers: deque[tuple[float, bytes]] = deque()
+        self.is_silent, self.is_closed = False, False
+        self.sent: list[str] = []
 
     def send(self, data: bytes) -> None:
+        if self.is_closed:
+            raise TableLinkError("the link is closed.")
+        self.sent.append(data.decode().strip())
         arrives = self._clock.now + self._latency_s / 2.0
         for line in self._decoder.feed(data):
             texts = [text or DONE for text in self.controller.carry_out(line, max(arrives, self.controller.table.now))]
-            self._answers.append((arrives + self._latency_s / 2.0, encode_answer(texts, b"", b"\n")))
+            if not self.is_silent:
+                self._answers.append((arrives + self._latency_s / 2.0, encode_answer(texts, b"", b"\n")))
 
     def receive(self, patience_s: float) -> bytes:
         until = self._clock.now + patience_s
@@ -71,7 +77,7 @@ class Wire:
         return b""
 
     def close(self) -> None:
-        pass
+        self.is_closed = True
 
 
 class NoLines:
@@ -175,7 +181,13 @@ def kept(limits: str = "", latency_s: float = 0.002, at_deg: float = 0.0, **mode
             axis.angle = axis._reference = axis._between = axis.demand = math.radians(at_deg)
             controller.table._past.angles[:] = math.radians(at_deg)
         wire, told = Wire(controller, clock, latency_s), list[Told]()
-        made = Keeper(lambda asks: Acutrol(wire, asks=asks), gate.parse_limits(limits), told.append, NoLines())  # type: ignore[arg-type]
+
+        def connect(asks: bool) -> Acutrol:
+            wire.is_closed = False
+            wire.sent.append("connected")
+            return Acutrol(wire, asks=asks)
+
+        made = Keeper(connect, gate.parse_limits(limits), told.append, NoLines())  # type: ignore[arg-type]
         it = Kept(made, wire, clock, told)
         it.extremes = dict.fromkeys(("outer", "middle", "inner"), (at_deg, at_deg))
         it.wait(0.02)
@@ -341,3 +353,60 @@ def test_a_rate_that_slows_an_axis_down_is_not_refused_next_to_its_stop() -> Non
         assert refusal(it) == ""
         it.wait(2.0)
         it.check()
+
+
+# -------------------------------------------------------------------------------------------------------------- a stop
+
+
+def test_a_table_whose_answers_are_lost_is_stopped_before_anything_is_asked_over_each_link() -> None:
+    """It stands though it never says so; the last word is the emergency stop, and nothing fails on a closed link."""
+    with kept() as it:
+        it.ask(do="rate", axis="inner", rate_dps=100.0, accel_dps2=100.0)
+        it.wait(2.0)
+        it.wire.is_silent = True
+        del it.wire.sent[:]
+        silent_s = it.clock.now
+        with pytest.raises(TableLinkError):
+            it.keeper.poll()
+        it.keeper.end("no answer.", is_error=True, is_deaf=True)
+        it.look()
+        assert it.wire.controller.table.axes["inner"].is_idle
+        assert 60.0 < it.clock.now - silent_s < 70.0
+    last = next(told["error"] for told in reversed(it.told) if "error" in told)
+    assert last.endswith("NOT confirmed within 60 s that the table rests. Press its emergency stop.")
+    over = [link.split("|") for link in "|".join(it.wire.sent[1:]).split("|connected|")]
+    assert len(over) > 5
+    for sent in over:
+        told = [
+            line
+            for line in sent[: next(k for k, line in enumerate(sent) if "?" in line)]
+            if line.endswith(("1", "1,0"))
+        ]
+        assert told == [":demand:rate 1,0", ":mode:rate 1", ":mode:off 1"]
+
+
+def test_rate_zero_comes_before_mode_off_by_what_braking_takes() -> None:
+    with kept() as it:
+        it.ask(do="rate", axis="inner", rate_dps=100.0, accel_dps2=50.0)
+        it.wait(4.0)
+        it.wire.is_silent = True
+        it.keeper.end("no answer.", is_error=True, is_deaf=True)
+        it.look()
+        table = it.wire.controller.table
+        rates = np.degrees(table.rates(np.linspace(it.clock.now - 60.0, it.clock.now, 30_000))[:, 2])
+        assert np.abs(np.diff(rates)).max() / 0.002 < 55.0  # the drive brakes, and is never cut while it turns
+
+
+def test_a_stop_from_another_thread_amid_the_worker_ends_its_steps_and_nothing_more_is_sent() -> None:
+    with kept() as it, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(commanded_table, "KeptTable", lambda *_: it)
+        table = CommandedTable("")
+        profile = Profile((Rate("inner", 0.2, 1.0), Dwell((0.0, 0.0, 0.0), 1.0)))
+        table.turn(profile, profile.segments[0], it.clock.monotonic_ns())
+        table._steps[0] = replace(table._steps[0], is_there=lambda: bool(table.leave() or True))
+        assert not table.has_arrived(it.clock.monotonic_ns())
+        assert table.is_idle
+        sent = len(it.wire.sent)
+        it.send(do="rate", axis="inner", rate_dps=5.0, stops=0)  # decided on before the stop, written after it
+        assert "stopped meanwhile" in refusal(it)
+        assert len(it.wire.sent) == sent
