@@ -57,6 +57,8 @@ def command(
     from imutui.table import gate, registry
 
     given = _checked(action, values or [], controller)
+    if seconds is not None and not seconds > 0.0:
+        raise fail(USAGE, f"--seconds is {seconds:g}; it is a time that an axis turns, such as 10.")
     registry.check(controller)
     gate.parse_limits(limits)
     if action == "status":
