@@ -264,8 +264,8 @@ class CommandedTable:
         waits = self._stops == self._seen_stops and bool(self._steps or self._turned)
         return self._kept.enabled and not self._kept.has_ended and (turns or waits)
 
-    def snapshot(self) -> ControllerSnapshot:
-        """What viewers see."""
+    def snapshot(self, *, investigates: bool) -> ControllerSnapshot:
+        """Return the part of a snapshot that is about the table."""
         kept, newest = self._kept, self._kept.newest
         return {
             "url": kept.url,
@@ -278,6 +278,7 @@ class CommandedTable:
             "age_s": None if newest is None else (time.monotonic_ns() - newest.stamp_ns) / 1e9,
             "moves": self.moves,
             "error": kept.error,
+            "investigates": investigates,
         }
 
 
