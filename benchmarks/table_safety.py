@@ -142,7 +142,7 @@ class Watched:
         while not self._ends:
             angle = math.degrees(self._it.table.axes["inner"].angle)
             self.beyond = max(self.beyond, self._low - angle, angle - self._high)
-            time.sleep(0.005)
+            time.sleep(0.01)
 
     def end(self) -> float:
         self._ends = True
@@ -256,7 +256,7 @@ def stops(rng: np.random.Generator, moments: int, at_once: int) -> None:
     """Each way at so many moments, a line each."""
     print(f"{'way':<12} moments  beyond, deg  moved after  stopped after  stood after  tracebacks")
     for way, run in STOPS.items():
-        with tempfile.TemporaryFile() as heard, ThreadPoolExecutor(at_once) as pool:
+        with tempfile.TemporaryFile() as heard, ThreadPoolExecutor(at_once * (1 + 3 * (way == "gone"))) as pool:
             kept = os.dup(2)
             os.dup2(heard.fileno(), 2)
             try:
@@ -284,7 +284,7 @@ def wait(true: Callable[[], bool]) -> float:
     while time.monotonic() < deadline:
         if true():
             return time.monotonic()
-        time.sleep(0.001)
+        time.sleep(0.002)
     return 0.0
 
 
