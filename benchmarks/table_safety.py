@@ -173,17 +173,23 @@ def after(it: Served, strike: Callable[[], None], until: Callable[[], bool], kno
     return Outcome(0.0, moved, 1e3 * ((stopped or struck + LIMIT_S) - struck), 1e3 * (stood - struck))
 
 
+def at_rest(it: Served, angle: float) -> bool:
+    """Whether the inner axis rests at an angle."""
+    axis = it.table.axes["inner"]
+    return abs(math.degrees(axis.angle) - angle) < 0.1 and abs(axis.rate) < STANDS
+
+
 def path(rng: np.random.Generator, it: Served) -> Outcome:
     """2.1: from near one stop to near the other, where the short way leads through both."""
     table = KeptTable(it.url, "inner=200/400/-170/170")
     side = float(rng.choice((-1.0, 1.0)))
+    watched = Watched(it, -170.0, 170.0)
     with contextlib.closing(table):
         table.ask(do="enable")
         for to in (side * float(rng.uniform(100.0, 169.0)), -side * float(rng.uniform(100.0, 169.0))):
-            watched = Watched(it, -170.0, 170.0)
             with contextlib.suppress(TableError):
                 table.ask(do="move", angles_deg=[0.0, 0.0, to], rate_dps=180.0, accel_dps2=400.0)
-            wait(lambda to=to: table.has_ended or abs(math.degrees(it.table.axes["inner"].angle) - to) < 0.1)  # type: ignore[misc]
+            wait(lambda to=to: table.has_ended or at_rest(it, to))  # type: ignore[misc]
     wait(lambda: all_idle(it))
     return Outcome(watched.end())
 

@@ -142,6 +142,7 @@ def _turn(
         table.ask(_STOP_S, do="stop")
         _tell(table, _next(table), json)
     except KeyboardInterrupt:
+        say("imutui: stopping the table; press its emergency stop if it turns on")
         table.close()
         say(f"imutui: {table.error or 'the table was stopped: rate zero, then mode off'}")
         raise

@@ -92,13 +92,17 @@ def stop_for_certain(
     `is_deaf`: ask nothing over the link at hand either before the modes are off; over a new link that is always so.
     Returns the link over which the controller has confirmed that all axes rest with their modes off, or None.
     """
-    until_s = _real_s() + _PATIENCE_S
+    until_s, said = _real_s() + _PATIENCE_S, ""
     while True:
         try:
             controller = controller or connect(False)
             controller.stop(brakes_s if is_deaf else None)
         except Exception as error:  # noqa: BLE001 - whatever it fails with, another link is the next to be tried
-            tell(f"its stop is not confirmed and will be sent over another link: {error}")
+            if str(error) != said:
+                said = str(error)
+                tell(
+                    f"the table's stop is not confirmed; press its emergency stop if it turns. It is sent again: {said}"
+                )
         else:
             return controller
         if controller is not None:
