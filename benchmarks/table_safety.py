@@ -168,8 +168,7 @@ def after(it: Served, strike: Callable[[], None], until: Callable[[], bool], kno
     # a controller that can't be reached is none that can be stopped: then the axis turns until it can
     stood = wait(lambda: all_idle(it)) or struck + known
     wait(until)
-    first = next((k for k, told in enumerate(it.told[before:]) if told.endswith(",0")), 0)
-    moved = sum(map(moves, it.told[before + first :]))
+    moved = sum(map(moves, it.told[before:]))
     return Outcome(0.0, moved, 1e3 * ((stopped or struck + LIMIT_S) - struck), 1e3 * (stood - struck))
 
 

@@ -101,7 +101,7 @@ def stop_for_certain(
             if str(error) != said:
                 said = str(error)
                 tell(
-                    f"the table's stop is not confirmed; press its emergency stop if it turns. It is sent again: {said}"
+                    f"the stop is not confirmed and is sent again; press the emergency stop if the table turns: {said}"
                 )
         else:
             return controller
