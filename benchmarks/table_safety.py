@@ -228,6 +228,7 @@ def gone(rng: np.random.Generator, it: Served) -> Outcome:
     """2.4: answers are lost for good, so that no rest is ever confirmed."""
     with contextlib.closing(turning(rng, it)) as table:
         made = after(it, lambda: strike(it, TableFault(0.0, "silent")), lambda: table.has_ended)
+        wait(lambda: table.has_ended)  # longer than it is waited for once
         made.moved += not table.error.endswith("ress its emergency stop.")
     return made
 
