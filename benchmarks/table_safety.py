@@ -5,9 +5,14 @@ keeper are processes of their own, as always. Moments are spread over a profile'
 
     python benchmarks/table_safety.py                        # all
     python benchmarks/table_safety.py --kills 5 --only kills
+    python benchmarks/table_safety.py --only stops           # paths, braking, and stops amid commands
 
 Prints a line a case: what went wrong, how fast the table turned, ms until the first stopping command was carried out,
 and until all axes stood; and whether the file is whole.
+
+`stops` commands tables through keepers of their own. Its line for each way has the number of moments, the largest angle
+beyond the operator's limits, the commands that moved an axis after the stop, the longest times until the first stopping
+command and until all axes stood, and the tracebacks of keepers.
 """
 
 import argparse
@@ -17,9 +22,12 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +44,8 @@ from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import Plan
+from imutui.table.controller import TableError
+from imutui.table.owner import KeptTable
 
 STANDS = math.radians(0.01)
 LIMIT_S = 60.0
@@ -110,13 +120,177 @@ def case(way: str, after_s: float, from_dps: float, folder: Path) -> str:
     return f"{way:<20} {speed:6.1f} deg/s  {first} ms  {stands_ms} ms  file {whole}"
 
 
+@dataclass
+class Outcome:
+    """What one moment has come to; ms and deg."""
+
+    beyond: float = 0.0
+    moved: int = 0  # commands that moved an axis after the stop
+    stopped: float = 0.0
+    stood: float = 0.0
+
+
+class Watched:
+    """A table whose true angles are compared with limits of its inner axis until it is looked at no more."""
+
+    def __init__(self, it: Served, low: float, high: float) -> None:
+        self._it, self._low, self._high, self.beyond, self._ends = it, low, high, 0.0, False
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def _watch(self) -> None:
+        while not self._ends:
+            angle = math.degrees(self._it.table.axes["inner"].angle)
+            self.beyond = max(self.beyond, self._low - angle, angle - self._high)
+            time.sleep(0.01)
+
+    def end(self) -> float:
+        self._ends = True
+        self._thread.join()
+        return self.beyond
+
+
+def moves(told: str) -> bool:
+    """Whether a line sets an axis going."""
+    to = [each for each in told.split("; ") if "demand:rate" in each and not each.endswith(",0")]
+    return bool(to) or "mode:position" in told or "mode:synt" in told or "demand:position" in told
+
+
+def all_idle(it: Served) -> bool:
+    return all(axis.is_idle for axis in it.table.axes.values())
+
+
+def after(it: Served, strike: Callable[[], None], until: Callable[[], bool], known: float = LIMIT_S) -> Outcome:
+    """Have something happen that must stop the table, and say what came of it."""
+    before, struck = len(it.told), time.monotonic()
+    strike()
+    stopped = wait(lambda: any("demand:rate" in told and told.endswith(",0") for told in it.told[before:]))
+    # a controller that can't be reached is none that can be stopped: then the axis turns until it can
+    stood = wait(lambda: all_idle(it)) or struck + known
+    wait(until)
+    moved = sum(map(moves, it.told[before:]))
+    return Outcome(0.0, moved, 1e3 * ((stopped or struck + LIMIT_S) - struck), 1e3 * (stood - struck))
+
+
+def at_rest(it: Served, angle: float) -> bool:
+    """Whether the inner axis rests at an angle."""
+    axis = it.table.axes["inner"]
+    return abs(math.degrees(axis.angle) - angle) < 0.1 and abs(axis.rate) < STANDS
+
+
+def path(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.1: from near one stop to near the other, where the short way leads through both."""
+    table = KeptTable(it.url, "inner=200/400/-170/170")
+    side = float(rng.choice((-1.0, 1.0)))
+    watched = Watched(it, -170.0, 170.0)
+    with contextlib.closing(table):
+        table.ask(do="enable")
+        for to in (side * float(rng.uniform(100.0, 169.0)), -side * float(rng.uniform(100.0, 169.0))):
+            with contextlib.suppress(TableError):
+                table.ask(do="move", angles_deg=[0.0, 0.0, to], rate_dps=180.0, accel_dps2=400.0)
+            wait(lambda to=to: table.has_ended or at_rest(it, to))  # type: ignore[misc]
+    wait(lambda: all_idle(it))
+    return Outcome(watched.end())
+
+
+def braking(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.2: a rate towards a stop, with an acceleration of its own."""
+    high = float(rng.uniform(40.0, 110.0))
+    table = KeptTable(it.url, f"inner=200/500/-{high}/{high}")
+    watched = Watched(it, -high, high)
+    with contextlib.closing(table):
+        table.ask(do="enable")
+        with contextlib.suppress(TableError):
+            accel = float(10.0 ** rng.uniform(0.7, 2.0))
+            table.ask(do="rate", axis="inner", rate_dps=float(rng.uniform(10.0, 100.0)), accel_dps2=accel)
+            wait(lambda: table.has_ended)
+    wait(lambda: all_idle(it))
+    return Outcome(watched.end())
+
+
+def turning(rng: np.random.Generator, it: Served) -> KeptTable:
+    """A table whose inner axis turns."""
+    table, dps = KeptTable(it.url), float(rng.uniform(20.0, 100.0))
+    table.ask(do="enable")
+    table.ask(do="rate", axis="inner", rate_dps=dps, accel_dps2=float(rng.uniform(50.0, 200.0)))
+    wait(lambda: fastest(it) > 0.9 * dps)
+    time.sleep(float(rng.uniform(0.0, 0.5)))
+    return table
+
+
+def silent(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.3: answers are lost for 8 s, and commands are heard."""
+    with contextlib.closing(turning(rng, it)) as table:
+        return after(it, lambda: strike(it, TableFault(0.0, "silent", seconds=8.0)), lambda: table.has_ended)
+
+
+def gone(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.4: answers are lost for good, so that no rest is ever confirmed."""
+    with contextlib.closing(turning(rng, it)) as table:
+        made = after(it, lambda: strike(it, TableFault(0.0, "silent")), lambda: table.has_ended)
+        wait(lambda: table.has_ended)  # longer than it is waited for once
+        made.moved += not table.error.endswith("ress its emergency stop.")
+    return made
+
+
+def amid(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.5: a signal amid a move of three axes over a link that answers 0.25 s late."""
+    table = KeptTable(it.url)
+    with contextlib.closing(table):
+        table.ask(do="enable")
+        it.server._of_link.append(TableFault(0.0, "slow", delay=0.25))
+        table.send(do="move", angles_deg=[90.0, -90.0, 90.0], rate_dps=30.0, accel_dps2=100.0)
+        wait(lambda: bool(it.told and "position" in it.told[-1]))
+        time.sleep(float(rng.uniform(0.0, 2.0)))
+        return after(it, lambda: os.kill(table.pid, signal.SIGINT), lambda: table.has_ended)
+
+
+def second(rng: np.random.Generator, it: Served) -> Outcome:
+    """2.6: another command wants a table that turns; nothing may be sent, and the axis turns on."""
+    with contextlib.closing(turning(rng, it)), contextlib.closing(KeptTable(it.url)) as other:
+        before, speed = len(it.told), fastest(it)
+        with contextlib.suppress(TableError):
+            other.ask(do="enable")
+            other.ask(do="move", angles_deg=[0.0, 0.0, 10.0], rate_dps=20.0, accel_dps2=100.0)
+        return Outcome(max(0.0, speed - fastest(it) - 0.1), len(it.told) - before)
+
+
+STOPS = {"path": path, "braking": braking, "silent": silent, "amid a move": amid, "second": second, "gone": gone}
+
+
+def stops(rng: np.random.Generator, moments: int, at_once: int) -> None:
+    """Each way at so many moments, a line each."""
+    print(f"{'way':<12} moments  beyond, deg  moved after  stopped after  stood after  tracebacks")
+    for way, run in STOPS.items():
+        with tempfile.TemporaryFile() as heard, ThreadPoolExecutor(at_once * (1 + 3 * (way == "gone"))) as pool:
+            kept = os.dup(2)
+            os.dup2(heard.fileno(), 2)
+            try:
+                found = list(pool.map(lambda seed, run=run: one(seed, run), rng.integers(0, 2**31, moments)))  # type: ignore[misc]
+            finally:
+                os.dup2(kept, 2)
+                os.close(kept)
+            heard.seek(0)
+            tracebacks = heard.read().count(b"Traceback")
+        print(
+            f"{way:<12} {len(found):7}  {max(each.beyond for each in found):11.2f}  {sum(e.moved for e in found):11}"
+            f"  {max(e.stopped for e in found):10.0f} ms  {max(e.stood for e in found):8.0f} ms  {tracebacks:10}",
+            flush=True,
+        )
+
+
+def one(seed: int, run: Callable[[np.random.Generator, Served], Outcome]) -> Outcome:
+    with served() as it:
+        return run(np.random.default_rng(seed), it)
+
+
 def wait(true: Callable[[], bool]) -> float:
     """When a state of affairs was there, monotonic; 0 if it did not come."""
     deadline = time.monotonic() + LIMIT_S
     while time.monotonic() < deadline:
         if true():
             return time.monotonic()
-        time.sleep(0.001)
+        time.sleep(0.002)
     return 0.0
 
 
@@ -124,10 +298,16 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--kills", type=int, default=20, help="moments at which the acquisition is killed")
     asked.add_argument("--each", type=int, default=3, help="moments of each other way")
-    asked.add_argument("--only", choices=("kills", "faults"))
+    asked.add_argument("--moments", type=int, default=20, help="moments of each way of `stops`")
+    asked.add_argument("--at-once", type=int, default=4, help="tables of `stops` at a time")
+    asked.add_argument("--only", choices=("kills", "faults", "stops"))
     asked.add_argument("--seed", type=int, default=1)
     said = asked.parse_args()
     rng = np.random.default_rng(said.seed)
+    if said.only in (None, "stops"):
+        stops(np.random.default_rng(said.seed), said.moments, said.at_once)
+    if said.only == "stops":
+        return
     ways = [WAYS[0]] * (0 if said.only == "faults" else said.kills)
     ways += [way for way in WAYS[1:] for _ in range(said.each)] if said.only != "kills" else []
     print(f"{'what went wrong':<20} {'it turned at':>12}  stopped after  stood after")

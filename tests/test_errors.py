@@ -30,7 +30,8 @@ EXEMPT = {
     "imutui.session.__main__.main": "the border of a process: whoever started it is told",
     "imutui.session.engine": "the thread that records: a defect ends it in order, or is its asker's",
     "imutui.session.ipc.reply_to": "a viewer that waits must hear something, and the others go on",
-    "imutui.table.keeper.Keeper._stop": "the table must not turn on, whatever the first link fails with",
+    "imutui.table.keeper.run": "a defect of the keeper must not leave the table turning",
+    "imutui.table.__main__.main": "the border of a process: its owner hears the last words",
     "imutui.session.live_filter": "no defect of the filter may cost the recording; it is told as one",
 }
 """Functions, or whole modules, that may take any exception of ours, and why."""

@@ -10,6 +10,7 @@ What is no command: `exit_codes` how a command ends · `options`, `session_optio
 
 import atexit
 import gc
+import math
 import os
 import re
 import sys
@@ -56,21 +57,26 @@ _NEGATIVE = re.compile(r"-[0-9.]+")
 
 
 class Command(TyperCommand):
-    """A command that says which option got what, where it is no number, as it says that one is out of its range."""
+    """A command that names the option whose value is not a number, or not a finite one."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Parse the arguments; raises the exit for a text where a number belongs."""
+        """Parse the arguments; raises the exit for a value that is not a finite number where one belongs."""
         given = list(args)
         # a negative number is no option
         if any(_NEGATIVE.fullmatch(word) for word in args):
             extra["ignore_unknown_options"] = True
         try:
-            return super().make_context(info_name, args, parent, **extra)
+            context = super().make_context(info_name, args, parent, **extra)
         except typer.BadParameter as error:
             said = _words(error, given, info_name or "")
             if said is None:
                 raise
             raise fail(USAGE, said) from error
+        for option in self.params:
+            value = context.params.get(option.name or "")
+            if isinstance(value, float) and not math.isfinite(value):
+                raise fail(USAGE, f"{option.opts[0]} is {value}, not a finite number. Help: imutui {info_name} -h")
+        return context
 
 
 def _words(error: typer.BadParameter, args: Sequence[str], command: str) -> str | None:

@@ -26,6 +26,7 @@ from imutui.cli.options import (
     Table,
     YesMove,
     ask_to_move,
+    refuse_unasked,
 )
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 NAME = "investigate "  # of its acquisitions, before the folder's
 RATE_HZ = 20.0
 NAME_LIMIT = 64
+_MOST_H = 1000.0
 _LOGS = "logs"
 _LOOK_S = 0.2
 
@@ -87,10 +89,12 @@ def command(
     Example: imutui investigate --port /dev/ttyUSB0 --controller acutrol://192.168.1.53:9000 --hours 2 -o unit7
     """
     from imutui.cli.investigation_page import Page
-    from imutui.jobs.investigation import Investigation
+    from imutui.jobs.investigation import Investigation, check_hours
 
     if output is None:
         raise fail(USAGE, "-o DIR says where logs and diary go.")
+    if hours is not None and not 0.0 < hours < _MOST_H:
+        raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
     diary, speed = _diary(output, resume, switched, port, controller, hours, speed)
     given = {
         "acquisition.rate_hz": rate,
@@ -105,9 +109,12 @@ def command(
     asked["flags"] = asked.get("flags", {}) | {key: value for key, value in given.items() if value is not None}
     limits = asked["limits"] = limits or asked.get("limits", "")
     plan = _plan(diary, _name_of(output), speed)
-    ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
+    refuse_unasked(yes_move=yes_move)
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
+    check_hours(axes, diary.document["hours"])
+    ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
+    output.mkdir(parents=True, exist_ok=True)
     with Page(diary.document) as page, _stopped_by_signals():
         laboratory = _Laboratory(output, plan, axes, page)
         going = Investigation(laboratory, diary, page.told)
@@ -137,6 +144,8 @@ def _diary(
 
     if resume:
         diary = Diary.read(output)
+        if diary.said:
+            say(diary.said)
         asked = diary.document.get("asked", AskedEntry())
         if port is not None:
             asked["port"] = port
@@ -152,11 +161,8 @@ def _diary(
         return diary, asked.get("speed", 1.0)
     if port is None or controller is None or hours is None:
         raise fail(USAGE, "say which unit, which table, and for how long: --port, --controller, --hours.")
-    if not 0.0 < hours < 1000.0:
-        raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
     if switched:
         raise fail(USAGE, "--switched belongs to --resume.")
-    output.mkdir(parents=True, exist_ok=True)
     asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
     return Diary.begun(hours, output, asked), speed
 

@@ -84,15 +84,20 @@ End = Annotated[float | None, typer.Option("--end", metavar="S", help="Last seco
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.")]
 
 
+def refuse_unasked(*, yes_move: bool) -> None:
+    """Raise the exit if there is neither --yes-move nor a terminal to ask on."""
+    if not yes_move and not sys.stdin.isatty():
+        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
+
+
 def ask_to_move(url: str, how: str, *, yes_move: bool) -> None:
-    """Have somebody on the terminal say that a table may move, unless --yes-move did; raises the exit else.
+    """Ask the user on the terminal whether a table may move, unless --yes-move says so; raises the exit if not.
 
     `how`: it will move, in words.
     """
+    refuse_unasked(yes_move=yes_move)
     if yes_move:
         return
-    if not sys.stdin.isatty():
-        raise fail(USAGE, "the table would move by itself. When nobody is near it, say so: --yes-move.")
     say(f"The table at {url} WILL MOVE by itself, {how}.\nIs everybody clear of it, and may it move? Type yes:")
     if sys.stdin.readline().strip().lower() != "yes":
         raise fail(USAGE, "the table does not move, and nothing was recorded.")

@@ -10,7 +10,7 @@ from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_pro
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from imutui.table.controller import AxisLimits, TableState
     from imutui.table.owner import KeptTable
@@ -20,6 +20,8 @@ _RATE_DPS, _ACCEL_DPS2 = 20.0, 100.0  # as profiles move
 _NEAR_DEG = 0.05
 _LOOK_S = 0.05
 _READ_S = 30.0
+_STOP_S = 120.0
+_TURN_DEG = 360.0
 
 
 def command(
@@ -55,6 +57,8 @@ def command(
     from imutui.table import gate, registry
 
     given = _checked(action, values or [], controller)
+    if seconds is not None and not seconds > 0.0:
+        raise fail(USAGE, f"--seconds is {seconds:g}; it is a time that an axis turns, such as 10.")
     registry.check(controller)
     gate.parse_limits(limits)
     if action == "status":
@@ -98,12 +102,14 @@ def _status(url: str, limits: str, json: bool) -> None:
 
 
 def _stop(url: str, json: bool) -> None:
-    """Over a link of its own, whatever else has one: this must not wait for anything."""
+    """Stop over a link of its own, whatever else has one; the first lines sent are the stop."""
+    from imutui.table.keeper import stop_for_certain
     from imutui.table.registry import connect
 
-    controller = connect(url)
+    controller = stop_for_certain(connect(url, asks=False), lambda asks: connect(url, asks=asks), say)
+    if controller is None:
+        raise fail(INSTRUMENT, "the controller does NOT confirm that the table rests. Press its emergency stop.")
     try:
-        controller.stop()
         state = controller.read()
     finally:
         controller.close()
@@ -133,9 +139,10 @@ def _turn(
             _wait_for_angles(table, wanted["angles_deg"])
         else:
             _wait(table, math.inf if seconds is None else seconds)
-        table.ask(do="stop")
+        table.ask(_STOP_S, do="stop")
         _tell(table, _next(table), json)
     except KeyboardInterrupt:
+        say("imutui: stopping the table; press its emergency stop if it turns on")
         table.close()
         say(f"imutui: {table.error or 'the table was stopped: rate zero, then mode off'}")
         raise
@@ -165,12 +172,27 @@ def _wanted(
         own = limits_of(axis, table.limits)
         if action == "move":
             angle = float(values[AXES.index(axis)])
-            own.check(axis, angle_deg=math.nan if own.low_deg is None else angle, rate_dps=rate, accel_dps2=accel)
+            _say_where(axis, angle, own)
+            own.check(axis, angle_deg=angle if own.has_stops else math.nan, rate_dps=rate, accel_dps2=accel)
         else:
             own.check(axis, rate_dps=float(values[1]), accel_dps2=accel)
     if action == "move":
         return {"angles_deg": values, "rate_dps": rate, "accel_dps2": accel}
     return {"axis": values[0], "rate_dps": values[1], "accel_dps2": accel}
+
+
+def _say_where(axis: str, angle: float, limits: "AxisLimits") -> None:
+    """Say where an axis without stops goes; more than a turn is a mistake. Raises the exit for that."""
+    if limits.has_stops:
+        return
+    there = math.remainder(angle, _TURN_DEG)
+    if abs(angle) > _TURN_DEG:
+        raise fail(
+            USAGE,
+            f"the {axis} axis turns without end, and {angle:g} deg is {there:g} deg there: say that. Nothing moved.",
+        )
+    if abs(there - angle) > 1.0:
+        say(f"the {axis} axis turns without end: it goes the short way to {there:g} deg, which is {angle:g} deg")
 
 
 def _in_words(action: str, wanted: dict[str, Any]) -> str:
@@ -203,10 +225,19 @@ def _wait_for_angles(table: "KeptTable", angles: list[float]) -> None:
     """Until all axes rest where they were told to go; the keeper ends it where they do not."""
     while True:
         state = _next(table)
-        off = [abs(math.remainder(a - b, 360.0)) for a, b in zip(state.angles_deg, angles, strict=True)]
+        off = [abs(each) for each in _off(table, state, angles)]
         show_progress(_text(state))
         if state.rests and max(off) < _NEAR_DEG:
             return
+
+
+def _off(table: "KeptTable", state: "TableState", angles: list[float]) -> "Iterator[float]":
+    """How far axes are from angles; whole turns count only where an axis has stops."""
+    from filters.motion.segments import AXES
+
+    for axis, now, angle in zip(AXES, state.angles_deg, angles, strict=True):
+        has_stops = axis in table.limits and table.limits[axis].has_stops
+        yield now - angle if has_stops else math.remainder(now - angle, _TURN_DEG)
 
 
 def _wait(table: "KeptTable", seconds: float) -> None:
@@ -216,8 +247,12 @@ def _wait(table: "KeptTable", seconds: float) -> None:
 
 
 def _look(table: "KeptTable") -> None:
-    """Wait a moment; end where the keeper has, with what it said."""
+    """Wait a moment, and pass on what the keeper says; end where the keeper has ended, with its last words."""
     time.sleep(_LOOK_S)
+    while table.news:
+        text, is_warning = table.news.popleft()
+        if not is_warning:
+            say(f"imutui: {text}")
     if table.has_ended:
         _ended(table)
 
@@ -241,9 +276,7 @@ def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:
 
 
 def _limits(limits: "AxisLimits") -> "Mapping[str, float | None]":
-    from dataclasses import asdict
-
-    return asdict(limits)
+    return {name: getattr(limits, name) for name in ("rate_dps", "accel_dps2", "low_deg", "high_deg")}
 
 
 def _document(state: "TableState") -> "Mapping[str, object]":

@@ -10,6 +10,7 @@ What it leaves out: how a motion is made and recorded (`Laboratory`), what is ex
 `filters.tracing`).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, cast
@@ -56,6 +57,26 @@ class Laboratory(Protocol):
 Tell = Callable[[str, RoundEntry | None], None]  # told what happens, a sentence, and the round that it is about
 
 
+def check_hours(table: "Table", hours: float) -> "tuple[list[CandidateMotion], float]":
+    """Return the motions that every investigation begins with, and the seconds that its last run takes.
+
+    Raises InputError if these take longer than `hours`, or the table can make no motion.
+    """
+    from filters.tracing import table_motions
+
+    start, judge = table_motions.start(table), table_motions.held_out(table, None)
+    if not start or judge is None:
+        raise InputError("the table can't make any motion within its limits. Look at `imutui table status`.")
+    reserve_s = judge.seconds + OVERHEAD_S
+    least = sum(m.seconds + OVERHEAD_S for m in start) + reserve_s
+    if hours * 3600.0 < least:
+        raise InputError(
+            f"`hours` is {hours:g}; the motions that every unit makes first, and the run that judges, take"
+            f" {math.ceil(least / 36.0) / 100.0:.2f} h. Give it that at least."
+        )
+    return start, reserve_s
+
+
 @dataclass
 class Investigation:
     """One that goes on from its diary.
@@ -70,20 +91,8 @@ class Investigation:
     tell: Tell = lambda said, entry: None
 
     def __post_init__(self) -> None:
-        from filters.tracing import table_motions
-
         self._before_s = self.diary.document["spent_s"]
-        self._start = table_motions.start(self.laboratory.table)
-        judge = table_motions.held_out(self.laboratory.table, None)
-        if not self._start or judge is None:
-            raise InputError("the table can't make any motion within its limits. Look at `imutui table status`.")
-        self.reserve_s = judge.seconds + OVERHEAD_S
-        least = sum(m.seconds + OVERHEAD_S for m in self._start) + self.reserve_s
-        if self.diary.document["hours"] * 3600.0 < least:
-            raise InputError(
-                f"`hours` is {self.diary.document['hours']:g}; what every unit is taken through, and the run that"
-                f" judges, take {least / 3600.0:.2f} h. Give it that at least."
-            )
+        self._start, self.reserve_s = check_hours(self.laboratory.table, self.diary.document["hours"])
 
     @property
     def spent_s(self) -> float:

@@ -4,7 +4,9 @@ It is written before and after each motion, and is all that is needed to go on a
 rounds (`investigation`).
 """
 
+import contextlib
 import json
+import math
 from pathlib import Path
 from typing import Literal, NotRequired, TypedDict, cast
 
@@ -14,6 +16,8 @@ from imutui.jobs import document_shape
 from imutui.logbook import atomic_file
 
 DIARY = "diary.json"
+LAST_GOOD = "diary.before.json"
+"""The diary as it was before it was last written."""
 VERSION = 1
 NOTHING = "nothing"  # in the place of an effect: that there is none
 _LIMIT = 16 * 2**20  # bytes of a diary
@@ -73,14 +77,14 @@ class DiaryDocument(TypedDict):
 class Diary:
     """The diary of an investigation, in a file of its folder; without a folder in memory."""
 
-    def __init__(self, document: DiaryDocument, folder: Path | None) -> None:
-        self.document = document
+    def __init__(self, document: DiaryDocument, folder: Path | None, said: str = "") -> None:
+        self.document, self.said = document, said
         self._folder = folder
 
     @classmethod
     def begun(cls, hours: float, folder: Path | None, asked: AskedEntry | None = None) -> "Diary":
         """A new one; raises InputError if the folder has one."""
-        if folder is not None and (folder / DIARY).exists():
+        if folder is not None and ((folder / DIARY).exists() or (folder / LAST_GOOD).exists()):
             raise InputError(
                 f"{folder / DIARY} is of another investigation. Go on with --resume, or name another folder."
             )
@@ -94,18 +98,21 @@ class Diary:
 
     @classmethod
     def read(cls, folder: Path) -> "Diary":
-        """That of a folder, without a round that was cut; raises InputError if there is none."""
-        path = folder / DIARY
-        if not path.is_file():
+        """Read the diary of a folder, without a round that was cut.
+
+        If it cannot be read, its last good copy takes its place; `said` reports that.
+        Raises InputError if there is none.
+        """
+        path, copy = folder / DIARY, folder / LAST_GOOD
+        if not path.is_file() and not copy.is_file():
             raise InputError(f"{folder} has no {DIARY}: there is nothing to go on with. Begin without --resume.")
         try:
-            document = outside_file.read_json(path, _LIMIT)
-        except InputError as error:
-            raise InputError(f"{path} is no diary: {error}. Name another folder.") from error
-        told = document_shape.problem(document, DiaryDocument, "diary")
-        if told or document["version"] != VERSION:
-            raise InputError(f"{path} is no diary of this edition: {told or 'another version'}. Name another folder.")
-        diary = cls(cast("DiaryDocument", document), folder)
+            document, said = _document(path), ""
+        except (InputError, FileNotFoundError) as error:
+            if not copy.is_file():
+                raise InputError(f"{error} Name another folder.") from error
+            document, said = _document(copy), f"{error} Its last good copy, {copy}, takes its place."
+        diary = cls(document, folder, said)
         lost = [r for r in diary.made if not (folder / r["log"]).is_file()]
         if lost:
             raise InputError(f"{folder / lost[0]['log']} is not there, which {path} names. Put it back, or begin anew.")
@@ -118,7 +125,31 @@ class Diary:
         return [entry for entry in self.document["rounds"] if entry["log"]]
 
     def save(self) -> None:
-        """Write it, whole or not at all."""
-        if self._folder is not None:
-            text = json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
-            atomic_file.write(self._folder / DIARY, text, overwrite=True)
+        """Write the diary, whole or not at all; the one before it stays as the last good copy.
+
+        Raises ValueError for a number that is not finite, which no diary may have.
+        """
+        if self._folder is None:
+            return
+        text = json.dumps(self.document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        path = self._folder / DIARY
+        with contextlib.suppress(InputError, FileNotFoundError):  # what cannot be read is no good copy
+            _document(path)
+            before = path.read_text(encoding="utf-8", errors="surrogateescape")
+            atomic_file.write(self._folder / LAST_GOOD, before, overwrite=True)
+        atomic_file.write(path, text, overwrite=True)
+
+
+def _document(path: Path) -> DiaryDocument:
+    """Read the document of a diary; raises InputError if it is none, FileNotFoundError if it is not there."""
+    try:
+        document = outside_file.read_json(path, _LIMIT)
+    except InputError as error:
+        raise InputError(f"{path} is no diary: {error}.") from error
+    wrong = document_shape.problem(document, DiaryDocument, "diary")
+    if wrong or document["version"] != VERSION:
+        raise InputError(f"{path} is no diary of this edition: {wrong or 'another version'}.")
+    made = cast("DiaryDocument", document)
+    if not (0.0 < made["hours"] < math.inf and 0.0 <= made["spent_s"] < math.inf):
+        raise InputError(f"{path} is no diary: `hours` is {made['hours']} and `spent_s` {made['spent_s']}.")
+    return made

@@ -4,6 +4,7 @@ A segment begins when the table is there: a dwell once it has settled, a rate on
 swings. The keeper, a process of its own, has the link and is the gate of all commands; see `imutui.table.keeper`.
 """
 
+import itertools
 import math
 import time
 from collections import deque
@@ -52,6 +53,8 @@ class CommandedTable:
         self._kept = self._begin()
         self._recent: deque[TableState] = deque()
         self._steps: deque[_Step] = deque()
+        self._counter = itertools.count(1)
+        self._stops = self._seen_stops = 0  # how often the table was told to stop, and how often the worker has seen it
         self._keep_s = _KEPT_S  # how far back readings are looked at
         self._sent_ns = 0  # when the present step's command was sent
         self._until_ns: int | None = None  # by when the present step must be done
@@ -79,7 +82,8 @@ class CommandedTable:
         try:
             if self._kept.has_ended:
                 self._kept = self._begin()
-            self._kept.ask(do="enable")
+            self._heed()
+            self._kept.ask(do="enable", stops=self._seen_stops)
         except (TableError, InstrumentError) as error:
             raise InputError(str(error)) from error
         self.why_failed = ""
@@ -97,25 +101,35 @@ class CommandedTable:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it is on the way to nothing."""
+        """True if the table is on the way to nothing."""
+        self._heed()
         return not self._steps
+
+    def _heed(self) -> None:
+        """Forget the steps if the table was told to stop: any thread may do that, and only the worker has steps."""
+        stops = self._stops
+        if stops != self._seen_stops:
+            self._seen_stops = stops
+            self._steps.clear()
+            self._turned = None
 
     def turn(self, profile: Profile, segment: Segment, now_ns: int) -> None:
         """Begin to go to a segment; `has_arrived` says when it is there. Raises InputError of one that can't be."""
-        rate = {axis: min(in_degrees(profile.slew), own.rate_dps) for axis, own in self._kept.limits.items()}
-        accel = {axis: min(in_degrees(profile.accel), own.accel_dps2) for axis, own in self._kept.limits.items()}
-        self._end_turning(accel)
+        self._heed()
+        pace = gate.pace(profile, self._kept.limits)
+        slowest = min(rate for rate, _ in pace.values())
+        self._end_turning(pace)
         match segment:
             case Dwell(angles):
                 targets = [in_degrees(angle) for angle in angles]
                 # one rate for all axes: that of the slowest
-                move = {"do": "move", "angles_deg": targets, "rate_dps": min(rate.values())}
-                move["accel_dps2"] = min(accel.values())
-                self._add(move, lambda: self._settled(targets), 360.0 / min(rate.values()) + SETTLED_S)
+                move = {"do": "move", "angles_deg": targets, "rate_dps": slowest}
+                move["accel_dps2"] = min(accel for _, accel in pace.values())
+                self._add(move, lambda: self._settled(targets), self._farthest(targets) / slowest + SETTLED_S)
             case Rate(axis, rate_rps):
-                dps = in_degrees(rate_rps)
-                turn = {"do": "rate", "axis": axis, "rate_dps": dps, "accel_dps2": accel[axis]}
-                self._add(turn, lambda: self._turns_at(axis, dps), abs(dps) / accel[axis] + SETTLED_S)
+                dps, (_, accel) = in_degrees(rate_rps), pace[axis]
+                turn = {"do": "rate", "axis": axis, "rate_dps": dps, "accel_dps2": accel}
+                self._add(turn, lambda: self._turns_at(axis, dps), abs(dps) / accel + SETTLED_S)
                 self._turned = segment
             case Sine(axis, amplitude, hz):
                 size = in_degrees(amplitude)
@@ -127,17 +141,23 @@ class CommandedTable:
                 raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
         self._send_first(now_ns)
 
-    def _end_turning(self, accel: Mapping[str, float]) -> None:
+    def _farthest(self, targets: Sequence[float]) -> float:
+        """Return the longest way of an axis to its target, deg."""
+        now = targets if self._kept.newest is None else self._kept.newest.angles_deg
+        return max(360.0, *(abs(there - here) for there, here in zip(targets, now, strict=True)))
+
+    def _end_turning(self, pace: Mapping[str, tuple[float, float]]) -> None:
         turned, self._turned = self._turned, None
         if isinstance(turned, Rate):
-            still = {"do": "rate", "axis": turned.axis, "rate_dps": 0.0, "accel_dps2": accel[turned.axis]}
-            self._add(still, self._stands, SETTLED_S)
+            still = {"do": "rate", "axis": turned.axis, "rate_dps": 0.0, "accel_dps2": pace[turned.axis][1]}
+            self._add(still, self._stands, abs(in_degrees(turned.rate)) / pace[turned.axis][1] + SETTLED_S)
         elif isinstance(turned, Sine):
             end = {"do": "oscillate", "axis": turned.axis, "amplitude_deg": 0.0, "hz": turned.hz}
             self._add(end, self._stands, SETTLED_S + 1.0 / turned.hz)
 
     def _add(self, command: dict[str, object], is_there: Callable[[], bool], seconds: float) -> None:
-        self._steps.append(_Step(command, is_there, seconds))
+        # the keeper refuses a command that was decided on before a stop and comes after it
+        self._steps.append(_Step(command | {"stops": self._seen_stops}, is_there, seconds))
 
     def _send_first(self, now_ns: int) -> None:
         step = self._steps[0]
@@ -149,7 +169,10 @@ class CommandedTable:
 
     def has_arrived(self, now_ns: int) -> bool:
         """Whether the segment that it was sent to begins now; once."""
-        if not self._steps or not self._steps[0].is_there():
+        self._heed()
+        is_there = bool(self._steps) and self._steps[0].is_there()
+        self._heed()  # it may have been told to stop meanwhile
+        if not is_there or not self._steps:
             return False
         self._steps.popleft()
         if self._steps:
@@ -162,10 +185,9 @@ class CommandedTable:
 
     def leave(self) -> None:
         """Stop: rate zero, then mode off; safe from any thread and signal."""
-        self._steps.clear()
-        self._turned = None
+        self._stops = stops = next(self._counter)
         if self._kept.enabled and not self._kept.has_ended:
-            self._kept.send(do="stop")
+            self._kept.send(do="stop", stops=stops)
 
     def close(self) -> None:
         """Stop, and give up the link."""
@@ -175,6 +197,7 @@ class CommandedTable:
 
     def take(self, now_ns: int) -> list[TableState]:
         """What the controller said since the last time."""
+        self._heed()
         kept, found = self._kept, list[TableState]()
         while kept.states:
             found.append(kept.states.popleft())
@@ -214,8 +237,14 @@ class CommandedTable:
     def _settled(self, targets: Sequence[float]) -> bool:
         states = self._last(SETTLED_S)
         axes = [k for k, axis in enumerate(AXES) if axis in self._kept.axes]
-        near = all(abs(math.remainder(s.angles_deg[k] - targets[k], 360.0)) < SETTLED_DEG for s in states for k in axes)
+        near = all(abs(self._off(k, s.angles_deg[k], targets[k])) < SETTLED_DEG for s in states for k in axes)
         return bool(states) and near and self._stands()
+
+    def _off(self, k: int, angle: float, target: float) -> float:
+        """Return how far an axis is from a target; whole turns count only where it has stops."""
+        limits = self._kept.limits.get(AXES[k])
+        off = angle - target
+        return off if limits is not None and limits.has_stops else math.remainder(off, 360.0)
 
     def _turns_at(self, axis: str, dps: float) -> bool:
         states, k = self._last(_RATE_S), AXES.index(axis)
@@ -232,10 +261,11 @@ class CommandedTable:
         """Whether it moves under command, or is about to."""
         newest = self._kept.newest
         turns = newest is not None and newest.mode != "off" and max(map(abs, newest.rates_dps)) > _MOVING
-        return self._kept.enabled and not self._kept.has_ended and (turns or bool(self._steps or self._turned))
+        waits = self._stops == self._seen_stops and bool(self._steps or self._turned)
+        return self._kept.enabled and not self._kept.has_ended and (turns or waits)
 
-    def snapshot(self) -> ControllerSnapshot:
-        """What viewers see."""
+    def snapshot(self, *, investigates: bool) -> ControllerSnapshot:
+        """Return the part of a snapshot that is about the table."""
         kept, newest = self._kept, self._kept.newest
         return {
             "url": kept.url,
@@ -248,6 +278,7 @@ class CommandedTable:
             "age_s": None if newest is None else (time.monotonic_ns() - newest.stamp_ns) / 1e9,
             "moves": self.moves,
             "error": kept.error,
+            "investigates": investigates,
         }
 
 

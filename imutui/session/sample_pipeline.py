@@ -88,6 +88,7 @@ class Averager:
 
 
 _RATE_SPAN_NS = 10_000_000_000
+_STILL = ("level", "gravity")  # references that say that the table stands
 
 
 @dataclass(slots=True)
@@ -338,7 +339,7 @@ class SamplePipeline:
             return
         utc = self._timebase.utc_ns(now_ns)
         angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
-        rates = np.full(3, np.nan) if self.info.reference == "turned" else np.zeros(3)
+        rates = np.zeros(3) if self.info.reference in _STILL else np.full(3, np.nan)
         reference = schemas.encode_table_reference(utc, self.info.reference, angles, rates)
         self._writer.encoded(schemas.REFERENCE, reference, utc, utc)
         damaged = self.counters.lost_packets_max or self.counters.bad_checksums

@@ -105,6 +105,7 @@ class ControllerSnapshot(TypedDict):
     """A table under command: what its controller said `age_s` ago, angles and rates of outer, middle, inner.
 
     `moves`: it turns under command, or is about to; `error`: why it is commanded no more, "" while it is.
+    `investigates`: `imutui investigate` gives its motions, and records and ends the acquisition.
     """
 
     url: str
@@ -117,6 +118,7 @@ class ControllerSnapshot(TypedDict):
     age_s: float | None
     moves: bool
     error: str
+    investigates: NotRequired[bool]
 
 
 class ChannelSnapshot(TypedDict):

@@ -5,6 +5,7 @@ import json
 import sys
 
 from filters.errors import InputError
+from imutui import defects
 from imutui.fast_time import run_faster
 from imutui.table import keeper
 from imutui.table.gate import parse_limits
@@ -12,7 +13,7 @@ from imutui.table.registry import connect
 
 
 def main() -> int:
-    """Keep the table at a URL; returns the exit code."""
+    """Keep the table at a URL; returns the exit code. A defect is reported to the owner, without a traceback."""
     asked = argparse.ArgumentParser(prog="python -m imutui.table", description=__doc__)
     asked.add_argument("url")
     asked.add_argument("--limits", default="")
@@ -23,10 +24,14 @@ def main() -> int:
         run_faster(said.speed, said.since_ns)
     try:
         given = parse_limits(said.limits)
-        return keeper.run(lambda: connect(said.url), given, said.speed)
+        return keeper.run(lambda asks: connect(said.url, asks=asks), given, said.speed)
     except InputError as error:
         print(json.dumps({"error": str(error), "ended": True}), flush=True)
         return 2
+    except Exception as error:  # noqa: BLE001 - the border of a process, whose owner must hear the last words
+        last = f"{defects.told(error)} If the table turns: press its emergency stop."
+        print(json.dumps({"error": last, "ended": True}), flush=True)
+        return 4
 
 
 if __name__ == "__main__":

@@ -1,19 +1,21 @@
-"""A controller of Acutrol's dialect over a link: what it is told, in which order, and what is made of its answers.
+"""A controller of Acutrol's dialect over a link: the commands it sends, their order, and how it reads answers.
 
-Nothing moves in a way that was not asked for: limits of a mode are set before its demand, and the demand before the
-mode, since a mode moves to its demand as soon as it is entered. What is not understood is asked once more.
+The host sets the limits of a mode before its demand, and the demand before the mode, since a mode moves to its demand
+as soon as it is entered. It sends a command once more if the controller does not understand it. Each motion also sets
+the acceleration of the rate mode, because a stop brakes in that mode. A stop waits for no answer.
 """
 
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from filters.errors import InputError
 from filters.motion.segments import AXES
 from imutui.table import acutrol
 from imutui.table.acutrol import AnswerDecoder, Command, ask, demand, interlock, limit, mode
 from imutui.table.controller import (
+    LAG_S,
     MODES,
     OFF,
     OSCILLATION,
@@ -33,6 +35,9 @@ _MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as 
 _CLOSING_S = 3.0  # for interlocks
 _ENTERING_S = 0.5  # for a mode
 _SLOWING_S = 1.0  # within which an axis that is to stop must have become slower
+_SLICE_S = 0.02  # between two calls of `meanwhile`, and for the answer to a command of a stop
+_BRAKES_S = 3.0  # braking time of an axis whose rate is not known
+_JERK_LAG = 1.5  # lag of an axis over the time in which its jerk reaches its acceleration
 _ENDLESS_DEG = 36_000.0  # limits of angle beyond this are none
 
 _OURS = {"off": OFF, "position": POSITION, "rate": RATE, "synthesis": OSCILLATION}
@@ -43,10 +48,11 @@ class Acutrol:
 
     `axes`: names of its axes in the order of their numbers; None: it is asked how many it has, and one is the inner,
       two are middle and inner, three outer, middle and inner.
+    `asks`: False sends nothing now, so that a stop can be the first thing sent; axes are counted after that stop.
     Raises TableError if it does not answer as one does, and then closes the link.
     """
 
-    def __init__(self, link: Link, axes: tuple[str, ...] | None = None) -> None:
+    def __init__(self, link: Link, axes: tuple[str, ...] | None = None, *, asks: bool = True) -> None:
         self._link = link
         self._decoder = AnswerDecoder(link.prefix)
         self._limits: dict[str, AxisLimits] | None = None
@@ -56,9 +62,10 @@ class Acutrol:
         self._has_line_ends = False  # whether answers have been seen to end with their line
         self._exchanged = (0, 0)  # when the last line was sent, and when its answer began to come, ns
         self._last: tuple[int, dict[str, tuple[float, float]]] | None = None  # when, angle and rate of each axis
-        self.axes: tuple[str, ...] = ()
+        self.meanwhile: Callable[[], None] = lambda: None
+        self.axes: tuple[str, ...] = axes or ()
         try:
-            self.axes = self._count() if axes is None else axes
+            self.axes = self._count() if asks and axes is None else self.axes
         except TableError:
             self.close()
             raise
@@ -72,11 +79,11 @@ class Acutrol:
         return dict(self._limits)
 
     def enable(self) -> None:
+        self._refuse_another_host()
         for axis in self.axes:
             n = self._number(axis)
-            self._tell(mode("off", n))
-            for what in ("open", "reset", "close"):
-                self._tell(interlock(what, n))
+            self._tell(demand("rate", n, 0.0), mode("off", n))
+            self._tell(*(interlock(what, n) for what in ("open", "reset", "close")))
         deadline = _real_s() + _CLOSING_S
         while wrong := self._look_at_modes():
             if _real_s() > deadline:
@@ -85,15 +92,29 @@ class Acutrol:
                     " door, end switch), then try again."
                 )
 
-    def position(self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float) -> None:
+    def _refuse_another_host(self) -> None:
+        """Raise InputError if an axis moves, or a mode is on, that this host has not set."""
+        self._look_at_modes()
+        on = [f"the {axis} axis is in mode {which}" for axis, which in self._modes.items() if which != OFF]
+        turning = [f"the {axis} axis turns at {rate:.2f} deg/s" for axis, rate in self._turning()]
+        if on or turning:
+            raise InputError(
+                f"{'; '.join(on + turning)}: another host commands the table. Nothing was sent. End the other program,"
+                " or stop the table: imutui table stop --controller URL"
+            )
+
+    def position(
+        self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float, *, as_it_is: bool = False
+    ) -> None:
         n, limits = self._number(axis), self.limits()[axis]
         limits.check(axis, angle_deg=angle_deg, rate_dps=rate_dps, accel_dps2=accel_dps2)
         _check_moves(axis, rate_dps, accel_dps2)
         if self._mode_of(axis) != POSITION:
             self._refuse_while_it_turns(axis)
+        self._tell(limit("acceleration", "rate", n, accel_dps2))
         self._tell(limit("rate", "position", n, rate_dps), limit("acceleration", "position", n, accel_dps2))
-        endless = limits.low_deg is None or limits.high_deg is None
-        self._tell(demand("position", n, angle_deg % 360.0 if endless else angle_deg))
+        turns = not as_it_is and (limits.low_deg is None or limits.high_deg is None)
+        self._tell(demand("position", n, angle_deg % 360.0 if turns else angle_deg))
         self._enter(axis, "position")
 
     def rate(self, axis: str, rate_dps: float, accel_dps2: float) -> None:
@@ -123,6 +144,7 @@ class Acutrol:
             self._refuse_while_it_turns(axis)
         if amplitude_deg:
             self._tell(
+                limit("acceleration", "rate", n, limits.accel_dps2),
                 limit("rate", "synthesis", n, min(1.1 * peak, limits.rate_dps)),
                 limit("acceleration", "synthesis", n, min(1.5 * sharpest, limits.accel_dps2)),
             )
@@ -143,40 +165,78 @@ class Acutrol:
             fault=self._fault,
         )
 
-    def stop(self) -> None:
-        try:
-            self._look_at_modes()
-            on = [axis for axis in self.axes if self._modes[axis] != OFF]
-        except TableLinkError:
-            raise
-        except TableError:  # whatever it says of its modes, it is to stop
-            on = list(self.axes)
-        failed = []
-        for axis in on:
-            for command in (demand("rate", self._number(axis), 0.0), mode("rate", self._number(axis))):
-                failed += self._failing(lambda command=command: self._tell(command))  # type: ignore[misc]
-        turning = self._wait_for_rest(on)
-        for axis in on:
-            failed += self._failing(lambda axis=axis: self._enter(axis, "off"))  # type: ignore[misc]
-        failed += [f"the {axis} axis turns still, at {rate:.2f} deg/s, its drive off" for axis, rate in turning]
-        if failed:
-            raise TableError(f"{'; '.join(failed)}. Use the table's own emergency stop.")
+    def stop(self, brakes_s: float | None = None) -> None:
+        numbers = self._fastest_first()
+        self._blind(each for n in numbers for each in (demand("rate", n, 0.0), mode("rate", n)))
+        if brakes_s is None:
+            brakes_s = self._braked()
+        self._pause(brakes_s)
+        self._blind(mode("off", n) for n in numbers)
+        self._confirm_rest()
 
-    @staticmethod
-    def _failing(what: Callable[[], None]) -> list[str]:
-        """Do something for one axis; returns what went wrong: the others are to stop all the same."""
+    def _fastest_first(self) -> list[int]:
+        """Numbers of all axes, the one that turned fastest at the last reading first."""
+        rates = {} if self._last is None else {self._number(a): abs(rate) for a, (_, rate) in self._last[1].items()}
+        return sorted(range(1, len(self.axes or AXES) + 1), key=lambda n: -rates.get(n, 0.0))
+
+    def _blind(self, commands: Iterable[Command]) -> None:
+        """Send commands and wait for no answer; one that the controller refuses at once is sent again."""
+        self._modes_ns = -_MODES_NS
+        for command in commands:
+            for _ in range(2):
+                self._link.send(acutrol.encode([command]))
+                if not self._link.acknowledges:
+                    time.sleep(self._link.pause_s)
+                    break
+                text = self._link.receive(_SLICE_S)[self._link.prefix :].strip().upper().decode("ascii", "replace")
+                if text.endswith(acutrol.DONE) or acutrol.DONE.startswith(text):  # all of it, or the beginning
+                    break
+
+    def _braked(self) -> float:
+        """Wait until all axes rest; returns how much longer to wait if the controller gives no rates, s."""
         try:
-            what()
-        except TableLinkError:
-            raise
-        except TableError as error:
-            return [str(error)]
-        return []
+            self._settle()
+            self.axes = self.axes or self._count()
+            self._wait_for_rest()
+        except TableError:
+            return _BRAKES_S
+        return 0.0
+
+    def _confirm_rest(self) -> None:
+        """Raise TableError unless the controller says that all axes rest with their modes off."""
+        self._settle()
+        self.axes = self.axes or self._count()
+        wrong = [f"the {axis} axis turns still, at {rate:.2f} deg/s" for axis, rate in self._wait_for_rest()]
+        deadline = _real_s() + _ENTERING_S
+        while True:
+            self._look_at_modes()
+            on = [axis for axis, which in self._modes.items() if which != OFF]
+            if not on or _real_s() > deadline:
+                break
+        wrong += [f"the {axis} axis was to enter mode off, and is in mode {self._modes[axis]}" for axis in on]
+        if wrong:
+            raise TableError(f"{'; '.join(wrong)}. Use the table's own emergency stop.")
+
+    def _settle(self) -> None:
+        """Let answers to commands that nothing waited for go by."""
+        if not self._link.acknowledges:
+            return
+        quiet_s = min(_SLICE_S + 2e-9 * (self._exchanged[1] - self._exchanged[0]), _PATIENCE_S)
+        deadline = _real_s() + _PATIENCE_S
+        while self._link.receive(quiet_s) and _real_s() < deadline:
+            pass
+
+    def _pause(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            self.meanwhile()
+            time.sleep(min(left, _SLICE_S))
 
     def disable(self) -> None:
-        self.stop()
-        for axis in self.axes:
-            self._tell(interlock("open", self._number(axis)))
+        self._look_at_modes()
+        if set(self._modes.values()) - {OFF}:
+            self.stop()
+        self._tell(*(interlock("open", self._number(axis)) for axis in self.axes))
         self._modes_ns = -_MODES_NS
 
     def close(self) -> None:
@@ -199,14 +259,15 @@ class Acutrol:
 
     def _limits_of(self, axis: str) -> AxisLimits:
         question = ask("limit", "absolute", axis=self._number(axis))
-        rate, accel, _, low, high, *_ = self._numbers([question], each=len(acutrol.ABSOLUTE_LIMITS))[0]
+        rate, accel, jerk, low, high, *_ = self._numbers([question], each=len(acutrol.ABSOLUTE_LIMITS))[0]
         endless = low >= high or max(abs(low), abs(high)) > _ENDLESS_DEG
         if not (rate > 0.0 and accel > 0.0):
             raise TableError(
                 f"{self._link.name}: limits of the {axis} axis are said to be {rate:g} deg/s and {accel:g} deg/s^2. If"
                 f" there is no such axis, name those that there are: acutrol://HOST:PORT?axes=inner"
             )
-        return AxisLimits(rate, accel, None if endless else low, None if endless else high)
+        lag = max(LAG_S, _JERK_LAG * accel / jerk) if jerk > 0.0 else LAG_S
+        return AxisLimits(rate, accel, None if endless else low, None if endless else high, lag)
 
     def _reading(self, axes: Sequence[str]) -> tuple[tuple[int, int], dict[str, tuple[float, float]]]:
         """When axes were asked and when they answered, ns, and angle and rate of each."""
@@ -264,15 +325,18 @@ class Acutrol:
         if abs(rate) >= RESTS_DPS:
             raise TableError(f"the {axis} axis turns, at {rate:.2f} deg/s: stop it, wait until it rests, then move it")
 
-    def _wait_for_rest(self, axes: Sequence[str]) -> list[tuple[str, float]]:
-        """Wait until axes rest; returns those that do not get slower, and their rates."""
+    def _turning(self) -> list[tuple[str, float]]:
+        """Axes that do not rest, and their rates."""
+        said = self._numbers([ask("read", "rate", axis=self._number(axis)) for axis in self.axes])
+        rates = zip(self.axes, (each[0] for each in said), strict=True)
+        return [(axis, rate) for axis, rate in rates if abs(rate) >= RESTS_DPS]
+
+    def _wait_for_rest(self) -> list[tuple[str, float]]:
+        """Wait until all axes rest; returns those that do not get slower, and their rates."""
         slower_at, least = time.monotonic(), math.inf
-        while axes:
-            found = self._reading(axes)[1]
-            turning = [(axis, found[axis][1]) for axis in axes if abs(found[axis][1]) >= RESTS_DPS]
+        while turning := self._turning():
+            self.meanwhile()
             total = sum(abs(rate) for _, rate in turning)
-            if not turning:
-                break
             if total < 0.95 * least:
                 slower_at, least = time.monotonic(), total
             elif time.monotonic() - slower_at > _SLOWING_S:
@@ -283,6 +347,7 @@ class Acutrol:
         """Send commands that ask nothing, each in a line of its own: one that fails is known then."""
         for command in commands:
             self._modes_ns = -_MODES_NS
+            self.meanwhile()
             if self._link.acknowledges:
                 self._asked([command], lambda texts: texts[0].upper() == acutrol.DONE)
             else:
@@ -325,7 +390,12 @@ class Acutrol:
         deadline = _real_s() + _PATIENCE_S
         self._link.send(line)
         while (left := deadline - _real_s()) > 0.0:
-            data = self._link.receive(min(left, self._link.quiet_s) if heard else left)
+            # a bus is read once an answer: it says where one ends
+            wait_s = self._link.quiet_s if heard else _SLICE_S
+            data = self._link.receive(min(left, wait_s) if self._link.quiet_s else left)
+            if not data and not heard:
+                self.meanwhile()
+                continue
             heard = heard or (time.monotonic_ns() if data else 0)
             answer = self._decoder.feed(data)
             self._has_line_ends |= answer is not None

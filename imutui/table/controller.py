@@ -1,7 +1,7 @@
 """What a controller of a turn table is: degrees and seconds, axes by the names of `filters.motion.segments.AXES`."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +14,9 @@ MODES = (OFF, POSITION, RATE, OSCILLATION)
 RESTS_DPS = 0.01
 """An axis that turns slower than this stands still."""
 
+LAG_S = 0.1
+"""Time by which an axis follows the reference of its drive, where the controller says nothing of its jerk."""
+
 
 class TableError(Exception):
     """The table can't do it, or does not as it should; says what, where, and what next."""
@@ -25,17 +28,29 @@ class TableLinkError(TableError):
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """What an axis may do, as read from the controller or given by the operator."""
+    """Limits of an axis, as the controller reports them or the operator gives them."""
 
     rate_dps: float  # positive
     accel_dps2: float  # positive
-    low_deg: float | None  # low_deg, high_deg: None: it turns without end
+    low_deg: float | None  # low_deg, high_deg: None: the axis turns without end
     high_deg: float | None
+    lag_s: float = LAG_S  # by which the axis follows its drive's reference, its jerk included
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest angle, deg; infinite where the axis has no stop."""
+        low = -math.inf if self.low_deg is None else self.low_deg
+        return low, math.inf if self.high_deg is None else self.high_deg
+
+    @property
+    def has_stops(self) -> bool:
+        """True if the axis has a stop on either side."""
+        return self.low_deg is not None or self.high_deg is not None
 
     def check(self, axis: str, *, angle_deg: float = math.nan, rate_dps: float = 0.0, accel_dps2: float = 0.0) -> None:
-        """Raise InputError if what is asked of an axis is not within its limits.
+        """Raise InputError if an angle, a rate or an acceleration is beyond the limits of an axis.
 
-        `angle_deg`: where it is to go; NaN where it is not told to go anywhere.
+        `angle_deg`: the angle that a command names; NaN if the command names none.
         `rate_dps`: of either sign.
         """
         for what, asked, most, unit in (
@@ -44,8 +59,7 @@ class AxisLimits:
         ):
             if not 0.0 <= asked <= most:
                 raise InputError(f"the {axis} axis is asked for a {what} of {asked:g} {unit}; its limit is {most:g}")
-        low = -math.inf if self.low_deg is None else self.low_deg
-        high = math.inf if self.high_deg is None else self.high_deg
+        low, high = self.ends
         if math.isinf(angle_deg) or not (math.isnan(angle_deg) or low <= angle_deg <= high):
             raise InputError(
                 f"the {axis} axis is asked for {angle_deg:g} deg; its limits are {low:g} to {high:g} deg. Nothing was"
@@ -71,50 +85,64 @@ class TableState:
 
 
 class TableController(Protocol):
-    """A controller on the line. All methods wait for their end.
+    """A controller on the line. Every method returns when it is done.
 
-    They raise TableError where the table does not do it, TableLinkError where it can't be asked, and InputError for
-    what is not within the limits: then nothing was sent.
+    Methods raise TableError if the table does not do it, TableLinkError if the controller cannot be asked, and
+    InputError if a value is beyond the limits. After an InputError nothing has been sent.
     """
 
     axes: tuple[str, ...]  # which of AXES it has, in the order of its numbers
+    meanwhile: Callable[[], None]  # called before each command, and while an answer is awaited; it may raise
 
     def identify(self) -> str:
-        """What it says of itself."""
+        """Return the controller's identification."""
         ...
 
     def limits(self) -> Mapping[str, AxisLimits]:
-        """Limits of each axis that it has, as the controller says them."""
+        """Return the limits of each axis, as the controller reports them."""
         ...
 
     def enable(self) -> None:
-        """Close the interlock, so that drives are ready, with the mode of all axes off."""
+        """Close the interlock, so that drives are ready, with the mode of all axes off.
+
+        Raises InputError if a mode is on or an axis turns: another host commands the table.
+        """
         ...
 
-    def position(self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float) -> None:
-        """Begin to go there, not faster than that."""
+    def position(
+        self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float, *, as_it_is: bool = False
+    ) -> None:
+        """Begin to go to an angle, no faster than a rate.
+
+        `as_it_is`: send the angle as it is. Otherwise an axis that turns without end is sent one within 0 to 360.
+        """
         ...
 
     def rate(self, axis: str, rate_dps: float, accel_dps2: float) -> None:
-        """Begin to turn at a rate of either sign, which is reached with no more than that acceleration."""
+        """Begin to turn at a rate of either sign, which the axis reaches with no more than an acceleration."""
         ...
 
     def oscillate(self, axis: str, amplitude_deg: float, hz: float) -> None:
-        """Begin to swing about where the axis is; an amplitude of 0.0 ends it."""
+        """Begin to swing about the present angle; an amplitude of 0.0 ends the swing."""
         ...
 
     def read(self) -> TableState:
-        """Where the axes are now."""
+        """Return the present angles and rates."""
         ...
 
-    def stop(self) -> None:
-        """Rate zero, then, when they rest, mode off, of all axes; an axis that is off already stays so."""
+    def stop(self, brakes_s: float | None = None) -> None:
+        """Bring all axes to rest: rate zero and rate mode of every axis, then mode off of every axis, unasked.
+
+        `brakes_s`: time that the axes take to come to rest, at most. Then nothing is asked before the mode is off.
+          Without it the controller is asked for rates until all axes rest.
+        Raises TableError if the controller does not confirm that all axes rest with their modes off.
+        """
         ...
 
     def disable(self) -> None:
-        """Stop, and open the interlock."""
+        """Open the interlock, after a stop if a mode is on."""
         ...
 
     def close(self) -> None:
-        """Close the link; the table goes on with what it was told."""
+        """Close the link; the table goes on with what it does."""
         ...

@@ -1,18 +1,22 @@
-"""What may be commanded of a table, and whether it does what it was commanded: no link, no clock.
+"""The only place that knows limits, paths and braking room of a table: no link, no clock.
 
-Limits come from the controller or from the operator; where both say one, the narrower counts. A command is checked
-before it is sent, a profile before it begins, and each reading against what the last command makes of it.
+Limits come from the controller or from the operator; the narrower one counts. The gate checks a command before the
+keeper sends it, a profile before it begins, and each reading against the last command.
+
+Angles are unwrapped: they go on through whole turns. A path may never leave the limits, and an axis must always have
+room to stop: with the acceleration of its own command, which its drive brakes with, after the lag of the table and the
+latency of the link. An axis outside its limits may move back towards them, and no farther out.
 """
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Sine
-from imutui.table.controller import AxisLimits, TableState
+from imutui.table.controller import RESTS_DPS, AxisLimits, TableState
 
 FOLLOW_DEG, FOLLOW_S = 0.5, 1.0
 """How far, and for how long, angles may be off what limits of rate and acceleration explain."""
@@ -22,6 +26,11 @@ _LATE_S = 0.25
 _FORGET_S = 20.0
 _BEYOND_RATE = 1.1, 1.0  # share, deg/s: faster than its limit by so much is out of control
 _EPSILON = 1e-6  # deg: no way to go
+# a controller that counts modulo 360 takes the short way: no command may ask for half a turn
+_LEG_DEG = 170.0
+_STANDS_DPS = 1.0  # an axis that is slower than this may be sent to an angle
+_LINES = 8  # that the link carries from the check of a rate to the first reading after it
+_OVER_S = 2.0  # a second each for a rate to be recognised, and for its end to be sent
 _LIMITS = 'such as "inner=200/100, outer=30/50/-90/90": deg/s, deg/s^2, and of an axis with stops low and high deg'
 
 
@@ -61,14 +70,34 @@ def _both(one: AxisLimits, other: AxisLimits | None = None) -> AxisLimits:
         min(one.accel_dps2, other.accel_dps2),
         max(lows, default=None),
         min(highs, default=None),
+        max(one.lag_s, other.lag_s),
     )
 
 
 def to_angle(now_deg: float, angle_deg: float, limits: AxisLimits) -> float:
-    """Where an axis is to go, on its own count: one without stops takes the short way."""
-    if limits.low_deg is not None or limits.high_deg is not None:
+    """Return the unwrapped angle that a command asks for; an axis without stops takes the short way."""
+    if limits.has_stops:
         return angle_deg
     return now_deg + math.remainder(angle_deg - now_deg, 360.0)
+
+
+def legs(now_deg: float, target_deg: float) -> list[float]:
+    """Return the angles to go to one after the other, so that the short way to each is the way wanted."""
+    count = max(1, math.ceil(abs(target_deg - now_deg) / _LEG_DEG))
+    return [now_deg + (target_deg - now_deg) * n / count for n in range(1, count)] + [target_deg]
+
+
+def _reaching(limits: AxisLimits, angle_deg: float) -> AxisLimits:
+    """Return the limits widened to the angle of an axis that is outside them, so that it may move back."""
+    low = None if limits.low_deg is None else min(limits.low_deg, angle_deg)
+    high = None if limits.high_deg is None else max(limits.high_deg, angle_deg)
+    return replace(limits, low_deg=low, high_deg=high)
+
+
+def pace(profile: Profile, limits: Mapping[str, AxisLimits]) -> dict[str, tuple[float, float]]:
+    """Return rate (deg/s) and acceleration (deg/s²) that a profile commands each axis with."""
+    slew, accel = in_degrees(profile.slew), in_degrees(profile.accel)
+    return {axis: (min(slew, own.rate_dps), min(accel, own.accel_dps2)) for axis, own in limits.items()}
 
 
 def limits_of(axis: str, limits: Mapping[str, AxisLimits]) -> AxisLimits:
@@ -83,7 +112,11 @@ def limits_of(axis: str, limits: Mapping[str, AxisLimits]) -> AxisLimits:
 
 
 def check_swing(axis: str, about_deg: float, limits: AxisLimits, amplitude_deg: float, hz: float) -> None:
-    """Refuse an oscillation about an angle that goes beyond limits; raises InputError."""
+    """Refuse an oscillation about an angle that goes beyond limits; raises InputError.
+
+    A swing that is stopped stays within its ends: its drive then brakes with the limit's acceleration, which is no less
+    than that of the swing.
+    """
     if not (math.isfinite(amplitude_deg) and amplitude_deg >= 0.0 and math.isfinite(hz) and hz > 0.0):
         raise InputError(f"`amplitude_deg` is {amplitude_deg} and `hz` {hz}, not a size and a frequency")
     omega = 2.0 * math.pi * hz
@@ -93,22 +126,37 @@ def check_swing(axis: str, about_deg: float, limits: AxisLimits, amplitude_deg: 
 
 
 def in_degrees(angle: float) -> float:
-    """An angle, or a rate, of radians; without what the conversion itself adds."""
+    """Convert an angle or a rate from radians, without the rounding of the conversion."""
     return round(math.degrees(angle), 9)
 
 
-def braking_deg(rate_dps: float, limits: AxisLimits) -> float:
-    """What an axis turns on, from a rate until it stands."""
-    return rate_dps**2 / (2.0 * limits.accel_dps2)
+def braking_deg(rate_dps: float, accel_dps2: float, late_s: float = 0.0) -> float:
+    """Return the way of an axis until it rests, deg.
+
+    `accel_dps2`: acceleration that its drive brakes with, which is that of its last command.
+    `late_s`: time before it begins to brake.
+    """
+    return abs(rate_dps) * late_s + rate_dps**2 / (2.0 * accel_dps2)
+
+
+def _check_turn(axis: str, now: float, limits: AxisLimits, rate_dps: float, way_deg: float, accel_dps2: float) -> None:
+    """Refuse a turn whose way leaves limits; raises InputError."""
+    low, high = limits.ends
+    room = high - now if rate_dps > 0.0 else now - low
+    if way_deg > room:
+        raise InputError(
+            f"the {axis} axis at {rate_dps:g} deg/s turns by {way_deg:.1f} deg until it stands, at {accel_dps2:g}"
+            f" deg/s^2, with the lags of link and table; it has {max(room, 0.0):.1f} deg to its limit. Nothing was sent"
+        )
 
 
 def check_profile(profile: Profile, limits: Mapping[str, AxisLimits], begin_deg: Sequence[float]) -> None:
     """Refuse a profile of which any part would go beyond limits, from the table's angles at its beginning, (3,).
 
-    Moves between dwells are made no faster than limits allow; all else is as the profile has it.
+    Moves between dwells are no faster than limits allow. A rate is reached and left with the profile's acceleration.
     Raises InputError that names the segment, counted from 1.
     """
-    angles = dict(zip(AXES, begin_deg, strict=True))
+    angles, paces = dict(zip(AXES, begin_deg, strict=True)), pace(profile, limits)
     for number, segment in enumerate(profile.segments, 1):
         try:
             match segment:
@@ -121,13 +169,15 @@ def check_profile(profile: Profile, limits: Mapping[str, AxisLimits], begin_deg:
                             limits_of(axis, limits)
                 case Rate():
                     own, rate = limits_of(segment.axis, limits), in_degrees(segment.rate)
-                    # a second each for the rate to be there, and for whoever ends it
-                    turned = rate * (segment.seconds + 2.0) + math.copysign(2.0 * braking_deg(rate, own), rate)
-                    angles[segment.axis] += turned
-                    own.check(segment.axis, angle_deg=angles[segment.axis], rate_dps=rate)
+                    own.check(segment.axis, rate_dps=rate)
+                    begin, accel = angles[segment.axis], paces[segment.axis][1]
+                    ramps = 2.0 * braking_deg(rate, accel)
+                    longest = ramps + abs(rate) * (segment.seconds + _OVER_S + own.lag_s)
+                    _check_turn(segment.axis, begin, _reaching(own, begin), rate, longest, accel)
+                    angles[segment.axis] += math.copysign(ramps + abs(rate) * segment.seconds, rate)
                 case Sine():
-                    own = limits_of(segment.axis, limits)
-                    check_swing(segment.axis, angles[segment.axis], own, in_degrees(segment.amplitude), segment.hz)
+                    own, begin = limits_of(segment.axis, limits), angles[segment.axis]
+                    check_swing(segment.axis, begin, own, in_degrees(segment.amplitude), segment.hz)
                 case Sampled():
                     raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
         except InputError as error:
@@ -177,20 +227,84 @@ class _Expected:
 
 @dataclass(slots=True)
 class Follower:
-    """Compares readings with commands; `angles_deg` are the axes' own counts, on through whole turns."""
+    """Checks commands against the newest reading, and readings against the commands.
+
+    `slack`: how much more patience than usual: the times that time runs faster.
+    `wraps`: axes that the controller counts modulo 360.
+    `angles_deg`: angles of all axes, unwrapped.
+    """
 
     limits: Mapping[str, AxisLimits]
-    slack: float = 1.0  # how much more patience than usual: the times that time runs faster
+    slack: float = 1.0
+    wraps: Collection[str] = AXES
     angles_deg: list[float] = field(default_factory=list)
     rates_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mode: str = "off"  # that was commanded last
+    must_stop_s: float = math.inf  # time by which a stop must be sent if no other reading comes, monotonic
     _expected: dict[str, _Expected] = field(default_factory=dict)
+    _brakes: dict[str, float] = field(default_factory=dict)  # acceleration that an axis brakes with, deg/s²
+    _reach: dict[str, AxisLimits] = field(default_factory=dict)  # limits, widened to an axis outside them
+    _link_s: float = 0.0  # from a question to its answer, the longest of late
     _swung: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
     _other_mode_since_s: float | None = None
 
     @property
     def _late_s(self) -> float:
         return _LATE_S * self.slack
+
+    def path(self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float) -> list[float]:
+        """Return angles to send an axis to, one after the other; raises InputError if the path leaves its limits."""
+        own, k = limits_of(axis, self.limits), AXES.index(axis)
+        now, turns = self.angles_deg[k], self.rates_dps[k]
+        target = to_angle(now, angle_deg, own)
+        self._reach[axis].check(axis, angle_deg=target, rate_dps=rate_dps, accel_dps2=accel_dps2)
+        if not (rate_dps > 0.0 and accel_dps2 > 0.0):
+            raise InputError(f"`rate_dps` is {rate_dps:g} and `accel_dps2` {accel_dps2:g}; both must be positive")
+        if abs(turns) > _STANDS_DPS:
+            raise InputError(f"the {axis} axis turns still; have it stand first: a rate of zero")
+        if abs(turns) > RESTS_DPS:
+            way = braking_deg(turns, accel_dps2, own.lag_s + self._late_s)
+            _check_turn(axis, now, self._reach[axis], turns, way, accel_dps2)
+        return legs(now, target) if own.has_stops and axis in self.wraps else [target]
+
+    def check_rate(self, axis: str, rate_dps: float, accel_dps2: float) -> None:
+        """Refuse a rate from which an axis cannot stop within its limits; raises InputError.
+
+        A rate that only slows an axis down, no more gently than it brakes already, is never refused.
+        """
+        own, k = limits_of(axis, self.limits), AXES.index(axis)
+        own.check(axis, rate_dps=rate_dps, accel_dps2=accel_dps2)
+        if not accel_dps2 > 0.0:
+            raise InputError(f"`accel_dps2` is {accel_dps2:g}; it must be positive")
+        now, turns = self.angles_deg[k], self.rates_dps[k]
+        slows = abs(rate_dps) <= abs(turns) and rate_dps * turns >= 0.0
+        if slows and self.mode != "off" and accel_dps2 >= self._braking(axis):
+            return
+        late_s = own.lag_s + self._late_s + (2 + _LINES) * self._link_s
+        for way in (rate_dps, turns):
+            if abs(way) > RESTS_DPS:
+                _check_turn(axis, now, self._reach[axis], way, braking_deg(way, accel_dps2, late_s), accel_dps2)
+
+    def check_swing(self, axis: str, amplitude_deg: float, hz: float) -> None:
+        """Refuse an oscillation that leaves the limits of an axis; raises InputError.
+
+        One that swings already may go on about its centre, or about where it is.
+        """
+        limits_of(axis, self.limits)
+        for about in (self.angles_deg[AXES.index(axis)], self._centre(axis)):
+            check_swing(axis, about, self._reach[axis], amplitude_deg, hz)
+
+    def _centre(self, axis: str) -> float:
+        before = self._expected.get(axis)
+        return before.angle if before and before.mode == "oscillation" else self.angles_deg[AXES.index(axis)]
+
+    def _braking(self, axis: str) -> float:
+        return self._brakes.get(axis, self.limits[axis].accel_dps2)
+
+    def braking_s(self) -> float:
+        """Return the time after which all axes rest if they begin to brake now, at most."""
+        of = [(abs(self.rates_dps[AXES.index(axis)]), own, self._braking(axis)) for axis, own in self.limits.items()]
+        return max((rate / accel + own.lag_s + self._late_s for rate, own, accel in of), default=0.0)
 
     def commanded(
         self, axis: str, mode: str, t_s: float, target: float, speed: float = 0.0, accel: float = 1.0,
@@ -202,50 +316,76 @@ class Follower:
         """
         k = AXES.index(axis)
         rate = self.rates_dps[k] if mode == "rate" else speed
-        self._expected[axis] = _Expected(
-            mode, t_s, self.angles_deg[k], rate, target, accel, speed, self._late_s + took_s
-        )
+        angle = self._centre(axis) if mode == "oscillation" else self.angles_deg[k]
+        self._expected[axis] = _Expected(mode, t_s, angle, rate, target, accel, speed, self._late_s + took_s)
+        self._brakes[axis] = self.limits[axis].accel_dps2 if mode == "oscillation" else accel
         self._swung[axis] = deque()
         self.mode = mode
 
+    def is_there(self, axis: str, angle_deg: float) -> bool:
+        """Return whether an axis rests at an angle."""
+        k = AXES.index(axis)
+        return abs(self.angles_deg[k] - angle_deg) < FOLLOW_DEG and abs(self.rates_dps[k]) < RESTS_DPS
+
     def stopped(self) -> None:
-        """Expect nothing any more."""
-        self.mode = "off"
+        """Forget the commands: the table stands."""
+        self.mode, self.must_stop_s = "off", math.inf
         self._expected.clear()
 
     def wrong(self, state: TableState) -> str:
-        """What is wrong with a reading, in words; "" of one that is as commanded."""
+        """Take a reading; returns how it disagrees with the commands, in words, or ""."""
         t_s = state.stamp_ns / 1e9
         self._take(state)
         if state.fault:
             return f"the controller says: {state.fault}"
         if self.mode == "off":
             return ""
+        self.must_stop_s = math.inf
         for k, axis in enumerate(AXES):
-            if axis in self.limits and (said := self._out_of_control(axis, k) or self._strays(axis, k, t_s)):
+            if axis in self.limits and (said := self._out_of_control(axis, k, t_s) or self._strays(axis, k, t_s)):
                 return said
         return self._left_mode(state.mode, t_s)
 
     def _take(self, state: TableState) -> None:
-        if not self.angles_deg:
-            self.angles_deg = list(state.angles_deg)
-        for k, angle in enumerate(state.angles_deg):
-            self.angles_deg[k] += math.remainder(angle - self.angles_deg[k], 360.0)
+        before = self.angles_deg or [self._first(axis) for axis in AXES]
+        self.angles_deg = [
+            was + math.remainder(angle - was, 360.0) if axis in self.wraps else angle
+            for axis, was, angle in zip(AXES, before, state.angles_deg, strict=True)
+        ]
         self.rates_dps = state.rates_dps
+        self._link_s = max(0.95 * self._link_s, 2e-9 * state.uncertainty_ns)
+        for axis, own in self.limits.items():
+            now = _reaching(own, self.angles_deg[AXES.index(axis)])
+            # an axis that comes back from beyond its limits does not go there again
+            was = self._reach.get(axis, now) if self.mode != "off" else now
+            self._reach[axis] = _both(was, now)
 
-    def _out_of_control(self, axis: str, k: int) -> str:
+    def _first(self, axis: str) -> float:
+        """Return the angle that the first reading of an axis is the nearest turn to: the middle of its limits."""
+        low, high = self.limits[axis].ends if axis in self.limits else (-math.inf, math.inf)
+        return (low + high) / 2.0 if math.isfinite(low) and math.isfinite(high) else 0.0
+
+    def _out_of_control(self, axis: str, k: int, t_s: float) -> str:
         limits, angle, rate = self.limits[axis], self.angles_deg[k], self.rates_dps[k]
-        low = -math.inf if limits.low_deg is None else limits.low_deg - FOLLOW_DEG
-        high = math.inf if limits.high_deg is None else limits.high_deg + FOLLOW_DEG
-        if not low <= angle <= high:
+        low, high = self._reach[axis].ends
+        if not low - FOLLOW_DEG <= angle <= high + FOLLOW_DEG:
             return f"{axis} is at {angle:.2f}°, beyond its limits"
         if abs(rate) > _BEYOND_RATE[0] * limits.rate_dps + _BEYOND_RATE[1]:
             return f"{axis} turns at {rate:.1f} deg/s, above its limit of {limits.rate_dps:g} deg/s"
         expected = self._expected.get(axis)
-        if expected is not None and expected.mode == "rate" and expected.target:
-            ahead = angle + math.copysign(braking_deg(rate, limits), expected.target) + self._late_s * rate
-            if not low <= ahead <= high:
+        if expected is None or expected.mode != "rate" or not expected.target:
+            return ""
+        late_s, accel = limits.lag_s + self._late_s + 2.0 * self._link_s, self._braking(axis)
+        for way, room in ((1.0, high - angle), (-1.0, angle - low)):
+            # its drive may be ahead of it on the way to the rate commanded, and goes on there until a stop comes
+            turns = max(way * rate, 0.0)
+            fastest = max(turns, min(way * expected.target, turns + accel * late_s))
+            if fastest < RESTS_DPS or math.isinf(room):
+                continue
+            spare_s = (room - braking_deg(fastest, accel, late_s)) / fastest
+            if spare_s <= 0.0:
                 return f"{axis} at {rate:+.1f} deg/s comes to its limit: it is at {angle:.1f}°"
+            self.must_stop_s = min(self.must_stop_s, t_s + spare_s + self._late_s / 2.0)
         return ""
 
     def _strays(self, axis: str, k: int, t_s: float) -> str:

@@ -1,8 +1,11 @@
-"""The keeper of a table: the one process that has the link, and the gate that every command goes through.
+"""The keeper of a table: the one process that has the link, and passes every command through the gate.
 
-Its owner writes a line of JSON for each command to its stdin, and reads what it says from its stdout; `owner` is that
-side. It polls angles as fast as the link answers, and stops the table, at once and by itself, when a command is not
-followed, the controller reports a fault, the link is lost, or its owner falls silent, ends or is killed.
+Its owner (`owner`) writes a line of JSON for each command to the keeper's stdin, and reads the keeper's stdout. The
+keeper polls angles as fast as the link answers. It stops the table when the table does not follow a command, the
+controller reports a fault, the link is lost, or its owner falls silent, ends or is killed.
+
+A stop gets in between any two lines to the controller. The keeper sends it over its link and over new ones until the
+controller confirms that the table rests; if none does, the keeper's last words ask for the emergency stop.
 """
 
 import contextlib
@@ -12,22 +15,25 @@ import os
 import select
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, TypedDict, cast
 
 from filters.errors import InputError
 from filters.motion.segments import AXES
+from imutui import defects
 from imutui.table import gate
-from imutui.table.controller import AxisLimits, TableController, TableError
+from imutui.table.controller import OFF, AxisLimits, TableController, TableError, TableLinkError
 
 SILENT_S = 1.0
 """So long without a word of its owner, in real time, and the table is stopped."""
+BRAKES_S = 3.0
+"""Time for an axis to come to rest, where its rate is not known."""
 _POLL_S = 1.0 / 200.0
 _AGAIN_S, _PATIENCE_S = 0.5, 60.0
+_ALIVE_S = 0.5  # between two words to the owner while a command takes its time
 _MOST = 1 << 16
-# what the controller itself is asked before a mode is changed from a rate: until then it would jerk
-_STANDS_DPS = 1.0
 _real_s, _wait = time.monotonic, time.sleep  # its owner is waited for in real time, whatever the process's own is
 
 
@@ -43,14 +49,15 @@ class StateTold(TypedDict):
 
 
 class Told(TypedDict, total=False):
-    """A line of what a keeper tells: of the first one identity, axes and limits, of others what they are about."""
+    """A line from a keeper: the first has identity, axes and limits; an empty one says that the keeper lives."""
 
     identity: str
     axes: Sequence[str]
     limits: Mapping[str, Mapping[str, float | None]]
     state: StateTold
     did: str  # a command that was carried out
-    refused: str  # why one was not: nothing was sent
+    refused: str  # why one was not carried out
+    to: int  # the number of that command
     said: str
     error: str  # why it ends, if not as told
     ended: bool  # of its last words: it has done what it could for the table to stand still
@@ -58,50 +65,124 @@ class Told(TypedDict, total=False):
 
 
 class OwnerGoneError(Exception):
-    """Nobody is there any more who could stop the table; says why."""
+    """The owner, who could stop the table, has ended or is silent; the message says which."""
+
+
+class StopAskedError(Exception):
+    """A stop waits to be carried out: what is being sent is given up."""
+
+
+Connect = Callable[[bool], TableController]
+"""Makes a link; the argument says whether it may ask anything now."""
+
+
+def stop_for_certain(
+    controller: TableController | None,
+    connect: Connect,
+    tell: Callable[[str], None],
+    brakes_s: float = BRAKES_S,
+    *,
+    is_deaf: bool = False,
+) -> TableController | None:
+    """Stop a table, over new links where the one at hand fails, for a minute.
+
+    `controller`: the link at hand; None: there is none.
+    `tell`: takes what failed, in words.
+    `brakes_s`: time within which all axes come to rest.
+    `is_deaf`: ask nothing over the link at hand either before the modes are off; over a new link that is always so.
+    Returns the link over which the controller has confirmed that all axes rest with their modes off, or None.
+    """
+    until_s, said = _real_s() + _PATIENCE_S, ""
+    while True:
+        try:
+            controller = controller or connect(False)
+            controller.stop(brakes_s if is_deaf else None)
+        except Exception as error:  # noqa: BLE001 - whatever it fails with, another link is the next to be tried
+            if str(error) != said:
+                said = str(error)
+                tell(
+                    f"the stop is not confirmed and is sent again; press the emergency stop if the table turns: {said}"
+                )
+        else:
+            return controller
+        if controller is not None:
+            with contextlib.suppress(TableError):
+                controller.close()
+        controller, is_deaf = None, True
+        if _real_s() > until_s:
+            return None
+        _wait(_AGAIN_S)
 
 
 class Keeper:
-    """Has the link until it ends; `connect` makes it, and once more should it be lost.
+    """Has the link until it ends.
 
+    `connect`: makes the link, and once more should it be lost.
     `given`: limits that the operator gives.
-    `say`: takes what the owner is to be told.
+    `say`: takes each record for the owner.
+    `lines`: has the owner's commands.
     `speed`: times that time runs faster, of a trial.
     Raises TableError if there is no controller.
     """
 
     def __init__(
         self,
-        connect: Callable[[], TableController],
+        connect: Connect,
         given: Mapping[str, AxisLimits],
         say: Callable[[Told], None],
+        lines: "Lines",
         speed: float = 1.0,
     ) -> None:
         self._connect = connect
         self._say = say
-        self._controller = controller = connect()
+        self._lines = lines
+        self._controller = controller = connect(True)
         identity = controller.identify()
         read = controller.limits()
         known = gate.narrower(read, given)
         self.limits = {axis: known[axis] for axis in controller.axes if axis in known}
-        self._follower = gate.Follower(self.limits, speed)
-        self._enabled = False
+        wraps = [axis for axis, own in read.items() if not own.has_stops]
+        self._follower = gate.Follower(self.limits, speed, wraps)
+        self._legs: dict[str, tuple[deque[float], float, float]] = {}  # angles still to go to, rate, acceleration
+        self._enabled = self._stops_now = False
+        self._stops = 0  # how many the owner has asked for
+        self._alive_s = _real_s()
+        controller.meanwhile = self._heed
         told = {axis: asdict(limits) for axis, limits in self.limits.items()}
         say({"identity": identity, "axes": controller.axes, "limits": told})
 
+    def _heed(self) -> None:
+        """Look up while the controller is busy; raises what must interrupt it."""
+        if _real_s() - self._alive_s > _ALIVE_S:
+            self._alive_s = _real_s()
+            self._say({})
+        if self._stops_now:
+            return
+        self._lines.look(0.0)
+        if self._lines.stop_waits:
+            raise StopAskedError
+        if self._enabled and time.monotonic() > self._follower.must_stop_s:
+            raise TableError("the controller answers too late for an axis to stop before its limit.")
+
     def poll(self) -> None:
-        """Ask angles and tell them; raises TableError where something is wrong."""
+        """Read angles and report them; raises TableError if something is wrong."""
         state = self._controller.read()
-        self._say({"state": cast("StateTold", asdict(state))})
         wrong = self._follower.wrong(state)
-        if wrong and (self._enabled or self._follower.mode != "off"):
+        told = asdict(state) | {"angles_deg": self._follower.angles_deg}
+        self._say({"state": cast("StateTold", told)})
+        if wrong and (self._enabled or self._follower.mode != OFF):
             raise TableError(f"{wrong}.")
+        for axis, (angles, *_) in self._legs.items():
+            if len(angles) > 1 and self._follower.is_there(axis, angles[0]):
+                angles.popleft()
+                self._send_leg(axis)
 
     def carry_out(self, line: bytes) -> bool:
-        """Do what a line asks; what is refused is told, and nothing sent. Returns whether to go on.
+        """Do what a line asks, or report why not. Returns whether to go on.
 
-        Raises TableError where the controller does not do it.
+        Raises TableError if the controller does not do it.
         """
+        asked: dict[str, Any] = {}
         try:
             asked = _read(line)
             do = asked["do"]
@@ -111,115 +192,130 @@ class Keeper:
                 raise InputError(f'`do` is "{do}", not one of: {", ".join(_COMMANDS)}, off')
             _COMMANDS[do](self, asked)
         except InputError as error:
-            self._say({"refused": str(error)})
+            self._say({"refused": str(error), "to": asked.get("number", 0)})
+        except StopAskedError:
+            self._say({"refused": "the table is being stopped", "to": asked.get("number", 0)})
         else:
             if do != "beat":
-                self._say({"did": do})
+                self._say({"did": do, "to": asked.get("number", 0)})
         return True
 
     def _do_beat(self, asked: Mapping[str, Any]) -> None:
         pass
 
-    def _do_enable(self, _: Mapping[str, Any]) -> None:
+    def _do_enable(self, asked: Mapping[str, Any]) -> None:
+        self._refuse_before_a_stop(asked)
         for axis in self._controller.axes:  # an axis without limits may not be there when others move
             gate.limits_of(axis, self.limits)
-        self._controller.enable()
-        self._enabled = True
+        was, self._enabled = self._enabled, True  # from the first line on that is sent
+        try:
+            self._controller.enable()
+        except InputError:
+            self._enabled = was
+            raise
 
     def _do_move(self, asked: Mapping[str, Any]) -> None:
-        rate, accel, targets = _number(asked, "rate_dps"), _number(asked, "accel_dps2"), {}
+        rate, accel = _number(asked, "rate_dps"), _number(asked, "accel_dps2")
         angles = asked.get("angles_deg")
         if not isinstance(angles, list) or len(angles) != len(AXES):
             raise InputError("`angles_deg` is not a list of three: outer, middle, inner")
         wanted = {axis: _number({axis: angle}, axis) for axis, angle in zip(AXES, angles, strict=True)}
-        self._refuse_unless_enabled()
-        for axis, angle in wanted.items():
-            if axis not in self._controller.axes and angle == 0.0:
-                continue
-            limits, k = gate.limits_of(axis, self.limits), AXES.index(axis)
-            targets[axis] = gate.to_angle(self._follower.angles_deg[k], angle, limits)
-            limits.check(axis, angle_deg=targets[axis], rate_dps=rate, accel_dps2=accel)
-            if not (rate > 0.0 and accel > 0.0):
-                raise InputError(f"`rate_dps` is {rate:g} and `accel_dps2` {accel:g}; both must be positive")
-            if abs(self._follower.rates_dps[k]) > _STANDS_DPS:
-                raise InputError(f"{axis} turns still; have it stand first: a rate of zero")
-        for axis, target in targets.items():
-            # as the controller counts, which may begin anew with each turn
-            begun_s = time.monotonic()
-            self._controller.position(axis, target, rate, accel)
-            self._follower.commanded(axis, "position", begun_s, target, rate, accel, took_s=time.monotonic() - begun_s)
+        self._refuse_unless_enabled(asked)
+        has = [axis for axis in wanted if axis in self._controller.axes or wanted[axis] != 0.0]
+        paths = {axis: self._follower.path(axis, wanted[axis], rate, accel) for axis in has}
+        self._legs = {axis: (deque(path), rate, accel) for axis, path in paths.items()}
+        for axis in paths:
+            self._send_leg(axis)
+
+    def _send_leg(self, axis: str) -> None:
+        angles, rate, accel = self._legs[axis]
+        begun_s = time.monotonic()
+        self._controller.position(axis, angles[0], rate, accel, as_it_is=self.limits[axis].has_stops)
+        self._follower.commanded(axis, "position", begun_s, angles[0], rate, accel, took_s=time.monotonic() - begun_s)
 
     def _do_rate(self, asked: Mapping[str, Any]) -> None:
         axis, rate = str(asked.get("axis")), _number(asked, "rate_dps")
-        self._refuse_unless_enabled()
+        self._refuse_unless_enabled(asked)
         limits = gate.limits_of(axis, self.limits)
         accel = _number(asked, "accel_dps2") if "accel_dps2" in asked else limits.accel_dps2
-        limits.check(axis, rate_dps=rate, accel_dps2=accel)
-        if not accel > 0.0:
-            raise InputError(f"`accel_dps2` is {accel:g}; it must be positive")
+        self._follower.check_rate(axis, rate, accel)
+        self._legs.pop(axis, None)
         begun_s = time.monotonic()
         self._controller.rate(axis, rate, accel)
         self._follower.commanded(axis, "rate", begun_s, rate, accel=accel, took_s=time.monotonic() - begun_s)
 
     def _do_oscillate(self, asked: Mapping[str, Any]) -> None:
         axis, amplitude, hz = str(asked.get("axis")), _number(asked, "amplitude_deg"), _number(asked, "hz")
-        self._refuse_unless_enabled()
-        limits = gate.limits_of(axis, self.limits)
-        gate.check_swing(axis, self._follower.angles_deg[AXES.index(axis)], limits, amplitude, hz)
+        self._refuse_unless_enabled(asked)
+        self._follower.check_swing(axis, amplitude, hz)
+        self._legs.pop(axis, None)
         begun_s = time.monotonic()
         self._controller.oscillate(axis, amplitude, hz)
         self._follower.commanded(axis, "oscillation", begun_s, amplitude, hz, took_s=time.monotonic() - begun_s)
 
-    def _do_stop(self, _: Mapping[str, Any]) -> None:
-        self._follower.stopped()
+    def _do_stop(self, asked: Mapping[str, Any]) -> None:
+        self._stops = max(self._stops, round(_number(asked, "stops"))) if "stops" in asked else self._stops
+        self._legs.clear()
+        self._stops_now = True
         self._controller.stop()
+        self._stops_now = False
+        self._follower.stopped()
 
-    def _refuse_unless_enabled(self) -> None:
+    def _refuse_unless_enabled(self, asked: Mapping[str, Any]) -> None:
+        self._refuse_before_a_stop(asked)
         if not self._enabled:
             raise InputError("nothing moves before it is enabled: somebody must say so, and the interlock be closed")
         if not self._follower.angles_deg:
             raise InputError("no angles were read yet; ask again")
 
-    def end(self, why: str, *, is_error: bool) -> None:
-        """Stop the table, if it was enabled here, open its interlock, and say why; on a lost link by another one."""
+    def _refuse_before_a_stop(self, asked: Mapping[str, Any]) -> None:
+        """Refuse a command that its owner decided on before a stop, and wrote after it."""
+        if "stops" in asked and _number(asked, "stops") < self._stops:
+            raise InputError("the table was stopped meanwhile")
+
+    def end(self, why: str, *, is_error: bool, is_deaf: bool = False) -> None:
+        """Stop the table, if it was enabled here, open its interlock, and report why.
+
+        `is_deaf`: the controller's answers are lost, so that the stop asks for nothing.
+        """
         begun_s = _real_s()
         stopped = "the table was not moved from here"
         if self._enabled:
-            stopped = "it was stopped: rate zero, mode off" if self._stop() else _NOT_STOPPED
+            stopped = "it was stopped: rate zero, mode off" if self._stop(is_deaf) else _NOT_STOPPED
         said = f"{why} {stopped[0].upper()}{stopped[1:]}."
         self._say({"error": said, "ended": True} if is_error else {"said": said, "ended": True})
         with contextlib.suppress(TableError):
-            if self._enabled:
+            if self._enabled and stopped != _NOT_STOPPED:
                 self._controller.disable()
         with contextlib.suppress(TableError):
             self._controller.close()
         self._say({"ended_in_s": _real_s() - begun_s})
 
-    def _stop(self) -> bool:
-        """Stop; by another link where this one has gone, for as long as there is hope. Returns whether it was done."""
-        until_s, is_open = _real_s() + _PATIENCE_S, True
-        while _real_s() < until_s:
-            try:
-                if not is_open:
-                    self._controller = self._connect()
-                    is_open = True
-                self._controller.stop()
-            except Exception as error:  # noqa: BLE001 - whatever it fails with, another link is the next to be tried
-                self._say({"said": f"connecting again, to stop the table: {error}"})
-                if is_open:
-                    is_open = False
-                    with contextlib.suppress(TableError):
-                        self._controller.close()
-                _wait(_AGAIN_S)
-            else:
-                return True
-        return False
+    def _stop(self, is_deaf: bool) -> bool:
+        self._stops_now = True
+        found = stop_for_certain(
+            self._controller,
+            self._connected,
+            lambda said: self._say({"said": said}),
+            self._follower.braking_s(),
+            is_deaf=is_deaf,
+        )
+        self._controller = found or self._controller
+        return found is not None
+
+    def _connected(self, asks: bool) -> TableController:
+        controller = self._connect(asks)
+        controller.meanwhile = self._heed
+        return controller
 
 
 _COMMANDS: dict[str, Callable[[Keeper, Mapping[str, Any]], None]] = {
     name.removeprefix("_do_"): function for name, function in vars(Keeper).items() if name.startswith("_do_")
 }
-_NOT_STOPPED = f"the table could NOT be stopped: no link came back within {_PATIENCE_S:g} s. Press its emergency stop"
+_NOT_STOPPED = (
+    f"rate zero and mode off were sent, and the controller has NOT confirmed within {_PATIENCE_S:g} s that the table"
+    " rests. Press its emergency stop"
+)
 
 
 def _read(line: bytes) -> dict[str, Any]:
@@ -241,25 +337,38 @@ def _number(asked: Mapping[str, Any], name: str) -> float:
 
 
 class Lines:
-    """What the owner writes, line by line; `since_s` is when it last did, in real time."""
+    """Lines that the owner writes, `waiting` to be carried out; `signal` is one that asks the keeper to end."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._rest = b""
-        self.since_s = _real_s()
+        self.waiting: deque[bytes] = deque()
+        self.signal = ""
+        self._since_s = _real_s()  # when the owner wrote last
 
-    def take(self, wait_s: float) -> list[bytes]:
-        """Lines that come within a time; raises OwnerGoneError at their end, or if none came for too long."""
+    def look(self, wait_s: float) -> None:
+        """Take lines that come within a time; raises OwnerGoneError at their end, or if none came for too long."""
         if select.select((self._descriptor,), (), (), wait_s)[0]:
             data = os.read(self._descriptor, _MOST)
             if not data:
-                raise OwnerGoneError("whoever commanded the table has ended.")
-            self.since_s = _real_s()
+                raise OwnerGoneError("the program that commanded the table has ended.")
+            self._since_s = _real_s()
             *lines, self._rest = (self._rest + data).split(b"\n")
-            return [line for line in lines if line.strip()]
-        if _real_s() - self.since_s > SILENT_S:
-            raise OwnerGoneError(f"whoever commanded the table has said nothing for {SILENT_S:g} s.")
-        return []
+            self.waiting += [line for line in lines if line.strip()]
+        elif _real_s() - self._since_s > SILENT_S:
+            raise OwnerGoneError(f"the program that commanded the table has said nothing for {SILENT_S:g} s.")
+
+    @property
+    def stop_waits(self) -> bool:
+        """True if a line or a signal that waits stops the table."""
+        return bool(self.signal) or any(map(_stops, self.waiting))
+
+
+def _stops(line: bytes) -> bool:
+    try:
+        return _read(line)["do"] in ("stop", "off")
+    except InputError:  # it is refused when it is carried out
+        return False
 
 
 def writer(descriptor: int) -> Callable[[Told], None]:
@@ -274,34 +383,43 @@ def writer(descriptor: int) -> Callable[[Told], None]:
     return say
 
 
-def run(connect: Callable[[], TableController], given: Mapping[str, AxisLimits], speed: float = 1.0) -> int:
-    """Keep a table until it is told to end, or must; returns the process's exit code."""
-    say = writer(1)
-    asked_to_end: list[str] = []
+def run(connect: Connect, given: Mapping[str, AxisLimits], speed: float = 1.0) -> int:
+    """Keep a table until the owner or a signal ends it, or something is wrong; returns the process's exit code."""
+    say, lines = writer(1), Lines(0)
+
+    def ask_to_end(number: int, _: object) -> None:
+        lines.signal = signal.Signals(number).name
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: asked_to_end.append(signal.Signals(number).name))
+        signal.signal(number, ask_to_end)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        keeper = Keeper(connect, given, say, speed)
+        keeper = Keeper(connect, given, say, lines, speed)
     except TableError as error:
         say({"error": str(error), "ended": True})
         return 4
-    lines, goes_on = Lines(0), True
     try:
-        while goes_on and not asked_to_end:
-            due_s = _real_s() + _POLL_S / speed
-            keeper.poll()
-            for line in lines.take(max(0.0, due_s - _real_s())):
-                goes_on = goes_on and keeper.carry_out(line)
+        _keep(keeper, lines, _POLL_S / speed)
     except TableError as error:
-        keeper.end(str(error), is_error=True)
+        keeper.end(str(error), is_error=True, is_deaf=isinstance(error, TableLinkError))
         return 4
     except OwnerGoneError as gone:
         keeper.end(str(gone), is_error=True)
         return 4
-    except BaseException:
-        # a defect of our own: whatever it is, the table must not turn on
-        keeper.end("the keeper of the table met with an error of its own.", is_error=True)
-        raise
-    keeper.end(f"ended by {asked_to_end[0]}." if asked_to_end else "ended as told.", is_error=bool(asked_to_end))
+    except Exception as error:  # noqa: BLE001 - a defect of our own: whatever it is, the table must not turn on
+        keeper.end(defects.told(error), is_error=True)
+        return 4
+    keeper.end(f"ended by {lines.signal}." if lines.signal else "ended as told.", is_error=bool(lines.signal))
     return 0
+
+
+def _keep(keeper: Keeper, lines: Lines, poll_s: float) -> None:
+    """Poll, and carry out lines, until one or a signal ends it."""
+    while not lines.signal:
+        due_s = _real_s() + poll_s
+        with contextlib.suppress(StopAskedError):  # it is among the lines
+            keeper.poll()
+        lines.look(0.0 if lines.waiting else max(0.0, due_s - _real_s()))
+        while lines.waiting:
+            if not keeper.carry_out(lines.waiting.popleft()):
+                return

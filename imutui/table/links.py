@@ -15,7 +15,7 @@ _QUIET_TCP_S, _QUIET_SERIAL_S = 0.001, 0.1
 
 
 class Link(Protocol):
-    """An open line to a controller. All of it raises TableLinkError where the line is gone."""
+    """An open line to a controller. `send` and `receive` raise TableLinkError if the line is gone or closed."""
 
     name: str
     prefix: int  # characters before the text of an answer
@@ -48,25 +48,33 @@ class PortLink:
         self.name = port.removeprefix("socket://")
         self.prefix, self.acknowledges, self.pause_s = prefix, prefix > 0, _PAUSE_S
         self.quiet_s = _QUIET_TCP_S if prefix else _QUIET_SERIAL_S
+        self._is_closed = False
         try:
             self._port = Port(port, baud)
         except PortError as error:
             raise TableLinkError(f"the table's controller can't be reached. {error}") from error
 
     def send(self, data: bytes) -> None:
+        self._refuse_closed()
         try:
             self._port.write(data)
         except PortError as error:
             raise self._lost(error) from error
 
     def receive(self, patience_s: float) -> bytes:
+        self._refuse_closed()
         try:
             return self._port.take(patience_s)
         except PortError as error:
             raise self._lost(error) from error
 
     def close(self) -> None:
+        self._is_closed = True
         self._port.close()
+
+    def _refuse_closed(self) -> None:
+        if self._is_closed:
+            raise TableLinkError(f"the link to the table's controller at {self.name} is closed.")
 
     def _lost(self, error: PortError) -> TableLinkError:
         return TableLinkError(f"the link to the table's controller is lost. {error}")

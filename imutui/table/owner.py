@@ -1,11 +1,13 @@
-"""A table as its owner has it: starts the keeper, commands through it, and stops the table itself if the keeper dies.
+"""The owner's side of a table: starts the keeper, commands through it, and stops the table if the keeper dies.
 
-The keeper stops the table when its owner dies, and the owner when its keeper does; who kills both at once has to press
-the emergency stop.
+The keeper stops the table when its owner dies, and the owner when its keeper does. A user who kills both at once has to
+press the emergency stop.
 """
 
 import contextlib
+import itertools
 import json
+import math
 import subprocess
 import sys
 import threading
@@ -16,15 +18,15 @@ from typing import Any, cast
 
 from imutui import fast_time
 from imutui.table.controller import AxisLimits, TableError, TableState
-from imutui.table.keeper import Told
+from imutui.table.keeper import BRAKES_S, Told, stop_for_certain
 from imutui.table.registry import connect
 
 _BEAT_S = 0.2
 _START_S = 30.0
 _SILENT_S = 5.0
-_END_S = 70.0
+_END_S = 75.0
+_BRAKES_MOST_S = 20.0  # waited for between rate zero and mode off
 _MOST_STATES = 1 << 16
-_AGAIN_S, _TRIES = 0.5, 60
 _real_s = time.monotonic
 
 
@@ -32,40 +34,46 @@ class KeptTable:
     """A table that a keeper has the link to; `close` has the keeper stop it and end.
 
     `limits_text`: of `gate.parse_limits`, what the operator gives.
-    `lives`: whether whoever commands does its work still; the keeper stops the table soon after it says no.
-    `identity`, `axes`, `limits`: what the controller said, narrowed by what the operator gives.
-    Raises TableError if there is no controller, or no keeper.
+    `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
+    `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
+    Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
 
     def __init__(self, url: str, limits_text: str = "", lives: Callable[[], bool] = lambda: True) -> None:
         self.url = url
         self.states: deque[TableState] = deque(maxlen=_MOST_STATES)
         self.newest: TableState | None = None
-        self.news: deque[tuple[str, bool]] = deque()  # what was said or refused, and whether it is a warning
+        self.news: deque[tuple[str, bool]] = deque()  # what the keeper reports, and whether it is a warning
         self.error = ""  # why it ended, if not as told
         self.enabled = False
+        self.identity, self.axes = "", ()  # type: str, tuple[str, ...]
+        self.limits: dict[str, AxisLimits] = {}
         self._lives = lives
         self._closing = self._told_its_end = False
-        self._ended, self._writing = threading.Event(), threading.Lock()
-        self._answers: deque[str] = deque()
+        self._started, self._ended, self._writing = threading.Event(), threading.Event(), threading.Lock()
+        self._numbers = itertools.count(1)  # of commands: an answer names the one that it belongs to
+        self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
         self._answered = threading.Condition()
+        self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
         command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text, *fast_time.arguments()]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         self._heard_s = _real_s()
-        self.identity, self.axes, self.limits = self._first_line()
-        self._reader = threading.Thread(target=self._read, name="table", daemon=True)
-        self._reader.start()
+        threading.Thread(target=self._read, name="table", daemon=True).start()
+        self._wait_for_start()
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
 
-    def _first_line(self) -> tuple[str, tuple[str, ...], dict[str, AxisLimits]]:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        told: Told = json.loads(line) if line else {"error": "the keeper of the table did not start."}
-        if "error" in told:
+    def _wait_for_start(self) -> None:
+        """Wait for the keeper's first line; raises TableError if it has an error, or does not come in time."""
+        if not self._started.wait(_START_S):
+            self._process.kill()
+            self._ended.wait(_SILENT_S)
+            raise TableError(
+                f"the controller at {self.url} has not answered the table's keeper within {_START_S:g} s. Check that it"
+                " is on, and its address."
+            )
+        if not self.axes:
             self._process.wait()
-            raise TableError(told["error"])
-        limits = {axis: AxisLimits(**cast("dict[str, float]", each)) for axis, each in told["limits"].items()}
-        return told["identity"], tuple(told["axes"]), limits
+            raise TableError(self.error or "the keeper of the table did not start.")
 
     @property
     def pid(self) -> int:
@@ -77,24 +85,34 @@ class KeptTable:
         """Whether the keeper has ended, as told or not."""
         return self._ended.is_set()
 
-    def send(self, **command: Any) -> None:
-        """Have the keeper carry out a command, `do`; what comes of it is in `news` or `error`."""
+    def send(self, **command: Any) -> int:
+        """Have the keeper carry out a command, `do`; what comes of it is in `news` or `error`. Returns its number."""
+        number = next(self._numbers)
+        self._write(command, number)
+        return number
+
+    def _write(self, command: dict[str, Any], number: int) -> None:
         if command["do"] == "enable":
             self.enabled = True
-        with contextlib.suppress(OSError, ValueError), self._writing:  # a keeper that has gone is told by the reader
+        self._accel_dps2 = min(self._accel_dps2, command.get("accel_dps2", math.inf))
+        line = json.dumps(command | {"number": number}).encode() + b"\n"
+        with contextlib.suppress(OSError, ValueError), self._writing:  # the reader reports a keeper that has gone
             assert self._process.stdin is not None
-            self._process.stdin.write(json.dumps(command).encode() + b"\n")
+            self._process.stdin.write(line)
             self._process.stdin.flush()
 
     def ask(self, timeout_s: float = 30.0, **command: Any) -> None:
         """Send a command and wait until it is carried out; raises TableError if it is refused, or the keeper ends."""
-        self._answers.clear()
-        self.send(**command)
+        number, was_enabled = next(self._numbers), self.enabled
+        self._awaited[number] = None
+        self._write(command, number)
         with self._answered:
-            self._answered.wait_for(lambda: self._answers or self._ended.is_set(), timeout_s)
-        if not self._answers:
+            self._answered.wait_for(lambda: self._awaited[number] is not None or self._ended.is_set(), timeout_s)
+        said = self._awaited.pop(number)
+        if said is None:
             raise TableError(self.error or "the controller does not answer.")
-        if said := self._answers.popleft():
+        if said:
+            self.enabled = was_enabled if command["do"] == "enable" else self.enabled
             raise TableError(said)
 
     def close(self) -> None:
@@ -118,14 +136,20 @@ class KeptTable:
             self._heard_s = _real_s()
             with contextlib.suppress(json.JSONDecodeError):  # the last line of one that was killed
                 self._take(json.loads(line))
+            self._started.set()
         self._process.wait()
         if not self._told_its_end:
             self._stop_it_ourselves()
         self._ended.set()
+        self._started.set()
         with self._answered:
             self._answered.notify_all()
 
     def _take(self, told: Told) -> None:
+        if "identity" in told:
+            limits = {axis: AxisLimits(**cast("dict[str, float]", each)) for axis, each in told["limits"].items()}
+            self.identity, self.axes, self.limits = told["identity"], tuple(told["axes"]), limits
+            return
         if "state" in told:
             said = told["state"]
             (o, m, i), (p, q, r) = said["angles_deg"], said["rates_dps"]
@@ -140,25 +164,29 @@ class KeptTable:
         for key, is_warning in (("said", False), ("refused", True), ("error", True)):
             if (text := told.get(key)) and (is_warning or not self._closing):
                 self.news.append((str(text), is_warning))
-        if "did" in told or "refused" in told:
+        if told.get("to") in self._awaited:
             with self._answered:
-                self._answers.append(told.get("refused", ""))
+                self._awaited[told["to"]] = told.get("refused", "")
                 self._answered.notify_all()
 
     def _stop_it_ourselves(self) -> None:
-        """The keeper was killed, or failed: the table is stopped over a link of our own."""
+        """Stop the table over a link of our own: the keeper was killed, or failed."""
         self.error = "the keeper of the table ended without a word."
         if self.enabled:
-            for _ in range(_TRIES):
-                with contextlib.suppress(TableError):
-                    controller = connect(self.url)
-                    try:
-                        controller.stop()
-                        self.error += " Rate zero and mode off were sent from here."
-                        break
-                    finally:
-                        controller.close()
-                self._ended.wait(_AGAIN_S)
+            found = stop_for_certain(
+                None, lambda asks: connect(self.url, asks=asks), lambda said: self.news.append((said, False)),
+                self._braking_s(), is_deaf=True,
+            )  # fmt: skip
+            if found is None:
+                self.error += " Its rest is NOT confirmed: press the table's emergency stop."
             else:
-                self.error += " The table could NOT be stopped from here: press its emergency stop."
+                self.error += " Rate zero and mode off were sent from here."
+                found.close()
         self.news.append((self.error, True))
+
+    def _braking_s(self) -> float:
+        """Return the time within which all axes come to rest, s."""
+        if self.newest is None:
+            return BRAKES_S
+        accel = min([self._accel_dps2, *(own.accel_dps2 for own in self.limits.values())])
+        return min(1.0 + max(map(abs, self.newest.rates_dps)) / accel, _BRAKES_MOST_S)

@@ -13,31 +13,31 @@ from imutui.table.links import GpibLink, PortLink
 _BAUD = 9600
 
 
-def _tcp(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
+def _tcp(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
     host, _, port = address.rpartition(":") if ":" in address.rpartition("]")[2] else (address, "", str(TCP_PORT))
     if not host or not port.isdigit() or int(port) > 65535:
         raise InputError(f'"{address}" is no HOST:PORT, such as 192.168.1.53:{TCP_PORT}')
-    return Acutrol(PortLink(f"socket://{host}:{int(port)}", PREFIX_CHARACTERS), axes)
+    return Acutrol(PortLink(f"socket://{host}:{int(port)}", PREFIX_CHARACTERS), axes, asks=asks)
 
 
-def _serial(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
+def _serial(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
     baud = options.get("baud", str(_BAUD))
     if not baud.isdigit() or not 50 <= int(baud) <= 4_000_000:
         raise InputError(f'`baud` is "{baud}", no line speed such as {_BAUD}')
-    return Acutrol(PortLink(address, 0, int(baud)), axes)
+    return Acutrol(PortLink(address, 0, int(baud)), axes, asks=asks)
 
 
-def _gpib(address: str, options: dict[str, str], axes: tuple[str, ...] | None) -> TableController:
-    return Acutrol(GpibLink(address), axes)
+def _gpib(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
+    return Acutrol(GpibLink(address), axes, asks=asks)
 
 
-_Maker = Callable[[str, dict[str, str], tuple[str, ...] | None], TableController]
+_Maker = Callable[[str, dict[str, str], tuple[str, ...] | None, bool], TableController]
 CONTROLLERS: dict[str, _Maker] = {
     "acutrol": _tcp,
     "acutrol+serial": _serial,
     "acutrol+gpib": _gpib,
 }
-"""What makes a controller of what stands in its URL behind the scheme, its options, and its axes if they are named."""
+"""Makers by scheme; each takes the URL behind the scheme, its options, its axes if named, and whether to ask."""
 
 USAGE = "acutrol://HOST:PORT, acutrol+serial:PORT?baud=N or acutrol+gpib:RESOURCE"
 _OPTIONS = ("baud", "axes")
@@ -48,14 +48,14 @@ def check(url: str) -> None:
     _parsed(url)
 
 
-def connect(url: str) -> TableController:
-    """Controller at a URL; `?axes=inner,outer` names its axes in the order of their numbers.
+def connect(url: str, *, asks: bool = True) -> TableController:
+    """Connect to the controller at a URL; `?axes=inner,outer` names its axes in the order of their numbers.
 
-    Nothing is sent but questions.
+    Nothing but questions is sent; with `asks` False nothing at all, so that a stop comes first.
     Raises InputError if the URL is none, TableError if it can't be reached or does not answer as one.
     """
     make, address, options, axes = _parsed(url)
-    return make(address, options, axes)
+    return make(address, options, axes, asks)
 
 
 def _parsed(url: str) -> tuple[_Maker, str, dict[str, str], tuple[str, ...] | None]:

@@ -220,7 +220,8 @@ class ImutuiApp(textual_private.WithoutTraceback):
         if action == "detach" and self.context.rack is not None:
             return not typing
         if action in _NEEDS_ACQUISITION:
-            return connected and not typing
+            is_others = action != "detach" and messages.investigates(self.context.connection.newest)
+            return connected and not typing and not is_others
         if action == "stop_table":
             return messages.table_is_commanded(self.context.connection.newest)
         if action == "missing":

@@ -61,9 +61,15 @@ def table_moves(snapshot: Snapshot | None) -> bool:
 
 
 def table_is_commanded(snapshot: Snapshot | None) -> bool:
-    """Whether it is, or goes through a profile and may begin to turn any time: Esc stops it then."""
+    """True if it moves, or goes through a profile and may begin to turn any time: Esc stops it then."""
     guide = snapshot["guide"] if snapshot and snapshot.get("controller") else None
     return table_moves(snapshot) or (guide is not None and guide["state"] in ("go", "hold"))
+
+
+def investigates(snapshot: Snapshot | None) -> bool:
+    """True if `imutui investigate` has the acquisition: it records, marks and ends by itself."""
+    table = snapshot.get("controller") if snapshot else None
+    return table is not None and table.get("investigates", False)
 
 
 def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None = None) -> str:

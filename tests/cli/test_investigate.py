@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import pytest
 from helpers.commands import imutui
 from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.tables import served
 from helpers.traces import whole_document
 
 from imutui.cli import investigate
 from imutui.cli.investigation_page import ended, page
-from imutui.jobs.investigation_diary import DIARY, DiaryDocument, RoundEntry
+from imutui.jobs.investigation_diary import DIARY, LAST_GOOD, Diary, DiaryDocument, RoundEntry
 from imutui.report import trace_report
 from imutui.report.blocks import Table
 from imutui.session import client
@@ -48,6 +50,9 @@ def diary(*rounds: RoundEntry, **changes: Any) -> DiaryDocument:
         ((*ENOUGH[:4], "-o", "DIR"), "--hours"),
         ((*ENOUGH[2:], "-o", "DIR"), "--port"),
         ((*ENOUGH[:4], "--hours", "0", "-o", "DIR", "--yes-move"), "--hours is 0"),
+        ((*ENOUGH[:4], "--hours", "nan", "-o", "DIR", "--yes-move"), "--hours is nan"),
+        (("--hours", "inf", "-o", "DIR", "--resume", "--yes-move"), "--hours is inf"),
+        (("--hours", "1e9", "-o", "DIR", "--resume", "--yes-move"), "--hours is 1e+09"),
         ((*ENOUGH, "-o", "DIR"), "--yes-move"),
         ((*ENOUGH, "-o", "DIR", "--switched"), "--resume"),
         (("-o", "DIR", "--resume"), "nothing to go on with"),
@@ -68,6 +73,40 @@ def test_a_controller_that_is_not_there_is_said(tmp_path: Path) -> None:
     """Exit code 4, with where it was sought."""
     told = imutui("investigate", *ENOUGH, "-o", tmp_path / "made", "--yes-move", check=4).stderr
     assert "127.0.0.1:9" in told
+
+
+def test_too_short_a_time_is_refused_before_it_is_asked_whether_the_table_may_move(tmp_path: Path) -> None:
+    """The question is the last thing before the table moves."""
+    with served() as it:
+        asked = ("--port", "/dev/null", "--controller", it.url, "--hours", "0.2", "-o", str(tmp_path / "made"))
+        terminal, its_end = os.openpty()
+        with started(command_line("investigate", *asked), stdin=its_end) as process:
+            _, said = process.communicate(timeout=LIMIT_S)
+        os.close(terminal)
+        os.close(its_end)
+        assert process.returncode == 2
+        assert "`hours` is 0.2" in said
+        assert "WILL MOVE" not in said
+        assert not (tmp_path / "made").exists()
+
+
+def test_a_diary_that_cannot_be_read_is_taken_from_its_last_good_copy(tmp_path: Path) -> None:
+    """No number that is not finite gets into one."""
+    kept = Diary.begun(2.0, tmp_path)
+    kept.save()
+    kept.document["spent_s"] = 60.0
+    kept.save()
+    kept.document["hours"] = float("nan")
+    with pytest.raises(ValueError, match="Out of range"):
+        kept.save()
+    assert Diary.read(tmp_path).document["spent_s"] == 60.0
+    for spoilt in ("", "{", '{"version": 1, "hours": NaN}', json.dumps(diary(hours=-1.0))):
+        (tmp_path / DIARY).write_text(spoilt)
+        read = Diary.read(tmp_path)
+        assert (read.document["hours"], read.document["spent_s"]) == (2.0, 0.0)
+        assert "Its last good copy" in read.said
+    read.save()
+    assert json.loads((tmp_path / LAST_GOOD).read_text())["hours"] == 2.0
 
 
 def test_folders_of_one_name_have_acquisitions_of_their_own(tmp_path: Path) -> None:

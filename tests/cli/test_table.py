@@ -108,6 +108,8 @@ def test_nothing_moves_before_somebody_has_said_so() -> None:
         (["rate", "inner", "fast"], 2, '"fast" is not a number'),
         (["rate", "inner"], 2, "imutui table rate AXIS DPS"),
         (["move", "1", "2"], 2, "imutui table move OUTER MIDDLE INNER"),
+        (["move", "0", "0", "999"], 2, "999 deg is -81 deg there"),
+        (["rate", "inner", "5", "--seconds", "nan"], 2, "--seconds is nan, not a finite number"),
         (["fly"], 2, "status, move, rate, stop"),
         (["status", "--limits", "inner"], 2, "outer=30/50/-90/90"),
     ],

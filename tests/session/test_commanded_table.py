@@ -70,6 +70,7 @@ def test_a_profile_runs_by_itself_and_is_recorded_with_what_the_table_did(home: 
     assert (log.finished, log.damage) == (True, "")
     assert log.info.controller == it.url
     assert "VIRTUAL SIM TABLE" in log.info.controller_identity
+    assert np.isnan(log.table.rates_dps).all()  # while it turns, a reference of zero would be false
     marks = {event.text: event.stamp_ns for event in log.events if event.name == "mark"}
     assert list(marks) == [f"segment {n}" for n in range(1, 6)]
     states = log.states

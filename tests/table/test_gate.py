@@ -152,7 +152,7 @@ def test_a_rate_towards_a_stop_is_told_while_there_is_room_to_brake() -> None:
     states = [replace(reading(t, outer=20.0 * t, mode="rate"), rates_dps=(20.0, 0.0, 0.0)) for t in steps(10.0)]
     when, said = run(of, states)
     assert "comes to its limit" in said
-    assert 20.0 * when + gate.braking_deg(20.0, OUTER) < 90.0
+    assert 20.0 * when + gate.braking_deg(20.0, 50.0) < 90.0
 
 
 def test_a_swing_that_comes_to_a_stop_is_told() -> None:

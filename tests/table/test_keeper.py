@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from helpers.processes import wait_until
 from helpers.tables import Served, served, strike
 
 from filters.simulation import TableFault, TableModel
+from imutui.table import owner
 from imutui.table.controller import TableError
 from imutui.table.owner import KeptTable
 
@@ -181,6 +183,49 @@ def test_the_table_stands_when_its_owner_is_killed_or_stopped(number: signal.Sig
         finally:
             owner.kill()
             owner.communicate()
+
+
+def test_a_stop_gets_in_between_the_commands_of_a_move_on_a_slow_link() -> None:
+    """No axis is set going after it, and the first line after it is a stop's."""
+    with served() as it, kept(it) as table:
+        table.ask(do="enable")
+        it.server._of_link.append(TableFault(0.0, "slow", delay=0.25))
+        table.send(do="move", angles_deg=[90.0, 90.0, 90.0], rate_dps=20.0, accel_dps2=100.0)
+        wait_until(lambda: ":mode:position 1" in it.told)
+        before = len(it.told)
+        os.kill(table.pid, signal.SIGINT)
+        wait_until(lambda: table.has_ended)
+        assert stands(it)
+        after = [told for told in it.told[before:] if "limit" not in told]
+        assert after[0] in [f":demand:rate {n},0" for n in (1, 2, 3)]
+        assert not [told for told in after if "position" in told]
+
+
+def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> None:
+    with served() as it, kept(it) as table:
+        turning(it, table, 100.0)
+        before = list(it.told)
+        with kept(it) as other, pytest.raises(TableError, match=r"in mode rate.*another host commands the table"):
+            other.ask(do="enable")
+        assert it.told == before
+        assert not table.has_ended
+        assert abs(it.table.axes["inner"].rate) > TURNING
+
+
+def test_an_answer_belongs_to_its_command() -> None:
+    with served() as it, kept(it) as table:
+        table.send(do="jump")
+        table.ask(do="enable")
+        with pytest.raises(TableError, match="not one of"):
+            table.ask(do="jump")
+
+
+def test_a_keeper_that_hangs_on_its_link_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(owner, "_START_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        url = f"acutrol://127.0.0.1:{listener.getsockname()[1]}"
+        with pytest.raises(TableError, match=r"has not answered the table's keeper within 0\.3 s"):
+            KeptTable(url)
 
 
 def test_a_controller_that_is_not_there_is_told() -> None:

@@ -5,6 +5,7 @@ import select
 import socket
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ from imutui.table import registry
 from imutui.table.acutrol import Command, CommandDecoder, encode_answer
 from imutui.table.acutrol_virtual import VirtualAcutrol
 from imutui.table.controller import MODES, AxisLimits, TableError, TableLinkError
+from imutui.table.server import TableServer
 
 # ---------------------------------------------------------------------------------------- what no controller says well
 
@@ -80,11 +82,24 @@ def test_a_mode_that_nobody_has_seen_is_taken_for_the_most_active() -> None:
 
 
 def test_it_is_stopped_whatever_it_says_of_its_modes() -> None:
-    """Rate zero, rate mode and mode off are sent; what then is not as it should be is told."""
-    nonsense, done, rests = b"00000000not known to me\n", b"00000000OK\n", b"000000001.0;0.0\n"
-    off = b"00000000Off;Open\n"
-    with saying(nonsense, nonsense, done, done, LIMITS, rests, done, off) as url:
-        registry.connect(url).stop()
+    """Rate zero, rate mode and mode off are sent; that it rests with its modes off is not taken for granted."""
+
+    class Odd(VirtualAcutrol):
+        def _said(self, command: Command) -> str:
+            return "not known" if command.words == ("mode",) else super()._said(command)
+
+    told: list[str] = []
+    controller = Odd(TurnTable(TableModel(axes=("inner",))))
+    with TableServer(controller, ("127.0.0.1", 0), time.monotonic, log=told.append) as server:
+        host = registry.connect(f"acutrol://127.0.0.1:{server.port}?axes=inner")
+        with pytest.raises(TableError, match="not known"):
+            host.stop()
+    assert [line for line in told if "interlock" not in line][:3] == [
+        ":demand:rate 1,0",
+        ":mode:rate 1",
+        ":mode:rate 1",
+    ]
+    assert told[-1] == ":mode:off 1"
 
 
 def test_a_host_that_hangs_up_is_a_lost_link() -> None:
@@ -178,6 +193,10 @@ devices:
       - {q: ":read:position? 1", r: "12.5"}
       - {q: ":read:position? 1;rate? 1", r: "12.5;0.0"}
       - {q: ":mode? 1;interlock? 1", r: "Off;Open"}
+      - {q: ":read:rate? 1", r: "0.0"}
+      - {q: ":demand:rate 1,0"}
+      - {q: ":mode:rate 1"}
+      - {q: ":mode:off 1"}
 resources:
   GPIB0::1::INSTR: {device: table}
 """

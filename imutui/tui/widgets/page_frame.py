@@ -73,9 +73,10 @@ class StatusHeader(TextLines):
         return Content(" ").join(parts)
 
     def _filter(self, view: View, room: int) -> Content:
-        """The filter's badge, cut where it does not fit: the tabs stay whole. A table that moves is more urgent."""
-        if messages.table_moves(view.now):
-            return self.line((" TABLE MOVES "[: max(room, 0)], "bold reverse $text-error"), " ")
+        """The filter's badge, cut where it does not fit: the tabs stay whole. A table under command is more urgent."""
+        if messages.table_is_commanded(view.now) or messages.investigates(view.now):
+            said = " TABLE MOVES " if messages.table_moves(view.now) else " TABLE MAY MOVE "
+            return self.line((said[: max(room, 0)], "bold reverse $text-error"), " ")
         verdict = view.verdict
         if verdict is None:
             return self.line(" ")

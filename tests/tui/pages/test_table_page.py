@@ -135,6 +135,22 @@ async def test_a_table_moves_after_a_yes_and_esc_stops_it_on_every_page(folder: 
     assert [what for what in client.asked if what.startswith("guide")] == ["guide begin", "guide cancel"]
 
 
+async def test_an_investigation_says_on_every_page_that_the_table_may_move_and_offers_no_keys_of_its_own(
+    folder: Path,
+) -> None:
+    client = Acquisition(folder / "logs")
+    client.changes["controller"] = commanded(moves=False) | {"investigates": True}
+    async with opened(client, size=(80, 24)) as see:
+        for page in "123":
+            screen = await see(f"{page} → TABLE MAY MOVE")
+            asked = list(client.asked)
+            for key in "rms" if page == "1" else "rm":
+                await see(f"{key} → TABLE MAY MOVE")
+            assert client.asked == asked, screen
+        client.changes["controller"] = commanded(moves=True) | {"investigates": True}
+        await see("1 → TABLE MOVES")
+
+
 @pytest.mark.parametrize("size", SIZES)
 async def test_attaching_again_shows_where_the_operator_is(folder: Path, size: tuple[int, int]) -> None:
     client = Acquisition(folder / "logs")

@@ -11,6 +11,7 @@ from textual.widget import Widget
 from textual.widgets import Button, Static
 
 from imutui.session.plan import Plan, of_model
+from imutui.tui import messages
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
@@ -141,7 +142,9 @@ class ConnectPage(Page):
             return self._part == "form"
         if action == "zero":
             return self._part == "connected" and self._zeroes_rates
-        return self._part == "connected" if action == "stop" else True
+        if action == "stop":
+            return self._part == "connected" and not messages.investigates(self.now)
+        return True
 
     @property
     def _zeroes_rates(self) -> bool:
