@@ -45,12 +45,7 @@ def command(
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
     wanted = job.Export(log, output, kind, topic, start, end, force)
-    try:
-        made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
-    except FileExistsError as error:
-        raise fail(
-            USAGE, f"{error.filename} exists and is left as it is. --force replaces it, or name another file with -o."
-        ) from None
+    made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
     reference = None if made.reference is None else str(made.reference)

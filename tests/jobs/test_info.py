@@ -9,7 +9,7 @@ import pytest
 
 from imutui.jobs import log_files
 from imutui.jobs.info import Brief, brief, folder_logs, info, recordings, row
-from imutui.logbook import SessionInfo, added_notes, checksum_file, log_stream, schemas
+from imutui.logbook import SessionInfo, added_notes, checksum_file, file_lock, schemas
 from imutui.logbook.reader import read
 from imutui.logbook.writer import LogWriter
 from imutui.report import log_table
@@ -201,14 +201,14 @@ def test_info_tells_all_that_is_in_a_log(tmp_path: Path) -> None:
 def test_asking_whether_a_file_is_held_does_not_disturb_its_writer(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with path.open("wb") as writer:
-        log_stream.claim(writer)
+        file_lock.claim(writer)
         with path.open("rb") as one, path.open("rb") as other:
-            assert log_stream.is_held(one)
-            assert log_stream.is_held(other)
+            assert file_lock.is_held(one)
+            assert file_lock.is_held(other)
         with path.open("rb") as again:
-            assert log_stream.is_held(again)
+            assert file_lock.is_held(again)
     with path.open("rb") as after:
-        assert not log_stream.is_held(after)
+        assert not file_lock.is_held(after)
 
 
 def test_a_brief_can_travel(tmp_path: Path) -> None:
