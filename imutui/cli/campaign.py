@@ -12,7 +12,7 @@ import typer
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, lacking, say, show_progress
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
-from imutui.cli.report import check_folder
+from imutui.cli.report import check_folder, names_in, say_replaced
 
 if TYPE_CHECKING:
     from imutui.jobs.campaign.log_list import LogList
@@ -226,11 +226,14 @@ def _summarise(results: Path, report: Path | None, *, force: bool, json: bool) -
     from imutui.report import fleet_report
 
     if report is not None:
-        check_folder(report, force, "--report")
+        check_folder(report, force, "--report", fleet_report.may_write)
     rows = stored_rows.rows_of(results)
     document = summary.summary(rows, str(stored_rows.path_of(results)))
     if report is not None:
-        say(f"imutui: {fleet_report.write(report, document)[0]}: page of the fleet")
+        before = names_in(report)
+        written = fleet_report.write(report, document, overwrite=force)
+        say_replaced(report, before, written)
+        say(f"imutui: {written[0]}: page of the fleet")
     answer(document, lambda: fleet_report.text(document, width()), json=json)
     if not document["groups"]:
         why = f"none of {len(rows):,} logs has a result, so that there is nothing to summarise"

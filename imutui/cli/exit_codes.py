@@ -120,9 +120,9 @@ def check_output(path: Path, force: bool, *inputs: Path) -> None:
             raise fail(USAGE, f"-o names {file} itself, which stays as it is; name another file.")
     refuse_existing(path, force)
     if not path.parent.exists():
-        from shlex import quote
+        from imutui.command_line import joined
 
-        made = f"mkdir -p {quote(str(path.parent))}"
+        made = joined("mkdir", "-p", path.parent)
         raise fail(USAGE, f"There is no folder {path.parent}, and -o makes none. Type: {made} and then the same again.")
 
 

@@ -59,13 +59,15 @@ def command(
 
 
 def _text(wanted: "Export", made: "Exported") -> str:
-    import shlex
     import textwrap
+
+    from imutui.command_line import joined
 
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
     told = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
     if wanted.topic is not None:
         return told
-    reference = f" --reference {shlex.quote(str(made.reference))}" if made.reference else ""
-    file = shlex.quote(str(wanted.output))
-    return f"{told}\nTo read it back: imutui import {file} -o LOG.mcap {made.about['import']}{reference}"
+    reference = ("--reference", made.reference) if made.reference else ()
+    words = joined("imutui", "import", wanted.output, "-o", "LOG.mcap")
+    flags = " ".join(filter(None, (made.about["import"], joined(*reference))))
+    return f"{told}\nTo read it back: {words} {flags}"

@@ -27,6 +27,7 @@ from imutui.cli.options import (
     YesMove,
     ask_to_move,
 )
+from imutui.command_line import command as command_of
 
 if TYPE_CHECKING:
     from filters.tracing.candidate_motions import CandidateMotion
@@ -118,7 +119,7 @@ def command(
         except KeyboardInterrupt:
             page.close()
             going.pause()
-            say(f"stopped; the table stands. Go on with: imutui investigate --resume -o {output}")
+            say(f"stopped; the table stands. Go on with: {command_of('investigate', '--resume', '-o', output)}")
             raise typer.Exit(INTERRUPTED) from None
     _finish(output, laboratory, diary, json=json)
 
@@ -156,9 +157,22 @@ def _diary(
         raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
     if switched:
         raise fail(USAGE, "--switched belongs to --resume.")
+    _refuse_files(output)
     output.mkdir(parents=True, exist_ok=True)
     asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
     return Diary.begun(hours, output, asked), speed
+
+
+def _refuse_files(folder: Path) -> None:
+    """Raise the exit for a folder with files that a new investigation would replace."""
+    from imutui.jobs.investigation_diary import DIARY
+    from imutui.report.page import may_write
+
+    found = [*folder.glob("*"), *folder.glob(f"{_LOGS}/[0-9][0-9].mcap")]
+    there = [str(path.relative_to(folder)) for path in found if may_write(path.name) or path.parent.name == _LOGS]
+    if there and not (folder / DIARY).exists():
+        said = f"{folder} has files that would be replaced, and stays as it is: {', '.join(sorted(there))}."
+        raise fail(USAGE, f"{said} Name another folder.")
 
 
 def _name_of(folder: Path) -> str:
@@ -293,7 +307,7 @@ class _Laboratory:
         failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
         if failed or not connection.ended_by_itself:
             why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
-            again = f"imutui investigate --resume -o {self._folder}"
+            again = command_of("investigate", "--resume", "-o", self._folder)
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name
 
@@ -354,7 +368,7 @@ def _finish(folder: Path, laboratory: _Laboratory, diary: "Diary", *, json: bool
     if importlib.util.find_spec("matplotlib") is None:
         lacking("the page needs matplotlib", "report")
     else:
-        write_page(folder, [document])  # type: ignore[list-item] # a result with a diary
+        write_page(folder, [document], force=True)  # type: ignore[list-item] # a result with a diary
     if json:
         print_json(document)
     else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imutui import command_line
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_words, say, show_progress
 from imutui.cli.options import (
@@ -113,8 +114,9 @@ def _one(log: Path, options: Any, show: Any = None) -> Any:
 def _tell(log: Path, document: "ResultDocument") -> None:
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
-        recover = f"`imutui recover {log} -o FIXED.mcap` makes a whole file of what can be read."
-        say(f"imutui: {log}: {document['damage']}. {upto} {recover}")
+        recover = command_line.command("recover", log, "-o", "FIXED.mcap")
+        cure = f"`{recover}` makes a whole file of what can be read."
+        say(f"imutui: {log}: {document['damage']}. {upto} {cure}")
     if "effects_of_other_unit" in document:
         say(f"imutui: warning: {log}: {document['effects_of_other_unit']}.")
     if "position" in document.get("unobservable", []):

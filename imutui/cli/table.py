@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from imutui import command_line
 from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_progress
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
@@ -67,13 +68,13 @@ def command(
 
 def _checked(action: str, values: list[str], controller: str) -> list[str | float]:
     if action not in _VALUES:
-        raise fail(USAGE, f'imutui table is told to "{action}"; it can: {", ".join(_VALUES)}.')
+        raise fail(USAGE, f'"{action}" is nothing that imutui table does; it can: {", ".join(_VALUES)}.')
     if not controller:
         raise fail(USAGE, "which table? Say --controller acutrol://HOST:PORT.")
     wanted = _VALUES[action].split()
     if len(values) != len(wanted):
-        usage = f"imutui table {action} {_VALUES[action]}".rstrip()
-        raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage} --controller URL')
+        usage = command_line.command("table", action, *wanted, "--controller", "URL")
+        raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage}')
     return [text if what == "AXIS" else _number(text) for what, text in zip(wanted, values, strict=True)]
 
 

@@ -8,7 +8,7 @@ import contextlib
 import errno
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from imutui.logbook import file_lock
@@ -44,6 +44,21 @@ def write(path: Path, content: str | bytes, *, overwrite: bool, mode: int | None
     data = content.encode("utf-8", "surrogateescape") if isinstance(content, str) else content
     with part_of(path, overwrite=overwrite, mode=mode) as part:
         part.write_bytes(data)
+
+
+def write_all(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool, own: Collection[str] = ()) -> list[Path]:
+    """Write several files into a folder, which is made if absent; return their paths in order.
+
+    `own`: names that may be replaced anyway, since the caller has written them.
+    Raises FileExistsError if a file exists and may not be replaced; then none is written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in contents:
+        if not overwrite and name not in own and os.path.lexists(folder / name):
+            raise taken(folder / name)
+    for name, content in contents.items():
+        write(folder / name, content, overwrite=overwrite or name in own)
+    return [folder / name for name in contents]
 
 
 @contextlib.contextmanager
