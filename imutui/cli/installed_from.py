@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from imutui.command_line import joined
-
 NAME = "imutui"
 SOURCE = Path(__file__).parents[2]
 
 
 def command_for(extra: str) -> str:
     """A command of the shell that installs an extra beside the running program."""
+    from imutui.command_line import joined
+
     try:
         distribution = importlib.metadata.distribution(NAME)
     except importlib.metadata.PackageNotFoundError:  # run from a source folder that nothing was installed from

@@ -27,7 +27,6 @@ from imutui.cli.options import (
     YesMove,
     ask_to_move,
 )
-from imutui.command_line import command as command_of
 
 if TYPE_CHECKING:
     from filters.tracing.candidate_motions import CandidateMotion
@@ -119,6 +118,8 @@ def command(
         except KeyboardInterrupt:
             page.close()
             going.pause()
+            from imutui.command_line import command as command_of
+
             say(f"stopped; the table stands. Go on with: {command_of('investigate', '--resume', '-o', output)}")
             raise typer.Exit(INTERRUPTED) from None
     _finish(output, laboratory, diary, json=json)
@@ -307,6 +308,8 @@ class _Laboratory:
         failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
         if failed or not connection.ended_by_itself:
             why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
+            from imutui.command_line import command as command_of
+
             again = command_of("investigate", "--resume", "-o", self._folder)
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name

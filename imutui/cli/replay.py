@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imutui import command_line
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_words, say, show_progress
 from imutui.cli.options import (
@@ -114,7 +113,9 @@ def _one(log: Path, options: Any, show: Any = None) -> Any:
 def _tell(log: Path, document: "ResultDocument") -> None:
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
-        recover = command_line.command("recover", log, "-o", "FIXED.mcap")
+        from imutui.command_line import command as command_of
+
+        recover = command_of("recover", log, "-o", "FIXED.mcap")
         cure = f"`{recover}` makes a whole file of what can be read."
         say(f"imutui: {log}: {document['damage']}. {upto} {cure}")
     if "effects_of_other_unit" in document:

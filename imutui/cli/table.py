@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from imutui import command_line
 from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_progress
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
@@ -73,7 +72,9 @@ def _checked(action: str, values: list[str], controller: str) -> list[str | floa
         raise fail(USAGE, "which table? Say --controller acutrol://HOST:PORT.")
     wanted = _VALUES[action].split()
     if len(values) != len(wanted):
-        usage = command_line.command("table", action, *wanted, "--controller", "URL")
+        from imutui.command_line import command as command_of
+
+        usage = command_of("table", action, *wanted, "--controller", "URL")
         raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage}')
     return [text if what == "AXIS" else _number(text) for what, text in zip(wanted, values, strict=True)]
 

@@ -94,10 +94,17 @@ def create(path: Path, *, overwrite: bool, mode: int | None = None) -> int:
 
     Parameters and errors are those of `write`.
     """
+    if not overwrite:
+        try:
+            descriptor = _new(path, mode)
+        except FileExistsError as error:
+            raise taken(path) from error
+        file_lock.claim(descriptor)
+        return descriptor
     descriptor, part = _temporary(path, mode)
     try:
         file_lock.claim(descriptor)
-        move(part, path, overwrite=overwrite)
+        move(part, path, overwrite=True)
     except BaseException:
         part.unlink(missing_ok=True)
         os.close(descriptor)
@@ -111,16 +118,23 @@ def _temporary(path: Path, mode: int | None) -> tuple[int, Path]:
     while True:
         part = path.with_name(f"{beginning}.{secrets.token_hex(4)}{SUFFIX}")
         try:
-            descriptor = os.open(part, _NEW, 0o666 if mode is None else mode)
-            break
+            return _new(part, mode), part
         except FileExistsError:
             continue
         except OSError as error:
-            error.filename = str(path)
+            if error.filename == str(part):
+                error.filename = str(path)
             raise
+
+
+def _new(path: Path, mode: int | None) -> int:
+    try:
+        descriptor = os.open(path, _NEW, 0o666 if mode is None else mode)
+    except NotADirectoryError as error:
+        raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", str(path.parent)) from error
     if mode is not None:
         os.fchmod(descriptor, mode)
-    return descriptor, part
+    return descriptor
 
 
 def move(path: Path, to: Path, *, overwrite: bool) -> None:

@@ -86,7 +86,7 @@ def main(text: str) -> int:
             # the stream before the port: what it can't have is said before the unit is touched
             stream, name, turner = None, plan.port, None
             if plan.foxglove_port:
-                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name))
+                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name), plan.foxglove_origins)
                 stack.callback(stream.close)
             if plan.port == VIRTUAL_PORT:
                 name, turner = stack.enter_context(_virtual(plan))

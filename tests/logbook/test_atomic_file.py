@@ -278,17 +278,14 @@ def test_a_running_recording_is_not_replaced_even_by_force(write: Callable[..., 
     assert path.stat().st_ino != file
 
 
-def test_a_log_is_claimed_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, move = [], atomic_file.move
-
-    def looked(path: Path, to: Path, *, overwrite: bool) -> None:
-        with path.open("rb") as stream:
-            seen.append(file_lock.is_held(stream))
-        move(path, to, overwrite=overwrite)
-
-    monkeypatch.setattr(atomic_file, "move", looked)
-    LogWriter(tmp_path / "a.mcap", SessionInfo(), "", START).finish({}, START)
-    assert seen == [True, False]  # the log, and its checksum when it is complete
+def test_the_system_knows_a_growing_file_by_its_name(tmp_path: Path) -> None:
+    """What is renamed meanwhile is followed by it."""
+    for overwrite in (False, True):
+        path = tmp_path / "a.mcap"
+        log = LogWriter(path, SessionInfo(), "", START, overwrite=overwrite)
+        assert Path(f"/proc/self/fd/{log._file.fileno()}").readlink() == path
+        assert file_lock.is_held(path.open("rb"))
+        log.finish({}, START)
 
 
 ELSEWHERE = {
