@@ -122,8 +122,11 @@ class _Server:
             self._server = foxglove.start_server(
                 name=name, host=behind, port=0, server_listener=listener, message_backlog_size=_BACKLOG
             )
-            self._gate = OriginGate(host, port, (behind, self._server.port), origins)
         except (RuntimeError, OSError, ValueError, OverflowError) as error:
+            raise _RefusedError(_refusal(host, port, error)) from error
+        try:
+            self._gate = OriginGate(host, port, (behind, self._server.port), origins)
+        except OSError as error:
             raise _RefusedError(_refusal(host, port, error)) from error
         self._channels = [_channel(topic, schemas.TYPES[topic]) for topic in TOPICS]
         self._has_details = False
