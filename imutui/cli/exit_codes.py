@@ -119,6 +119,11 @@ def check_output(path: Path, force: bool, *inputs: Path) -> None:
         if path.exists() and file.exists() and path.samefile(file):
             raise fail(USAGE, f"-o names {file} itself, which stays as it is; name another file.")
     refuse_existing(path, force)
+    # a log's checksum and notes lie beside it
+    from imutui.logbook import added_notes, checksum_file
+
+    for beside in (checksum_file.path_of(path), added_notes.path_of(path)):
+        refuse_existing(beside, force)
     if not path.parent.exists():
         from imutui.command_line import joined
 

@@ -38,6 +38,24 @@ def test_no_command_replaces_a_recording_that_runs(line: tuple[object, ...], hom
     recording.finish({}, 0)
 
 
+@pytest.mark.parametrize("beside", ["x.mcap.sha256", "x.mcap.notes.toml"])
+def test_what_lies_beside_a_log_is_not_replaced_unasked(beside: str, home: Path) -> None:
+    (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + ROWS)
+    (home / beside).write_text("mine")
+    for line in (("import", "a.csv", "--accel-sign", "+1"), ("recover", SAMPLE), QUICK):
+        assert f"{beside} exists and is left as it is" in imutui(*line, "-o", "x.mcap", check=2).stderr
+    assert [path.name for path in home.glob("x*")] == [beside]
+    assert (home / beside).read_text() == "mine"
+
+
+def test_a_campaign_does_not_take_a_table_that_is_not_its_own(home: Path) -> None:
+    (home / "r").mkdir()
+    (home / "r" / "results.parquet").write_text("mine")
+    for line in (("campaign", SAMPLE), ("collect", "part")):
+        assert "results.parquet exists and is left as it is" in imutui(*line, "-o", "r", check=2).stderr
+    assert [path.name for path in (home / "r").iterdir()] == ["results.parquet"]
+
+
 def meanwhile(monkeypatch: pytest.MonkeyPatch, happens: Callable[[], object]) -> None:
     """Have something happen while a replay is at work."""
     made = replay._replayed
