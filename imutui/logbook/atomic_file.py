@@ -42,9 +42,11 @@ def write(path: Path, content: str | bytes, *, overwrite: bool, mode: int | None
         If a process records to `path`.
     """
     data = content.encode("utf-8", "surrogateescape") if isinstance(content, str) else content
-    with part_of(path, overwrite=overwrite, mode=mode) as part:
-        with open(os.open(part, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC), "wb") as stream:
-            stream.write(data)
+    with (
+        part_of(path, overwrite=overwrite, mode=mode) as part,
+        open(os.open(part, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC), "wb") as stream,
+    ):
+        stream.write(data)
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool, own: Collection[str] = ()) -> list[Path]:
