@@ -17,6 +17,7 @@ SUFFIX = ".part"
 _MOST_BYTES = 200  # of a temporary name's beginning: file systems take names of 255 bytes
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 _NO_DIRECTORY_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)  # of file systems without it: some network shares
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _AT_FDCWD, _RENAME_NOREPLACE = -100, 1
 
 
@@ -82,8 +83,8 @@ def part_of(path: Path, *, overwrite: bool, mode: int | None = None) -> Iterator
         _sync(part)
         move(part, path, overwrite=overwrite)
     except OSError as error:
-        # the temporary name tells a user nothing
-        if str(error.filename or "").endswith(SUFFIX):
+        # a user knows nothing of the temporary name, and a full disk comes without any
+        if str(error.filename or "").endswith(SUFFIX) or (error.filename is None and error.errno in _FULL):
             error.filename = str(path)
         raise
     finally:

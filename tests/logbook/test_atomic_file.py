@@ -229,6 +229,7 @@ def test_a_full_disk_leaves_what_was_there(small_disk: Path) -> None:
         with pytest.raises(OSError, match=r"No space|too large") as raised:
             atomic_file.write(small_disk / name, "x" * 100_000, overwrite=overwrite)
         assert raised.value.errno in (errno.ENOSPC, errno.EFBIG)
+        assert raised.value.filename == str(small_disk / name)
     with (
         pytest.raises(OSError, match=r"No space|too large"),
         whole_log(small_disk / "c.mcap", SessionInfo(), "x" * 100_000, overwrite=False, mode=0o600),
