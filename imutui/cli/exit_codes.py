@@ -119,11 +119,12 @@ def check_output(path: Path, force: bool, *inputs: Path) -> None:
         if path.exists() and file.exists() and path.samefile(file):
             raise fail(USAGE, f"-o names {file} itself, which stays as it is; name another file.")
     refuse_existing(path, force)
-    # a log's checksum and notes lie beside it
+    # a log's checksum and notes lie beside it; a checksum of a log that is gone is worth nothing
     from imutui.logbook import added_notes, checksum_file
 
-    for beside in (checksum_file.path_of(path), added_notes.path_of(path)):
-        refuse_existing(beside, force)
+    if checksum_file.read_or_none(path) is None:
+        refuse_existing(checksum_file.path_of(path), force)
+    refuse_existing(added_notes.path_of(path), force)
     if not path.parent.exists():
         from imutui.command_line import joined
 
