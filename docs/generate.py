@@ -229,7 +229,10 @@ COMMANDS_HEAD = """\
 `imutui --version` prints the version. Every command has `-h` and `--help`, with an example.
 
 Results go to stdout, messages and progress to stderr. With `--json` stdout is one JSON document and nothing else; its
-fields are in [Formats](formats.md#results-of-replay). No command overwrites a file unless `--force` is given.
+fields are in [Formats](formats.md#results-of-replay). No command overwrites a file unless `--force` is given;
+one that writes several files into a folder lists those in its way before it begins, and with `--force` those that it
+replaced. A recording that runs is not overwritten with `--force` either. A file is complete or absent under its name,
+also after a kill; until then its name ends in `.part`.
 `NO_COLOR` is respected. Defaults of many options come from the [configuration](formats.md#configuration).
 
 | exit code | meaning |

@@ -40,6 +40,7 @@ DEFAULTS: dict[str, Value] = {
     "acquisition.rotate_mb": 0.0,  # 0: never
     "foxglove.port": 0,  # 0: no stream
     "foxglove.host": "127.0.0.1",  # of this computer only
+    "foxglove.origins": "",  # of further pages that may read the stream, such as https://viewer.example.org
     "site.latitude_deg": -23.21132308,
     "site.longitude_deg": -45.85917610,
     "site.height_m": PAPER_SITE.height,

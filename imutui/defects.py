@@ -4,6 +4,7 @@ import os
 import sys
 import traceback
 
+from imutui.command_line import joined
 from imutui.plain_text import one_line
 
 _LONGEST = 400
@@ -32,14 +33,13 @@ def _written(error: BaseException) -> str:
     """Name of the new file with the report, which its user alone may read."""
     # not before there is a defect: these take longer to load than most commands
     import platform
-    import shlex
     import tempfile
     from datetime import UTC, datetime
 
     descriptor, name = tempfile.mkstemp(prefix="imutui-defect-", suffix=".txt")
     with open(descriptor, "w", encoding="utf-8", errors="backslashreplace") as stream:
         print("time      ", datetime.now(UTC).isoformat(timespec="seconds"), file=stream)
-        print("command   ", shlex.join(sys.argv), file=stream)
+        print("command   ", joined(*sys.argv), file=stream)
         print("process   ", os.getpid(), file=stream)
         for library in _LIBRARIES:
             print(f"{library:<10}", _version(library), file=stream)

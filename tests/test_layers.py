@@ -29,6 +29,7 @@ GROUND = {
 EVERYWHERE = {"filters.errors"} | {
     f"imutui.{name}"
     for name in (
+        "command_line",
         "defects",
         "estimate_history",
         "fast_time",
@@ -41,6 +42,7 @@ EVERYWHERE = {"filters.errors"} | {
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
+    "imutui.command_line": set(),
     "imutui.estimate_history": set(),
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),
@@ -80,7 +82,13 @@ FLOORS = {
     },
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.registry"},
     "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
-    "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},
+    "imutui.report": {
+        "filters",
+        "imutui.jobs",
+        "imutui.logbook.atomic_file",
+        "imutui.logbook.json_text",
+        "imutui.verdict",
+    },
     "imutui.tui": {
         "imutui.filter_snapshot",
         "imutui.batch_file",

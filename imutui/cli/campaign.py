@@ -10,9 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, lacking, say, show_progress
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    USAGE,
+    answer,
+    check_output,
+    fail,
+    lacking,
+    refuse_existing,
+    say,
+    show_progress,
+)
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
-from imutui.cli.report import check_folder
+from imutui.cli.report import check_folder, names_in, say_replaced
 
 if TYPE_CHECKING:
     from imutui.jobs.campaign.log_list import LogList
@@ -88,7 +99,7 @@ def command(
     if workers is not None and (cluster is not None or workers < 1):
         raise fail(USAGE, f"--workers is {workers}: it takes 1 or more, and goes without --cluster, which has its own.")
     part = None if shard is None else log_list.parse_shard(shard)
-    check_results(output)
+    check_results(output, force)
     file, name = reference_of(reference)
     overrides = overrides_of(filter_name, name, set_ or [])
     settings = CampaignSettings(ReplayOptions(overrides=overrides, reference=file, effects=effects_of(effects)), trace)
@@ -168,12 +179,16 @@ def _duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def check_results(folder: Path) -> None:
+def check_results(folder: Path, force: bool) -> None:
     """Raise the exit for a folder that -o names and that can't be made, or is none; no folder above it is made."""
     if folder.exists() and not folder.is_dir():
         raise fail(USAGE, f"{folder} is a file; -o names a folder.")
     if not folder.exists():
         check_output(folder, force=False)
+    from imutui.jobs.campaign import results_folder
+
+    if not results_folder.has_results(folder):
+        refuse_existing(folder / results_folder.TABLE, force, "name another folder with -o")
 
 
 def say_no_table() -> None:
@@ -226,11 +241,14 @@ def _summarise(results: Path, report: Path | None, *, force: bool, json: bool) -
     from imutui.report import fleet_report
 
     if report is not None:
-        check_folder(report, force, "--report")
+        check_folder(report, force, "--report", fleet_report.may_write)
     rows = stored_rows.rows_of(results)
     document = summary.summary(rows, str(stored_rows.path_of(results)))
     if report is not None:
-        say(f"imutui: {fleet_report.write(report, document)[0]}: page of the fleet")
+        before = names_in(report)
+        written = fleet_report.write(report, document, overwrite=force)
+        say_replaced(report, before, written)
+        say(f"imutui: {written[0]}: page of the fleet")
     answer(document, lambda: fleet_report.text(document, width()), json=json)
     if not document["groups"]:
         why = f"none of {len(rows):,} logs has a result, so that there is nothing to summarise"

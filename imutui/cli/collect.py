@@ -28,7 +28,7 @@ def command(
     from imutui.jobs.campaign import results_folder
     from imutui.jobs.campaign.collect import collect
 
-    check_results(output)
+    check_results(output, force)
     if any(part.exists() and output.exists() and part.samefile(output) for part in parts):
         raise fail(USAGE, f"-o names one of the parts, {output}; name another folder.")
     if results_folder.has_results(output):

@@ -57,6 +57,7 @@ def command(
 
 def _write(output: Path, units: list[Entry], listed: Collection[str], force: bool) -> None:
     """Write the table of a batch."""
+    from imutui import command_line
     from imutui.batch_file import Batch, Unit, to_toml
     from imutui.jobs.quantities import plural
     from imutui.logbook import atomic_file
@@ -74,7 +75,8 @@ def _write(output: Path, units: list[Entry], listed: Collection[str], force: boo
         unit = unit_in_words(entry["instrument"], entry["serial_number"])
         about.append(". ".join(filter(None, (f"{unit} at {entry['port']}", entry["error"]))))
     atomic_file.write(output, to_toml(Batch(output, tuple(rows)), tuple(about)), overwrite=force)
-    say(f"imutui: {output}: {plural(len(rows), 'unit')}; `imutui record --batch {output}` records them")
+    record = command_line.command("record", "--batch", output)
+    say(f"imutui: {output}: {plural(len(rows), 'unit')}; `{record}` records them")
 
 
 def _running() -> list[Entry]:

@@ -99,8 +99,15 @@ def refuse_existing(path: Path, force: bool, other: str = "name another file wit
         raise fail(USAGE, f"{path} is a folder; -o names a file.")
     if path.exists() and not path.is_file():
         raise fail(USAGE, f"{path} is a device or a pipe, which a file would take the place of; name a file.")
-    if path.exists() and not force:
-        raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or {other}.")
+    if os.path.lexists(path) and not force:
+        raise fail(USAGE, _exists(path, other))
+    from imutui.logbook import file_lock
+
+    file_lock.refuse_held(path)
+
+
+def _exists(path: Path | str, other: str = "name another file with -o") -> str:
+    return f"{path} exists and is left as it is. --force replaces it, or {other}."
 
 
 def check_output(path: Path, force: bool, *inputs: Path) -> None:
@@ -112,10 +119,16 @@ def check_output(path: Path, force: bool, *inputs: Path) -> None:
         if path.exists() and file.exists() and path.samefile(file):
             raise fail(USAGE, f"-o names {file} itself, which stays as it is; name another file.")
     refuse_existing(path, force)
-    if not path.parent.exists():
-        from shlex import quote
+    # a log's checksum and notes lie beside it; a checksum of a log that is gone is worth nothing
+    from imutui.logbook import added_notes, checksum_file
 
-        made = f"mkdir -p {quote(str(path.parent))}"
+    if checksum_file.read_or_none(path) is None:
+        refuse_existing(checksum_file.path_of(path), force)
+    refuse_existing(added_notes.path_of(path), force)
+    if not path.parent.exists():
+        from imutui.command_line import joined
+
+        made = joined("mkdir", "-p", path.parent)
         raise fail(USAGE, f"There is no folder {path.parent}, and -o makes none. Type: {made} and then the same again.")
 
 
@@ -218,6 +231,8 @@ def in_words(error: Exception) -> tuple[int, str]:
         return FINDINGS, f"{words}. Take fewer logs at a time, or a part with --start and --end."
     if isinstance(error, OSError) and error.filename == _OUTPUT and error.errno == errno.EBADF:
         return DISK, f"{_OUTPUT} is closed, and what is asked for goes there. `>/dev/null` throws it away."
+    if isinstance(error, FileExistsError) and error.filename:
+        return USAGE, _exists(error.filename)
     if isinstance(error, OSError):
         name = error.filename2 or error.filename
         where = f"{name}: " if name else ""

@@ -45,12 +45,7 @@ def command(
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
     wanted = job.Export(log, output, kind, topic, start, end, force)
-    try:
-        made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
-    except FileExistsError as error:
-        raise fail(
-            USAGE, f"{error.filename} exists and is left as it is. --force replaces it, or name another file with -o."
-        ) from None
+    made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
     reference = None if made.reference is None else str(made.reference)
@@ -64,13 +59,15 @@ def command(
 
 
 def _text(wanted: "Export", made: "Exported") -> str:
-    import shlex
     import textwrap
+
+    from imutui.command_line import joined
 
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
     told = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
     if wanted.topic is not None:
         return told
-    reference = f" --reference {shlex.quote(str(made.reference))}" if made.reference else ""
-    file = shlex.quote(str(wanted.output))
-    return f"{told}\nTo read it back: imutui import {file} -o LOG.mcap {made.about['import']}{reference}"
+    reference = ("--reference", made.reference) if made.reference else ()
+    words = joined("imutui", "import", wanted.output, "-o", "LOG.mcap")
+    flags = " ".join(filter(None, (made.about["import"], joined(*reference))))
+    return f"{told}\nTo read it back: {words} {flags}"

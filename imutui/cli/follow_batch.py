@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -37,6 +36,7 @@ from imutui.cli.exit_codes import (
 )
 from imutui.cli.follow_acquisition import HungUpError, TerminatedError
 from imutui.cli.session_options import refuse
+from imutui.command_line import command
 from imutui.plain_text import in_line
 from imutui.session import batch as batches
 from imutui.session import client
@@ -121,7 +121,7 @@ class Follower:
 
     def _again(self, name: str) -> str:
         unit = name.removeprefix(self._prefix)
-        again = f"imutui record --batch {quote(str(self.batch.path))} --name {unit}"
+        again = command("record", "--batch", self.batch.path, "--name", unit)
         return f"When it is put right: `{again}`, with --port if it is at another port by then."
 
     def _join(self, connection: Client) -> None:
@@ -197,7 +197,7 @@ class Follower:
             f"{unit:<{widest}}  {follow_acquisition.line(one.snapshot) if one.snapshot else one.missing}"
             for unit, one in units.items()
         ]
-        head = f"{len(rows)} running: Ctrl+C finishes all, `imutui attach --batch {self.batch.name}` shows more"
+        head = f"{len(rows)} running: Ctrl+C finishes all, `{command('attach', '--batch', self.batch.name)}` shows more"
         return "\n".join(map(in_line, [head, *rows]))
 
 
@@ -264,9 +264,8 @@ def follow(batch: Batch, base: Plan, plans: Sequence[Plan], *, json: bool) -> No
     ends = sorted(follower.ends, key=lambda end: order.index(end.name) if end.name in order else len(order))
     code = tell_ends(ends, json=json)
     if any(end.result for end in ends):
-        say(
-            f"`imutui report --batch {batch.name} -o {batch.name}` tells which units pass, and what they have in common"
-        )
+        report = command("report", "--batch", batch.name, "-o", Path(batch.name))
+        say(f"`{report}` tells which units pass, and what they have in common")
     raise typer.Exit(INTERRUPTED if interrupted else code)
 
 
@@ -293,10 +292,10 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
             raise fail(USAGE, f'{path} has no unit "{each.partition(":")[2]}"; it has: {known}.')
     runs = [each for each in wanted if each in client.running()]
     for each in runs:
-        say(f"{each} runs already and is left alone; `imutui stop --name {each}` ends it")
+        say(f"{each} runs already and is left alone; `{command('stop', '--name', each)}` ends it")
     asked = [of[each] for each in wanted if each not in runs]
     if not asked:
-        raise fail(INSTRUMENT, f"all of it runs already; `imutui stop --batch {batch.name}` ends it.")
+        raise fail(INSTRUMENT, f"all of it runs already; `{command('stop', '--batch', batch.name)}` ends it.")
     if port is not None:
         asked = [replace(plan, port=port) for plan in asked]
     for remark in remarks:

@@ -3,7 +3,6 @@
 import importlib.metadata
 import importlib.util
 import json
-import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,14 @@ SOURCE = Path(__file__).parents[2]
 
 def command_for(extra: str) -> str:
     """A command of the shell that installs an extra beside the running program."""
+    from imutui.command_line import joined
+
     try:
         distribution = importlib.metadata.distribution(NAME)
     except importlib.metadata.PackageNotFoundError:  # run from a source folder that nothing was installed from
-        return shlex.join([*_installer(), f"{SOURCE}[{extra}]"])
+        return joined(*_installer(), f"{SOURCE}[{extra}]")
     origin = json.loads(distribution.read_text("direct_url.json") or "{}")
-    return shlex.join([*_installer(), *_what(origin, extra, _needed(distribution, extra))])
+    return joined(*_installer(), *_what(origin, extra, _needed(distribution, extra)))
 
 
 def _installer() -> list[str]:

@@ -125,7 +125,9 @@ def command(
         except KeyboardInterrupt:
             page.close()
             going.pause()
-            say(f"stopped; the table stands. Go on with: imutui investigate --resume -o {output}")
+            from imutui.command_line import command as command_of
+
+            say(f"stopped; the table stands. Go on with: {command_of('investigate', '--resume', '-o', output)}")
             raise typer.Exit(INTERRUPTED) from None
     _finish(output, laboratory, diary, json=json)
 
@@ -163,8 +165,21 @@ def _diary(
         raise fail(USAGE, "say which unit, which table, and for how long: --port, --controller, --hours.")
     if switched:
         raise fail(USAGE, "--switched belongs to --resume.")
+    _refuse_files(output)
     asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
     return Diary.begun(hours, output, asked), speed
+
+
+def _refuse_files(folder: Path) -> None:
+    """Raise the exit for a folder with files that a new investigation would replace."""
+    from imutui.jobs.investigation_diary import DIARY
+    from imutui.report.page import may_write
+
+    found = [*folder.glob("*"), *folder.glob(f"{_LOGS}/[0-9][0-9].mcap")]
+    there = [str(path.relative_to(folder)) for path in found if may_write(path.name) or path.parent.name == _LOGS]
+    if there and not (folder / DIARY).exists():
+        said = f"{folder} has files that would be replaced, and stays as it is: {', '.join(sorted(there))}."
+        raise fail(USAGE, f"{said} Name another folder.")
 
 
 def _name_of(folder: Path) -> str:
@@ -299,7 +314,9 @@ class _Laboratory:
         failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
         if failed or not connection.ended_by_itself:
             why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
-            again = f"imutui investigate --resume -o {self._folder}"
+            from imutui.command_line import command as command_of
+
+            again = command_of("investigate", "--resume", "-o", self._folder)
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name
 
@@ -360,7 +377,7 @@ def _finish(folder: Path, laboratory: _Laboratory, diary: "Diary", *, json: bool
     if importlib.util.find_spec("matplotlib") is None:
         lacking("the page needs matplotlib", "report")
     else:
-        write_page(folder, [document])  # type: ignore[list-item] # a result with a diary
+        write_page(folder, [document], force=True)  # type: ignore[list-item] # a result with a diary
     if json:
         print_json(document)
     else:

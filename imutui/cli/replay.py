@@ -113,8 +113,11 @@ def _one(log: Path, options: Any, show: Any = None) -> Any:
 def _tell(log: Path, document: "ResultDocument") -> None:
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
-        recover = f"`imutui recover {log} -o FIXED.mcap` makes a whole file of what can be read."
-        say(f"imutui: {log}: {document['damage']}. {upto} {recover}")
+        from imutui.command_line import command as command_of
+
+        recover = command_of("recover", log, "-o", "FIXED.mcap")
+        cure = f"`{recover}` makes a whole file of what can be read."
+        say(f"imutui: {log}: {document['damage']}. {upto} {cure}")
     if "effects_of_other_unit" in document:
         say(f"imutui: warning: {log}: {document['effects_of_other_unit']}.")
     if "position" in document.get("unobservable", []):

@@ -14,14 +14,13 @@ from imutui.cli.exit_codes import (
     fail,
     lacking,
     print_json,
-    refuse_existing,
     say,
     show_progress,
 )
 from imutui.cli.options import Force, Json
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from imutui.report.page import Result
 
@@ -60,10 +59,12 @@ def command(
     """
     if output is None or not (results or batch):
         raise fail(USAGE, "what is asked for? Name results, or --batch NAME, and a folder with -o. imutui report -h")
-    check_folder(output, force, "-o")
+    from imutui.report import page
+
     if batch is not None:
-        _batch(batch, results or [], output, json=json)
+        _batch(batch, results or [], output, force=force, json=json)
         return
+    check_folder(output, force, "-o", page.may_write)
     from imutui.jobs import result_files
 
     assert results is not None
@@ -71,15 +72,19 @@ def command(
     documents = []
     for path in results:
         documents += result_files.read(path)
-    written, notes = write_page(output, documents)
+    written, notes = write_page(output, documents, force=force)
     if json:
         files, folder = [path.name for path in written], str(output.resolve())
         print_json({"version": 1, "folder": folder, "results": len(documents), "files": files, "notes": notes})
 
 
-def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path], list[str]]:
+def write_page(
+    folder: Path, documents: "Sequence[Result]", *, force: bool, own: "Collection[str]" = ()
+) -> tuple[list[Path], list[str]]:
     """Write the page of results into a folder, printed too where a browser is at hand, and say what was left out.
 
+    `force`: replace files; which ones is said.
+    `own`: names that may be replaced anyway, since the caller has written them.
     Returns what was written, the page first.
     Returns what was left out, sentences.
     """
@@ -87,34 +92,54 @@ def write_page(folder: Path, documents: "Sequence[Result]") -> tuple[list[Path],
     from imutui.report import page
 
     documents, notes = result_files.completed(documents)
+    before = names_in(folder)
     try:
         stories = [
             page.Story(d, page_data.of_result(d, lambda name: show_progress(f"reading {name}"))) for d in documents
         ]
         show_progress("drawing")
-        written = page.write(folder, stories)
+        written = page.write(folder, stories, overwrite=force, own=own)
         notes += [sentence.rstrip(".") for story in stories for sentence in story.log.missing]
         show_progress("printing")
-        written.append(page.print_page(written[0], folder / page.PRINT))
+        written.append(page.print_page(written[0], folder / page.PRINT, overwrite=force))
     except page.PrintError as error:
         notes.append(f"no PDF: {error}")
+    say_replaced(folder, before - {*own}, written)
     for note in notes:
         say(f"imutui: {note}")
     say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
     return written, notes
 
 
-def _batch(name: str, logs: "Sequence[Path]", output: Path, *, json: bool) -> None:
+def names_in(folder: Path) -> set[str]:
+    """Return the names of a folder's entries; none if there is no such folder."""
+    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+
+
+def say_replaced(folder: Path, before: set[str], written: "Sequence[Path]") -> None:
+    """Say which files of a folder were replaced or removed; `before`: their names before the writing."""
+    for done, names in (
+        ("replaced", before & {path.name for path in written}),
+        ("removed, of an earlier page", before - names_in(folder)),
+    ):
+        if names:
+            say(f"imutui: {folder}: {done}: {', '.join(sorted(names))}")
+
+
+def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json: bool) -> None:
     """Write the pages of a batch, print its result, and end with the exit code that it has."""
     import os
 
     from imutui import config
     from imutui.jobs.campaign import batch, local, log_list, run, stored_rows
     from imutui.jobs.campaign.one_log import CampaignSettings
-    from imutui.report import batch_report
+    from imutui.report import batch_report, page
 
     effective = config.load()
+    check_folder(output, force, "-o", (batch_report.INDEX, batch_report.DOCUMENT).__contains__)
     found = batch.logs_of(name, log_list.find([str(log) for log in logs] or [effective.text("paths.logs")]))
+    for folder in sorted(batch.folders_of(found)):
+        check_folder(output / folder, force, "-o", page.may_write)
     head = stored_rows.head_of(output)
     found = found if head is None else found.below(head["root"])
     campaign = run.Campaign(found, CampaignSettings(), output, mode=effective.file_mode)
@@ -124,13 +149,16 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, json: bool) -> No
     document = batch.result(name, [rows[log] for log in found.logs], found.root, str(output), show_progress)
     for unit in document["units"]:
         if unit["verdict"] is not None:
-            _unit_page(output / batch.folder_of(unit), batch.paths_of(document, unit))
-    say(f"imutui: {batch_report.write(output, document)[0]}: page of the batch")
+            _unit_page(output / batch.folder_of(unit), batch.paths_of(document, unit), force=force)
+    before = names_in(output)
+    written = batch_report.write(output, document, overwrite=force)
+    say_replaced(output, before, written)
+    say(f"imutui: {written[0]}: page of the batch")
     answer(document, lambda: batch_report.text(document, width()), json=json)
     raise typer.Exit(FINE if batch.is_fine(document) else FINDINGS)
 
 
-def _unit_page(folder: Path, logs: "Sequence[Path]") -> None:
+def _unit_page(folder: Path, logs: "Sequence[Path]", *, force: bool) -> None:
     """Write the page of a unit: of its logs those that can be filtered."""
     from filters.errors import InputError
     from imutui.jobs import replay
@@ -143,18 +171,24 @@ def _unit_page(folder: Path, logs: "Sequence[Path]") -> None:
         except InputError:  # the batch's page says it
             continue
     folder.mkdir(exist_ok=True)
-    write_page(folder, documents)
+    write_page(folder, documents, force=force)
 
 
-def check_folder(folder: Path, force: bool, option: str) -> None:
-    """Refuse what cannot be made before minutes are spent on it: no library to draw with, a folder that is taken."""
+def check_folder(folder: Path, force: bool, option: str, may_write: "Callable[[str], bool]") -> None:
+    """Raise the exit before any work for a page that cannot be made: no library to draw with, files in its place.
+
+    `may_write`: whether the page may write a file of this name.
+    """
     from imutui.report import figures
 
     if not figures.available():
         raise lacking("a page has figures, drawn with matplotlib", "report")
     if folder.exists() and not folder.is_dir():
         raise fail(USAGE, f"{folder} is a file; {option} names a folder.")
-    from imutui.report import page
-
-    for name in page.NAMES:
-        refuse_existing(folder / name, force, f"name another folder with {option}")
+    there = sorted(name for name in names_in(folder) if may_write(name))
+    if there and not force:
+        raise fail(
+            USAGE,
+            f"{folder} has files that would be replaced, and stays as it is: {', '.join(there)}. --force replaces them,"
+            f" or name another folder with {option}.",
+        )

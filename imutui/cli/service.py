@@ -124,16 +124,18 @@ def _is(path: Path, text: str) -> bool:
 
 def _steps(name: str, port: str | None) -> str:
     """What to do, with what is done already."""
+    from imutui import command_line
+    from imutui.command_line import joined
     from imutui.service import udev_rule, user_unit
 
     where = port or "/dev/ttyUSB0"
-    flags = f"--name {name} --port {where}"
-    rule = f"{udev_rule.FOLDER}/{udev_rule.file_name(name)}"
+    flags = ("--name", name, "--port", where)
+    rule = joined("sudo", "tee", udev_rule.FOLDER / udev_rule.file_name(name))
     ready = user_unit.unit_path().exists() and user_unit.settings_path(name).exists()
     rest = [
-        (f"imutui service --install {flags}", f"unit and settings{': done' if ready else ''}"),
-        (f"$EDITOR {user_unit.settings_path(name)}", "rate, files, note: options of `imutui record`"),
-        (f"imutui service --udev {flags} | sudo tee {rule}", "for a USB adapter: name, group, latency"),
+        (command_line.command("service", "--install", *flags), f"unit and settings{': done' if ready else ''}"),
+        (f"$EDITOR {joined(user_unit.settings_path(name))}", "rate, files, note: options of `imutui record`"),
+        (f"{command_line.command('service', '--udev', *flags)} | {rule}", "for a USB adapter: name, group, latency"),
         ("sudo udevadm control --reload && sudo udevadm trigger", "takes the rule up; or plug it in again"),
         (f"sudo usermod -aG {udev_rule.group()} $USER", "the right to open it; then log in again"),
         (
@@ -142,7 +144,7 @@ def _steps(name: str, port: str | None) -> str:
         ),
         ("systemctl --user daemon-reload", ""),
         (f"systemctl --user enable --now imutui@{name}", "begins to record"),
-        (f"imutui status; imutui attach --name {name}", "how it goes"),
+        (f"imutui status; {command_line.command('attach', '--name', name)}", "how it goes"),
         (f"journalctl --user -u imutui@{name}", "what it said"),
         (f"systemctl --user stop imutui@{name}", "finishes the file"),
     ]

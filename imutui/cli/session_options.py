@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 
 # fields of a plan, and of a session, that are settings of the same meaning: their names are the keys' but for these
-_RENAMED = {"foxglove.port": "foxglove_port", "foxglove.host": "foxglove_host", "filter.name": "filter"}
+_RENAMED = {
+    "foxglove.port": "foxglove_port",
+    "foxglove.host": "foxglove_host",
+    "foxglove.origins": "foxglove_origins",
+    "filter.name": "filter",
+}
 _OTHERS = ("paths.logs", "site.", "screen.")
 _SETTINGS = {_RENAMED.get(key, key.partition(".")[2]): key for key in DEFAULTS if not key.startswith(_OTHERS)}
 # fields of a plan that are the instrument's own where nobody chose

@@ -71,13 +71,15 @@ def command(
 
 def _checked(action: str, values: list[str], controller: str) -> list[str | float]:
     if action not in _VALUES:
-        raise fail(USAGE, f'imutui table is told to "{action}"; it can: {", ".join(_VALUES)}.')
+        raise fail(USAGE, f'"{action}" is nothing that imutui table does; it can: {", ".join(_VALUES)}.')
     if not controller:
         raise fail(USAGE, "which table? Say --controller acutrol://HOST:PORT.")
     wanted = _VALUES[action].split()
     if len(values) != len(wanted):
-        usage = f"imutui table {action} {_VALUES[action]}".rstrip()
-        raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage} --controller URL')
+        from imutui.command_line import command as command_of
+
+        usage = command_of("table", action, *wanted, "--controller", "URL")
+        raise fail(USAGE, f'"{" ".join(values)}" is not what follows {action}. Type: {usage}')
     return [text if what == "AXIS" else _number(text) for what, text in zip(wanted, values, strict=True)]
 
 

@@ -42,6 +42,7 @@ def command(
     """
     from imutui.jobs.trace import TraceOptions, trace
     from imutui.report import trace_tables
+    from imutui.report.page import may_write
 
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
@@ -49,7 +50,7 @@ def command(
     if output is not None:
         check_output(output, force, *logs)
     if report is not None:
-        check_folder(report, force, "--report")
+        check_folder(report, force, "--report", may_write)
     file, name = reference_of(reference)
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
@@ -62,14 +63,15 @@ def command(
         lambda: trace_tables.text(traced.document, traced.source, width(), signs=in_signs),
         json=json,
     )
-    if output is not None:
-        _write_effects(output, traced, force)
+    written = [] if output is None else _write_effects(output, traced, force)
     if report is not None:
-        write_page(report, [traced.document])
+        own = [path.name for path in written if path.parent.resolve() == report.resolve()]
+        write_page(report, [traced.document], force=force, own=own)
     raise typer.Exit(FINDINGS if traced.damage else FINE)
 
 
-def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
+def _write_effects(output: Path, traced: "Traced", force: bool) -> list[Path]:
+    """Write the effects file, and beside it the motion of the separating experiment; return what was written."""
     from filters.effects import plain_names
     from imutui.logbook import atomic_file
 
@@ -83,11 +85,14 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
     experiment = traced.document.get("separating_experiment")
     if experiment and experiment.get("profile"):
         beside = output.with_name("experiment.toml")
+        there = " (replaced)" if beside.exists() else ""
         try:
             atomic_file.write(beside, experiment["profile"], overwrite=force)
-            say(f"imutui: {beside}: the motion that would separate the causes")
+            say(f"imutui: {beside}: the motion that would separate the causes{there}")
+            return [output, beside]
         except FileExistsError:
             say(
                 f"imutui: {beside} exists and is left as it is: it is another trace's motion, and this one's is not"
                 " saved; --force replaces it, or name -o in another folder"
             )
+    return [output]

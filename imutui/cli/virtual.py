@@ -96,6 +96,7 @@ def command(
     from imutui.cli.virtual_table import VirtualTable
     from imutui.cli.virtual_units import UNITS, instrument_of, recorded_unit
     from imutui.instrument.virtual import SentPackets, serve
+    from imutui.logbook.atomic_file import create
 
     if not 0.0 < speed < math.inf:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
@@ -145,8 +146,11 @@ def command(
         sys.stdout.flush()
 
     with ExitStack() as files:
-        sink = None if tap is None else files.enter_context(open(tap, "wb", buffering=0))
-        truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")), made.unit)
+        sink = None if tap is None else files.enter_context(open(create(tap, overwrite=force), "wb", buffering=0))
+        truth = None
+        if sent is not None:
+            stream = files.enter_context(open(create(sent, overwrite=force), "w", encoding="ascii"))
+            truth = SentPackets(stream, made.unit)
         url = None if table is None else files.enter_context(table.served(made.unit))
         try:
             serve(

@@ -1,5 +1,6 @@
 """The instruments that there are, by name."""
 
+from imutui.command_line import command
 from imutui.instrument.imu400.host import IMU400CD
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
@@ -32,7 +33,7 @@ def nor_the_others() -> str:
     others = [name for name in INSTRUMENTS if name != DEFAULT]
     return (
         f"Nor did any of the others answer: {', '.join(others)}. One that is quiet and slow to answer has to be named:"
-        f" imutui record --instrument {others[0]}."
+        f" {command('record', '--instrument', others[0])}."
     )
 
 

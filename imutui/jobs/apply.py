@@ -7,7 +7,6 @@ correction is solved for what is sensed, since a reading has its bias and its ef
 follow, a drift, stays in; so do the biases, which belong to a power-on.
 """
 
-import errno
 import heapq
 import math
 import time
@@ -31,12 +30,12 @@ from filters.types import Array
 from imutui.jobs import linear_correction, replay, replay_input
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
-from imutui.logbook import atomic_file, checksum_file, effects_file, power_on, reader, reference_file, schemas
+from imutui.logbook import effects_file, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
-from imutui.logbook.writer import LogWriter
+from imutui.logbook.writer import whole_log
 from imutui.plain_text import in_line
 
 APPLIED = "applied_effects.toml"
@@ -96,9 +95,8 @@ def apply(
     accel[taken] -= found.correction[:, :3]
     valid[taken] = found.use
     corrected = replace(log, gyro=gyro, accel=accel, valid=valid)
-    if output.exists() and not overwrite:
-        raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
-    _write(corrected, _session(corrected, info, effects, document.source), effects, output, mode)
+    session = _session(corrected, info, effects, document.source)
+    _write(corrected, session, effects, output, overwrite=overwrite, mode=mode)
     progress(1.0)
     return Applied(
         int(log.stamp_ns.size),
@@ -236,11 +234,10 @@ def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> Sessio
                    previous="", previous_id="", previous_end="", restart="")  # fmt: skip
 
 
-def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int) -> None:
+def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, *, overwrite: bool, mode: int) -> None:
     text = f"# {in_line(log.path.name)}, corrected: {APPLIED}\n"
     first_ns = int(log.stamp_ns[0])
-    with atomic_file.part_of(output, overwrite=True, mode=mode) as part:
-        writer = LogWriter(part, info, text, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+    with whole_log(output, info, text, overwrite=overwrite, mode=mode) as writer:
         writer.attach(APPLIED, effects_file.MEDIA_TYPE, effects, first_ns)
         for name in reference_file.ATTACHMENTS:
             if name in log.attachments:
@@ -249,9 +246,6 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int)
         for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
             writer.encoded(topic, data, stamp, stamp)
         writer.finish(_summary(log), time.time_ns())
-    # the sum of a log whose name it took is none of this one's
-    if writer.sha256 is not None:
-        checksum_file.write(output, writer.sha256, mode)
 
 
 def _summary(log: Log) -> dict[str, object]:

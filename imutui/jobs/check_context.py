@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from imutui.command_line import command
 from imutui.logbook import reader, schemas
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.scan import Damage, Scan
@@ -61,7 +62,7 @@ class CheckContext:
 
     def recover(self) -> str:
         """What to do about a broken file."""
-        return f"`imutui recover {self.name} -o FIXED.mcap` makes a whole file of what can be read."
+        return f"`{command('recover', self.found.path, '-o', 'FIXED.mcap')}` makes a whole file of what can be read."
 
 
 class DataRule(Protocol):

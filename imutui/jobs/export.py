@@ -1,6 +1,5 @@
 """A log, or one topic of it, as CSV, NPZ or Parquet: whole or not at all."""
 
-import errno
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -68,13 +67,13 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
     reference = _reference(wanted, known) if known is not None and wanted.whole else None
     if reference is not None and reference[0].exists() and not wanted.overwrite:
-        raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(reference[0]))
+        raise atomic_file.taken(reference[0])
     with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
         rows = formats.write(wanted.kind, made, part, progress)
         if not rows:
             raise InputError(f"{wanted.log}: --start and --end leave nothing to export.")
     if reference is not None:
-        atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
+        atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
     names = tuple(column.name for column in made.columns)
     return Exported(rows, names, made.units(), made.about, made.damage(), reference and reference[0])
 

@@ -5,7 +5,6 @@ effects, experiments. What was made of several logs stays, as does another log t
 written is never touched.
 """
 
-import errno
 import hashlib
 import os
 import re
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from filters.errors import InputError
-from imutui.logbook import added_notes, atomic_file, checksum_file, log_stream
+from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock
 from imutui.logbook import effects_file as effects
 from imutui.plain_text import in_line
 
@@ -54,7 +53,7 @@ def annotate(log: Path, note: str | None, operator: str | None) -> Path:
     Raises OSError if there is no such log, or the disk does not take it.
     """
     with log.open("rb") as stream:
-        if log_stream.is_held(stream):
+        if file_lock.is_held(stream):
             raise InputError(f"{log.name} is being written: its note goes into it, by `imutui note` without --log")
     return added_notes.add(log, note, operator)
 
@@ -127,20 +126,14 @@ def _moved(path: Path, log: Path, target: Path) -> Path:
 
 def _move(path: Path, to: Path) -> None:
     try:
-        os.link(path, to, follow_symlinks=False)  # refuses a name that somebody took meanwhile
+        atomic_file.move(path, to, overwrite=False)
     except FileExistsError as error:
         raise InputError(f"{to.name} exists already, and nothing is replaced: take another name") from error
-    except OSError as error:
-        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS):
-            raise
-        path.rename(to)  # a file system without links
-        return
-    path.unlink()
 
 
 def _refuse_written(log: Path) -> None:
     with log.open("rb") as stream:
-        if log_stream.is_held(stream):
+        if file_lock.is_held(stream):
             raise InputError(f"{log.name} is being written, so it stays as it is: finish the recording first")
 
 

@@ -52,27 +52,22 @@ def recover(
     if found.held:
         raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
     digest = reader.sha256(path)
-    try:
-        with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
-            kept = rebuilding.rebuild(
-                found,
-                part,
-                lambda kept: rebuilding.note(found, kept, _lost(found, kept), digest),
-                lambda share: progress(_SCANNED + (_WRITTEN - _SCANNED) * share, f"writing {output.name}"),
+    with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
+        kept = rebuilding.rebuild(
+            found,
+            part,
+            lambda kept: rebuilding.note(found, kept, _lost(found, kept), digest),
+            lambda share: progress(_SCANNED + (_WRITTEN - _SCANNED) * share, f"writing {output.name}"),
+        )
+        if not kept.messages:
+            raise UnreadableLogError(
+                f"{path} holds no whole message: it was cut before its first second was on the disk. Nothing can be"
+                " recovered from it; record again."
             )
-            if not kept.messages:
-                raise UnreadableLogError(
-                    f"{path} holds no whole message: it was cut before its first second was on the disk. Nothing can be"
-                    " recovered from it; record again."
-                )
-            progress(_WRITTEN, f"reading {output.name} back")
-            known, trouble = _samples(part, output)
-            if known is not None:
-                _compare(path, part, known)
-    except OSError as error:
-        # the part's own name says nothing to anybody
-        error.filename = str(output) if str(error.filename or "").endswith(".part") else error.filename
-        raise
+        progress(_WRITTEN, f"reading {output.name} back")
+        known, trouble = _samples(part, output)
+        if known is not None:
+            _compare(path, part, known)
     made = reader.sha256(output)
     with contextlib.suppress(OSError):  # the log is whole without it
         checksum_file.write(output, made, mode)

@@ -1,6 +1,5 @@
 """The filter over a log: the same step as live, fed with what the file holds."""
 
-import errno
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -119,6 +118,21 @@ def replayed(
     """
     if options.output is not None and options.output.exists() and options.output.samefile(path):
         raise InputError(f"{options.output} is the log itself: estimates go into a file of their own")
+    if options.output is None:
+        return _replayed(path, options, None, progress, say)
+    with atomic_file.part_of(options.output, overwrite=options.overwrite, mode=options.mode) as part:
+        made = _replayed(path, options, part, progress, say)
+    checksum_file.remove(options.output)  # of an earlier file of that name
+    return made
+
+
+def _replayed(
+    path: Path,
+    options: ReplayOptions,
+    output: Path | None,
+    progress: Callable[[float], None],
+    say: Callable[[str], None] | None,
+) -> Replayed:
     started = time.perf_counter()
     fed = _fed(path, options)
     log, first_ns = fed.log, fed.first.first_ns
@@ -134,24 +148,17 @@ def replayed(
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, first_ns), event.text)
     estimator.warm_up(say)
-    sink = None
-    if options.output is not None:
-        sink = _EstimateSink(options, options.output, info, log, first_ns)
+    sink = None if output is None else _EstimateSink(output, info, log, first_ns, options.mode)
     temperature = replay_input.Temperatures()
     started = time.perf_counter()
-    try:
-        for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
-            for taker in (course, points):
-                if taker is not None:
-                    taker.take(rows, estimator)
-            if sink is not None:
-                sink.take(rows, estimator)
-        if estimator.latest is None:
-            raise InputError(f"{path}: {_nothing_used(info)}")
-    except BaseException:
+    for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
+        for taker in (course, points):
+            if taker is not None:
+                taker.take(rows, estimator)
         if sink is not None:
-            sink.abandon()
-        raise
+            sink.take(rows, estimator)
+    if estimator.latest is None:
+        raise InputError(f"{path}: {_nothing_used(info)}")
     filter_s = time.perf_counter() - started
     first = None if options.start is None else first_ns
     last = None if options.end is None else first_ns + round(fed.seconds * 1e9)
@@ -314,20 +321,14 @@ def run(
 
 
 class _EstimateSink:
-    """Writes estimates as they come, beside the file that they will replace only when they are all there."""
+    """Write estimates to a file as they come."""
 
-    def __init__(self, options: ReplayOptions, output: Path, info: SessionInfo, log: Log, first_ns: int) -> None:
-        if output.exists() and not options.overwrite:
-            raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
+    def __init__(self, output: Path, info: SessionInfo, log: Log, first_ns: int, mode: int) -> None:
         self._info = info
-        self._output = output
-        self._part = output.with_name(output.name + ".part")
         text = f"# replay of {in_line(log.path.name)}\nfilter = {quoted(info.filter)}\n"
         text += f"reference = {quoted(info.reference)}\n"
-        # without a sum beside it: it can be made again
-        self._writer = LogWriter(
-            self._part, info, text, time.time_ns(), overwrite=True, mode=options.mode, checksum=False
-        )
+        # without a checksum beside it: the file can be made again
+        self._writer = LogWriter(output, info, text, time.time_ns(), overwrite=True, mode=mode, checksum=False)
         self._first_ns = first_ns
         # rows are made messages many at a time, as long as the verdict on the biases is the same
         self._rows: list[np.ndarray] = []
@@ -354,13 +355,6 @@ class _EstimateSink:
         self._rows, self._count = [], 0
 
     def finish(self, result: ResultDocument) -> None:
-        """Close the file with the result as its summary, and put it in its place."""
+        """Close the file with the result as its summary."""
         self._write()
         self._writer.finish(result, time.time_ns())
-        self._part.replace(self._output)
-        checksum_file.remove(self._output)  # of a log whose name it took
-        atomic_file.sync_directory(self._output.parent)
-
-    def abandon(self) -> None:
-        """Remove the unfinished file of estimates."""
-        self._part.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
+`atomic_file` the one writer of files, `file_lock` whether a process writes one ·
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
 and its index, `mcap_writer` writes them · `mcap_stream` its records in order, `scan` those of a damaged one,
 `summary` its ends ·

@@ -24,7 +24,7 @@ from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
-from imutui.logbook.writer import LogWriter
+from imutui.logbook.writer import whole_log
 from imutui.plain_text import in_line
 
 T = TypeVar("T")
@@ -219,23 +219,24 @@ def write(
     info = replace(info, log_id=own, power_on=info.power_on or own)
     angles, rates, changed = _table(recording, info)
     text = f"# imported from {in_line(source.name)}\n"
-    log = LogWriter(output, info, text, time.time_ns(), overwrite=overwrite, mode=mode)
-    if reference is not None:
-        log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
-    next_second = int(stamp_ns[0])
-    for k, stamp in enumerate(stamp_ns.tolist()):
-        if stamp >= next_second or changed[k]:
-            row = schemas.encode_table_reference(stamp, info.reference, angles[k].tolist(), rates[k].tolist())
-            log.encoded(schemas.REFERENCE, row, stamp, stamp)
-        if stamp >= next_second:
-            next_second = stamp + 1_000_000_000
-            progress(k)
-        log.imu(stamp, stamp, gyro[k], accel[k])
-        if recording.temperature_degc is not None:
-            data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
-            log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
-    duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
-    log.finish({"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}, time.time_ns())
+    with whole_log(output, info, text, overwrite=overwrite, mode=mode) as log:
+        if reference is not None:
+            log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
+        next_second = int(stamp_ns[0])
+        for k, stamp in enumerate(stamp_ns.tolist()):
+            if stamp >= next_second or changed[k]:
+                row = schemas.encode_table_reference(stamp, info.reference, angles[k].tolist(), rates[k].tolist())
+                log.encoded(schemas.REFERENCE, row, stamp, stamp)
+            if stamp >= next_second:
+                next_second = stamp + 1_000_000_000
+                progress(k)
+            log.imu(stamp, stamp, gyro[k], accel[k])
+            if recording.temperature_degc is not None:
+                data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
+                log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
+        duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
+        summary = {"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}
+        log.finish(summary, time.time_ns())
 
 
 def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

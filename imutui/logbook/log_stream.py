@@ -1,15 +1,12 @@
 """The open file of a log that is being written: made so that nothing is replaced, hashed as it is written."""
 
-import contextlib
 import errno
-import fcntl
 import hashlib
 import io
 import os
-import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imutui.logbook import atomic_file, checksum_file
 
@@ -45,20 +42,19 @@ class HashingFile(io.FileIO):
 
 
 def create(path: Path, *, overwrite: bool, mode: int = MODE) -> HashingFile:
-    """Make a log's file, and its folder too; both are on the disk with their names, though the file is empty.
+    """Make the empty, claimed file of a log that grows under its name, and its folder; both names are on the disk.
 
     `path`: file to make.
     `overwrite`: whether an existing one may be replaced.
     `mode`: its permissions, whatever the umask.
     Raises FileExistsError if it exists and may not be replaced.
+    Raises InputError if a process writes it.
     Raises OSError if it cannot be made; nothing is left then.
     """
     made = _make_folder(path.parent)
-    flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
-    stream = HashingFile(os.open(path, flags, mode))
+    stream = HashingFile(atomic_file.create(path, overwrite=overwrite, mode=mode))
     try:
-        os.fchmod(stream.fileno(), mode)
-        # what was the sum of a file of this name is none of this one's
+        # a checksum of an earlier file of this name does not belong to the new one
         checksum_file.remove(path)
         for folder in made:
             atomic_file.sync_directory(folder)
@@ -110,38 +106,3 @@ def find(descriptor: int, path: Path) -> Whereabouts:
         return Whereabouts(now if is_at(descriptor, now) else None, True)
     except OSError:
         return Whereabouts(None, True)
-
-
-# ---------------------------------------------------------------------------------------------------------- file lock
-# Whether a log is being written by a living process: a lock that the kernel drops however that process ends.
-#
-# A lock of the open file (not of the process), so that asking about it neither takes nor disturbs it.
-
-# struct flock: l_type, l_whence, l_start, l_len, l_pid; a length of 0 is the whole file
-_FLOCK = "hhqqi0q"
-_BEGINNING = 0
-
-
-def claim(stream: IO[Any]) -> None:
-    """Mark an open file as being written until it is closed; a file system without such locks does without."""
-    with contextlib.suppress(OSError):
-        fcntl.fcntl(stream, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, _BEGINNING, 0, 0, 0))
-
-
-def take(stream: IO[Any]) -> bool:
-    """As `claim`, but tells whether it is ours: False only if another open file claims it."""
-    try:
-        fcntl.fcntl(stream, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, _BEGINNING, 0, 0, 0))
-    except OSError as error:
-        return error.errno not in (errno.EACCES, errno.EAGAIN)
-    return True
-
-
-def is_held(stream: IO[Any]) -> bool:
-    """Whether another open file claims this one."""
-    wanted = struct.pack(_FLOCK, fcntl.F_RDLCK, _BEGINNING, 0, 0, 0)
-    try:
-        found = fcntl.fcntl(stream, fcntl.F_OFD_GETLK, wanted)
-    except OSError:
-        return False
-    return bool(struct.unpack(_FLOCK, found)[0] != fcntl.F_UNLCK)

@@ -18,7 +18,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header
 
-from imutui.logbook import effects_file, log_stream, mcap_format, reader, reference_file, summary
+from imutui.logbook import effects_file, file_lock, mcap_format, reader, reference_file, summary
 from imutui.logbook.mcap_format import (
     FOOTER_SIZE,
     HEAD,
@@ -120,7 +120,7 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None, *, 
     """
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
-        found.held = log_stream.is_held(stream)
+        found.held = file_lock.is_held(stream)
         _FileWalk(data, found, progress, indexes=indexes).run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
             raise UnreadableLogError(reader.foreign(path))

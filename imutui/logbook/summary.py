@@ -16,7 +16,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
-from imutui.logbook import log_stream, mcap_format, schemas
+from imutui.logbook import file_lock, mcap_format, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
 from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
 from imutui.logbook.session_info import METADATA
@@ -79,7 +79,7 @@ def read(path: Path) -> Summary:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
         if not whole:
             _from_ends(stream, found)
-        if log_stream.is_held(stream):
+        if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
     _judge(found)
     return found

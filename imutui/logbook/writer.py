@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import imutui
-from imutui.logbook import checksum_file, log_stream, schemas
+from imutui.logbook import atomic_file, checksum_file, log_stream, schemas
 from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.schemas import RawPacket
@@ -20,6 +21,23 @@ from imutui.logbook.summary import CONFIGURATION, SUMMARY
 
 Encoded: TypeAlias = tuple[str, bytes, int, int]
 """A message: topic, CDR bytes, log time and publish time (UTC, ns)."""
+
+
+@contextlib.contextmanager
+def whole_log(
+    path: Path, info: SessionInfo, configuration: str, *, overwrite: bool, mode: int
+) -> Iterator["LogWriter"]:
+    """Yield the writer of a log that takes its name when the block ends, with its checksum beside it.
+
+    Parameters and errors are those of `LogWriter`; the block has to call `finish`. If it raises, nothing is left.
+    """
+    with atomic_file.part_of(path, overwrite=overwrite, mode=mode) as part:
+        log = LogWriter(part, info, configuration, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+        yield log
+    # the log is whole without it
+    with contextlib.suppress(OSError):
+        if log.sha256 is not None:
+            checksum_file.write(path, log.sha256, mode)
 
 
 class LogWriter:
@@ -61,7 +79,6 @@ class LogWriter:
         self._also = also
         self._raw_file = log_stream.create(path, overwrite=overwrite, mode=mode)
         self._file = io.BufferedWriter(self._raw_file)
-        log_stream.claim(self._file)
         self._good = 0
         self._good_messages = 0
         self._channels: dict[str, int] = {}

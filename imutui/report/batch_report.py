@@ -7,7 +7,7 @@ from imutui.jobs.campaign.batch import BatchDocument, Outcome, UnitField, folder
 from imutui.jobs.campaign.common_errors import CommonField
 from imutui.jobs.campaign.summary_document import LimitField
 from imutui.jobs.quantities import plural
-from imutui.logbook import json_text
+from imutui.logbook import atomic_file, json_text
 from imutui.report import fleet_sentences, html, identity, plain, wrapping
 from imutui.report.blocks import Article, Block, Column, Facts, Items, Page, Paragraph, Section, Table
 from imutui.report.numbers import NOTHING, ORIGIN, plus_minus
@@ -38,12 +38,14 @@ def page(document: BatchDocument, *, is_page: bool = True) -> Page:
     return Page(title, (Article(title, kind, identity.ORIGINS[kind], tuple(sections)),))
 
 
-def write(folder: Path, document: BatchDocument) -> list[Path]:
-    """Write page and document into a folder that there is; files of these names are replaced. The page comes first."""
-    contents = {INDEX: html.document(page(document)), DOCUMENT: json_text.dumps(document) + "\n"}
-    for name, content in contents.items():
-        (folder / name).write_bytes(content.encode("utf-8", "replace"))
-    return [folder / name for name in contents]
+def write(folder: Path, document: BatchDocument, *, overwrite: bool = False) -> list[Path]:
+    """Write page and document into a folder; return their paths, the page first.
+
+    Raises FileExistsError if one exists and may not be replaced; then none is written.
+    """
+    texts = {INDEX: html.document(page(document)), DOCUMENT: json_text.dumps(document) + "\n"}
+    contents = {name: text.encode("utf-8", "replace") for name, text in texts.items()}
+    return atomic_file.write_all(folder, contents, overwrite=overwrite)
 
 
 def _count(units: Sequence[UnitField], outcome: Outcome) -> int:

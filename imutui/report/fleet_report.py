@@ -1,5 +1,6 @@
 """A fleet's summary as articles, one a group: what fails, what drifts, what stands out, parts, charts, effects."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,12 +8,13 @@ from pathlib import Path
 from filters import specification
 from imutui.jobs.campaign.summary_document import GroupField, SummaryDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import json_text
+from imutui.logbook import atomic_file, json_text
 from imutui.report import figures, fleet_figures, fleet_sentences, html, identity, plain, wrapping
 from imutui.report.blocks import Article, Block, Column, Facts, Items, Page, Paragraph, Section, Subheading, Table
 from imutui.report.numbers import NOTHING, ORIGIN
 
 INDEX, SUMMARY = "index.html", "summary.json"
+_FIGURE = re.compile(r"(?:\d+-)?(?:units|chart-\d+)\.(?:svg|png)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,18 +206,21 @@ def _method(document: SummaryDocument) -> Iterator[Block]:
 # A folder to hand over: the page of a fleet, its figures as files, the summary.
 
 
-def write(folder: Path, document: SummaryDocument) -> list[Path]:
+def may_write(name: str) -> bool:
+    """Return whether a fleet's page writes a file of this name into its folder."""
+    return name in (INDEX, SUMMARY) or _FIGURE.fullmatch(name) is not None
+
+
+def write(folder: Path, document: SummaryDocument, *, overwrite: bool = False) -> list[Path]:
     """Write page, figures and summary into a folder.
 
-    `folder`: made if absent; files of these names are replaced.
+    `folder`: made if absent.
     Returns what was written, the page first.
+    Raises FileExistsError if a file exists and may not be replaced; then none is written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     made = page(document)
     contents = {INDEX: html.document(made).encode("utf-8", "replace")}
     contents[SUMMARY] = (json_text.dumps(document) + "\n").encode()
     for number, article in enumerate(made.articles, 1):
         contents |= figures.files(article, "" if len(made.articles) == 1 else f"{number}-")
-    for name, content in contents.items():
-        (folder / name).write_bytes(content)
-    return [folder / name for name in contents]
+    return atomic_file.write_all(folder, contents, overwrite=overwrite)

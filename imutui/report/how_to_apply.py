@@ -11,6 +11,7 @@ from filters.effects.inputs import REFERENCE_DEGC
 from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import TraceDocument
 from filters.types import Array
+from imutui.command_line import command
 from imutui.jobs import linear_correction
 from imutui.jobs.linear_correction import LinearCorrection, Term
 from imutui.jobs.page_data import LogData
@@ -60,8 +61,8 @@ def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
     yield _facts(made, run.get("accel_sign"), run.get("mount"))
     if not made.bias.any():
         yield Paragraph(
-            f"Constant biases differ from one power-on to the next, so that zeros stand in their place: `imutui replay"
-            f" LOG --effects {EFFECTS_FILE}` estimates those of a log."
+            f"Constant biases differ from one power-on to the next, so that zeros stand in their place: `"
+            f"{command('replay', 'LOG', '--effects', EFFECTS_FILE)}` estimates those of a log."
         )
     yield from _code(made)
     if events := [f for f in d["findings"] if f["effect"] in OF_ONE_RUN]:

@@ -1,5 +1,6 @@
 """What `info`, `check` and `recover` found, as text for a terminal or a page."""
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from imutui.report.numbers import NOTHING
 
 _LABEL = 13
 _MARKS = 50
+_TOPICS, _ADDED = 30, 5  # how many are shown
+_LONGEST = 240  # characters that are shown of one value; a file of another program may have millions
 _wrap = wrapping.wrap
 
 
@@ -18,10 +21,17 @@ def info_text(d: InfoDocument, width: int) -> str:
     lines = [d["log"]]
     for label, value in _facts(d):
         if value:
-            lines += _wrap(value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1))
+            head, under = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
+            lines += _wrap(_cut(value), width, initial_indent=head, subsequent_indent=under)
     lines += _topics(d)
     lines += _happened("marks", d["marks"], width) + _happened("events", d["events"], width)
     return "\n".join(lines)
+
+
+def _cut(value: str) -> str:
+    if len(value) <= _LONGEST:
+        return value
+    return f"{value[:_LONGEST].rstrip()}… ({len(value):,} characters; --json has all)"
 
 
 def check_text(d: CheckDocument, width: int) -> str:
@@ -62,8 +72,9 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "place", d["place"]
     yield "table", d["table"]
     yield "note", d["note"]
-    for entry in d["added"]:
+    for entry in d["added"][-_ADDED:]:
         yield "added later", _added(entry)
+    yield "", _more(len(d["added"]) - _ADDED, "earlier note")
     # stamps of a recording made elsewhere begin where it was imported
     yield "start", "not stated" if d["sampling"] == "imported" else d["start_utc"] or ""
     yield "length", _length(d)
@@ -163,9 +174,16 @@ def _quality(q: QualityFields) -> str:
 def _topics(d: InfoDocument) -> list[str]:
     if not d["topics"]:
         return []
-    wide = max(len(topic) for topic in d["topics"])
+    first = itertools.islice(d["topics"].items(), _TOPICS)
+    shown = [(_cut(topic), t["messages"], _cut(t["type"])) for topic, t in first]
+    wide = max(len(topic) for topic, _, _ in shown)
     lines = ["", f"{'topic':<{wide}}  {'messages':>10}  type"]
-    return lines + [f"{topic:<{wide}}  {t['messages']:>10,}  {t['type']}" for topic, t in d["topics"].items()]
+    lines += [f"{topic:<{wide}}  {count:>10,}  {typename}" for topic, count, typename in shown]
+    return lines + list(filter(None, [_more(len(d["topics"]) - _TOPICS, "topic")]))
+
+
+def _more(count: int, what: str) -> str:
+    return f"and {plural(count, f'more {what}')}; --json has all" if count > 0 else ""
 
 
 def _happened(title: str, entries: list[EventField], width: int) -> list[str]:
@@ -175,7 +193,7 @@ def _happened(title: str, entries: list[EventField], width: int) -> list[str]:
     for entry in entries[:_MARKS]:
         t = f"{entry['t']:10.3f} s" if entry["t"] is not None else f"{NOTHING:>10}  "
         when = f"{t}  {entry['utc'][11:19]}  "
-        lines += _wrap(entry["text"] or NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
+        lines += _wrap(_cut(entry["text"]) or NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
     return lines + ([f"and {len(entries) - _MARKS} more"] if len(entries) > _MARKS else [])
 
 

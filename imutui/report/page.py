@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -17,7 +17,7 @@ from filters.errors import InputError
 from filters.tracing.trace_document import CommonEntry, TraceDocument
 from imutui import outside_file
 from imutui.jobs.page_data import LogData
-from imutui.logbook import json_text
+from imutui.logbook import atomic_file, json_text
 from imutui.plain_text import in_line
 from imutui.report import comparison, figures, how_to_apply, html, replay_report, trace_report, trace_tables
 from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Subheading, Table
@@ -30,8 +30,11 @@ NAMES = (INDEX, REPORT, RESULT, PRINT)  # what every page has; the last where a 
 VERSION = 1  # of the JSON
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _LIMIT = 2**26
-# versions before this one wrote the page as Markdown too
-_REPLACED = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*\.(svg|png)|report\.md")
+_FIGURE = re.compile(
+    r"(?:\d+-)?(?:error|residual|allan|spectrum|driver|common|temperature|motion|convergence|nis|biases|compared-[a-z]+)"
+    r"(?:-\d+)?\.(?:svg|png)"
+)
+_BESIDE = re.compile(r"(?:\d+-)?(?:effects\.toml|imu\.yaml|experiment\.toml|common_\d+\.csv)")
 _LONGEST_S = 120.0
 _WORDS = 160
 
@@ -58,12 +61,19 @@ def page(stories: Sequence[Story]) -> Page:
     return Page(f"{len(articles)} results", articles if compared is None else (compared, *articles))
 
 
-def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
+def may_write(name: str) -> bool:
+    """Return whether a page of some result writes a file of this name into its folder."""
+    return name in NAMES or _FIGURE.fullmatch(name) is not None or _BESIDE.fullmatch(name) is not None
+
+
+def write(folder: Path, stories: Sequence[Story], *, overwrite: bool = False, own: Collection[str] = ()) -> list[Path]:
     """Write page, figures, results, and files that go beside them, into a folder.
 
-    `folder`: made if absent. Files of these names are replaced, and figures of the page before that this one has not
-      are removed.
+    `folder`: made if absent.
+    `overwrite`: replace files, and remove the figures of an earlier page that this one does not have.
+    `own`: names that may be replaced anyway, since the caller has written them.
     Returns what was written, the page first.
+    Raises FileExistsError if a file exists and may not be replaced; then nothing is written.
     """
     made = page(stories)
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
@@ -77,12 +87,10 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
         contents |= {name: text.encode("utf-8", "replace") for name, text in texts.items()}
     contents[REPORT] = b""
     contents[REPORT] = (json_text.dumps(_document(made, len(results), list(contents))) + "\n").encode()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in _replaced(folder / REPORT):
-        (folder / name).unlink(missing_ok=True)
-    for name, content in contents.items():
-        (folder / name).write_bytes(content)
-    return [folder / name for name in contents]
+    for name in _earlier_figures(folder / REPORT) if overwrite else ():
+        if name not in contents:
+            (folder / name).unlink(missing_ok=True)
+    return atomic_file.write_all(folder, contents, overwrite=overwrite, own=own)
 
 
 def _document(page: Page, results: int, files: Sequence[str]) -> dict[str, Any]:
@@ -124,14 +132,14 @@ def _block(block: Block, prefix: str) -> dict[str, Any]:
             return kind | {"title": title, "caption": caption, "panels": [p.name for p in panels], "files": files}
 
 
-def _replaced(path: Path) -> list[str]:
-    """Names of the figures, and of the Markdown, of a page before this one; none where its JSON is none of ours."""
+def _earlier_figures(path: Path) -> list[str]:
+    """Return the names of the figures that the JSON of an earlier page lists; none where it is no such JSON."""
     try:
         found = outside_file.read_json(path, _LIMIT)
     except (OSError, InputError):
         return []
     files = found.get("files") if isinstance(found, dict) else None
-    return [name for name in files or () if isinstance(name, str) and _REPLACED.fullmatch(name)]
+    return [name for name in files or () if isinstance(name, str) and _FIGURE.fullmatch(name)]
 
 
 def _article(story: Story) -> Article:
@@ -174,10 +182,11 @@ def browser() -> str | None:
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
-def print_page(page: Path, output: Path) -> Path:
+def print_page(page: Path, output: Path, *, overwrite: bool = False) -> Path:
     """Print a page on A4, by a browser, which is looked for.
 
-    `output`: PDF, in a folder that there is; replaced, and returned.
+    `output`: PDF, in a folder that exists; returned.
+    `overwrite`: whether an existing one may be replaced.
     Raises PrintError if nothing was printed.
     """
     program = browser()
@@ -199,4 +208,5 @@ def print_page(page: Path, output: Path) -> Path:
         if not made.is_file() or not made.stat().st_size:
             said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
             raise PrintError(f"{Path(program).name} printed nothing: {said}"[:_WORDS])
-        return made.replace(output)
+        atomic_file.write(output, made.read_bytes(), overwrite=overwrite)
+    return output

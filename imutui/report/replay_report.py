@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from filters.channels import CHANNELS, DPS
 from filters.effects import plain_names
+from imutui.command_line import command
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     axes,
@@ -183,16 +184,15 @@ def _noise_of(log: LogData, d: "ResultDocument") -> str:
 
 def after_replay(d: "ResultDocument") -> list[str]:
     """What to do after a replay."""
-    log = PurePath(d["log"]).name
+    log = PurePath(PurePath(d["log"]).name)
+    recover, trace = command("recover", log, "-o", "WHOLE.mcap"), command("trace", log)
     told = []
     if "damage" in d:
-        told.append(
-            f"The file is damaged. `imutui recover {log} -o WHOLE.mcap` makes a whole file of what can be read."
-        )
+        told.append(f"The file is damaged. `{recover}` makes a whole file of what can be read.")
     found = sources.of_document(d)
     if found.level == "bad":
         told.append(
-            f"Do not use these biases as they are: readings and model contradict each other. `imutui trace {log}` looks"
+            f"Do not use these biases as they are: readings and model contradict each other. `{trace}` looks"
             " for the cause."
         )
     elif found.passes:
@@ -202,7 +202,7 @@ def after_replay(d: "ResultDocument") -> list[str]:
     else:
         told.append(
             "Do not use a bias that has not converged: record longer, with the unit warmed up. A bias that keeps moving"
-            f" follows something; `imutui trace {log}` looks for what it is."
+            f" follows something; `{trace}` looks for what it is."
         )
     if hidden := ", ".join(d.get("unobservable", [])).replace("_bias", " bias").replace("_", " "):
         told.append(

@@ -6,23 +6,33 @@ import textwrap
 _COLUMN = 17  # the most characters that a first column with its blanks takes
 _GAP = re.compile(r"\S {2,}(?=\S)")
 _FEWEST = 3
+_CODE, _QUOTED = re.compile("`[^`\n]*`"), re.compile(r"\$'(?:\\.|[^'\\])*'|'[^']*'")
+_BLANK = "\0"  # stands for a blank at which no line may end
 
 
 def wrap(text: str, width: int, initial_indent: str = "", subsequent_indent: str = "") -> list[str]:
-    """Lines of at most `width` characters, but for a word that is longer: a path stays whole, to be copied."""
+    """Lines of at most `width` characters, but for a word that is longer: a path stays whole, to be copied.
+
+    A quoted word of a command, in backticks, stays whole too.
+    """
     lines = textwrap.wrap(
-        text,
+        _CODE.sub(_kept, text),
         width,
         initial_indent=initial_indent,
         subsequent_indent=subsequent_indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
+    lines = [line.replace(_BLANK, " ") for line in lines]
     if len(lines) < 2 or len(lines[-1].split()) > 1 or len(lines[-2].split()) < _FEWEST:
         return lines
     before, _, word = lines[-2].rpartition(" ")
     last = f"{subsequent_indent}{word} {lines[-1].strip()}"
     return [*lines[:-2], before.rstrip(), last] if len(last) <= width else lines
+
+
+def _kept(code: re.Match[str]) -> str:
+    return _QUOTED.sub(lambda word: word[0].replace(" ", _BLANK), code[0])
 
 
 def fill(text: str, width: int, initial_indent: str = "", subsequent_indent: str = "") -> str:

@@ -2,6 +2,7 @@
 
 import os
 import pwd
+import re
 import subprocess
 import sys
 import tempfile
@@ -12,11 +13,14 @@ import platformdirs
 
 from filters.errors import InputError
 from imutui import service
+from imutui.plain_text import in_line
 
 FILE = "imutui@.service"
 LINGER = Path("/var/lib/systemd/linger")
 
 _VERIFY_S = 60.0
+_PLAIN = re.compile(r"[\w@%+:,./=$-]+", re.ASCII)  # needs no quotes, in a unit or a file of settings
+_ESCAPED = re.compile(r'["\\`$]')
 
 
 def text() -> str:
@@ -31,10 +35,10 @@ def settings_text(port: str, logs: str) -> str:
     `logs`: folder of its recordings.
     """
     return (
-        f"# settings of this instance; `systemctl --user restart` takes them up\nPORT={_one_line(port)}\n"
+        f"# settings of this instance; `systemctl --user restart` takes them up\nPORT={env_value(port)}\n"
         "# further options of `imutui record`\nOPTIONS=--rotate-minutes 60\n"
         "# any setting that `imutui config` shows, in capitals: paths.logs is\n"
-        f"IMUTUI_PATHS_LOGS={_one_line(logs)}\n"
+        f"IMUTUI_PATHS_LOGS={env_value(logs)}\n"
     )
 
 
@@ -85,12 +89,21 @@ def _command() -> str:
 
 
 def _quoted(word: str) -> str:
-    # % and $ stand for something in a unit; a word with blanks is one word in quotes
-    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
-    return f'"{escaped}"' if " " in escaped else escaped
+    # % and $ stand for something in a unit; within quotes systemd reads C's escapes
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$").replace("\n", "\\n")
+    return escaped if _PLAIN.fullmatch(word) else f'"{escaped}"'
 
 
-def _one_line(value: str) -> str:
-    if not value.isprintable():
-        raise InputError(f"{value!r} cannot stand in a file of settings: it has to be one line of text")
-    return value
+def env_value(value: str) -> str:
+    """Return a value as a file for systemd's `EnvironmentFile=` has it, which reads the same value back.
+
+    In double quotes systemd takes every character as it is, line breaks too, except that a backslash before `"`, a
+    backslash, `` ` `` or `$` stands for that character (systemd.exec(5), `EnvironmentFile=`).
+    Raises InputError for bytes that are no text: systemd refuses a file with them.
+    """
+    if _PLAIN.fullmatch(value):
+        return value
+    if any("\ud800" <= character <= "\udfff" or character == "\0" for character in value):
+        raise InputError(f"{in_line(value)} cannot stand in a file of settings: systemd reads UTF-8 only")
+    escaped = _ESCAPED.sub(r"\\\g<0>", value)
+    return f'"{escaped}"'

@@ -22,6 +22,7 @@ from typing import NoReturn
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui import defects, fast_time
+from imutui.command_line import command
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
@@ -85,7 +86,7 @@ def main(text: str) -> int:
             # the stream before the port: what it can't have is said before the unit is touched
             stream, name, turner = None, plan.port, None
             if plan.foxglove_port:
-                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name))
+                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name), plan.foxglove_origins)
                 stack.callback(stream.close)
             if plan.port == VIRTUAL_PORT:
                 name, turner = stack.enter_context(_virtual(plan))
@@ -93,11 +94,11 @@ def main(text: str) -> int:
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
             return _acquire(plan, port, stream, turner, table)
     except NameTakenError:
-        name = "" if plan.name == "default" else f" --name {plan.name}"
+        own = () if plan.name == "default" else ("--name", plan.name)
         return _refuse(
             lifecycle.INSTRUMENT,
-            f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
-            f" `imutui stop{name}` ends it; --name starts another beside it.",
+            f'an acquisition named "{plan.name}" is running. `{command("attach", *own)}` shows it,'
+            f" `{command('stop', *own)}` ends it; --name starts another beside it.",
         )
     except Exception as error:  # noqa: BLE001 - whoever started this must hear of it, and nobody see a traceback
         code, message = _in_words(error)

@@ -6,6 +6,7 @@ that viewers know of units that are not there, too.
 
 import contextlib
 import os
+import secrets
 import select
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -171,8 +172,7 @@ def _start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError],
 def begin(batch: Batch) -> None:
     """Have viewers find the file of a batch, from now on."""
     link = ipc.folder() / f"{batch.name}{_SUFFIX}"
-    part = link.with_name(f"{link.name}.part")
-    part.unlink(missing_ok=True)
+    part = link.with_name(f"{link.name}.{secrets.token_hex(4)}.part")
     part.symlink_to(batch.path.resolve())
     part.replace(link)
 

@@ -12,6 +12,7 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 
+from imutui.command_line import command, joined
 from imutui.estimate_history import HistorySnapshot
 from imutui.session import end_report, ipc, lifecycle, preloaded
 from imutui.session.end_report import EndReport as EndReport
@@ -207,7 +208,7 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     names = running()
     if name is None and len(names) > 1:
         batches = sorted({*map(batch_of, names)} - {""})
-        one = f" --batch {batches[0]} takes all of one batch." if batches else ""
+        one = f" {joined('--batch', batches[0])} takes all of one batch." if batches else ""
         said = f"several acquisitions are running: {', '.join(names)}. Say which with --name.{one}"
         raise SessionError(said, lifecycle.USAGE)
     if not names or (name is not None and name not in names):
@@ -325,9 +326,10 @@ def _holder(port: str) -> str | None:
 
 
 def _in_use(port: str, name: str | None) -> str:
+    attach, stop = (command(word, "--name", name or "") for word in ("attach", "stop"))
     return (
-        f'{port} is in use by the acquisition "{name}". `imutui attach --name {name}` shows it, `imutui stop --name'
-        f" {name}` ends it; another unit is on another port."
+        f'{port} is in use by the acquisition "{name}". `{attach}` shows it, `{stop}` ends it; another unit is on'
+        " another port."
     )
 
 

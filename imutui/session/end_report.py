@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from imutui.logbook import atomic_file
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import ipc
 from imutui.session.plan import Plan
@@ -56,10 +57,8 @@ def write(
         "result": result,
     }
     path = ipc.socket_path(name).with_suffix(_SUFFIX)
-    part = path.with_name(f"{path.name}.part")
     with contextlib.suppress(OSError):
-        part.write_text(json.dumps(report))
-        part.replace(path)
+        atomic_file.write(path, json.dumps(report), overwrite=True)
 
 
 def read(name: str, pid: int | None = None) -> EndReport | None:

@@ -1,11 +1,13 @@
-"""The process that serves a live stream to Foxglove: `python -m imutui.session.foxglove_server HOST PORT NAME SOCKET`.
+"""The process that serves a live stream to Foxglove.
 
-Started by `live_stream`, which says why it is a process. The only user of foxglove-sdk. Channels are those of the file:
-names, types, encoding, metadata. It ends when the acquisition closes the socket, or dies, and ignores signals that ask
-the acquisition to end: that one finishes its file first.
+`python -m imutui.session.foxglove_server HOST PORT NAME ORIGINS SOCKET`, started by `live_stream`, which says why it is
+a process. The only user of foxglove-sdk; viewers come through `origin_gate`. Channels are those of the file: names,
+types, encoding, metadata. It ends when the acquisition closes the socket, or dies, and ignores signals that ask the
+acquisition to end: that one finishes its file first.
 """
 
 import contextlib
+import errno
 import json
 import logging
 import os
@@ -18,7 +20,9 @@ from typing import TYPE_CHECKING, cast
 
 from imutui.logbook import schemas
 from imutui.plain_text import visible
+from imutui.session import origin_gate
 from imutui.session.live_stream import MESSAGE, MESSAGE_LIMIT, TOPICS
+from imutui.session.origin_gate import OriginGate
 
 if TYPE_CHECKING:
     from foxglove import Channel
@@ -78,13 +82,13 @@ class LibraryMessages(logging.Handler):
 
 def main() -> int:
     """Serve until the socket's other end is closed."""
-    host, port, name, descriptor = sys.argv[1:]
+    host, port, name, origins, descriptor = sys.argv[1:]
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(_NICENESS)  # the acquisition comes first
     feed = socket.socket(fileno=int(descriptor))
     try:
-        server = _Server(host, int(port), name)
+        server = _Server(host, int(port), name, frozenset(origins.lower().split()))
     except _RefusedError as error:
         _tell(feed, {"error": str(error)})
         return 1
@@ -98,7 +102,7 @@ class _RefusedError(Exception):
 
 
 class _Server:
-    def __init__(self, host: str, port: int, name: str) -> None:
+    def __init__(self, host: str, port: int, name: str, origins: frozenset[str]) -> None:
         try:
             import foxglove
         except ImportError as error:
@@ -113,12 +117,17 @@ class _Server:
         logger.propagate = False
         foxglove.set_log_level("INFO")
         listener = cast("ServerListener", self._subscriptions)  # clients only watch: nothing else is called
+        behind = origin_gate.loopback_address()
         try:
             self._server = foxglove.start_server(
-                name=name, host=host, port=port, server_listener=listener, message_backlog_size=_BACKLOG
+                name=name, host=behind, port=0, server_listener=listener, message_backlog_size=_BACKLOG
             )
         except (RuntimeError, OSError, ValueError, OverflowError) as error:
-            raise _RefusedError(_refusal(host, port, str(error))) from error
+            raise _RefusedError(_refusal(host, port, error)) from error
+        try:
+            self._gate = OriginGate(host, port, (behind, self._server.port), origins)
+        except OSError as error:
+            raise _RefusedError(_refusal(host, port, error)) from error
         self._channels = [_channel(topic, schemas.TYPES[topic]) for topic in TOPICS]
         self._has_details = False
         self._transform: tuple[bytes, int] | None = None
@@ -140,6 +149,7 @@ class _Server:
         if self._subscriptions.viewers:
             time.sleep(_LAST_MESSAGES_S)
         self._server.stop()
+        self._gate.close()
 
     def _log(self, message: bytes) -> None:
         number, log_ns = MESSAGE.unpack_from(message)
@@ -177,13 +187,14 @@ def _channel(topic: str, typename: str) -> "Channel":
     return foxglove.Channel(topic, message_encoding="cdr", schema=schema, metadata=told)
 
 
-def _refusal(host: str, port: int, said: str) -> str:
-    if "os error 98" in said:
+def _refusal(host: str, port: int, error: Exception) -> str:
+    code = getattr(error, "errno", None)
+    if code == errno.EADDRINUSE:
         taken = f"port {port}, where Foxglove is to be served, is in use at {host}, maybe by another acquisition"
         return f"{taken}. Name another: --foxglove {port % 65535 + 1}."
-    if "os error 99" in said or "lookup" in said:
+    if code == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
         return f'"{host}" is no address of this computer: Foxglove cannot be served there. --foxglove-host names one.'
-    return f"Foxglove cannot be served at {host}, port {port}: {said}. --foxglove and --foxglove-host name others."
+    return f"Foxglove cannot be served at {host}, port {port}: {error}. --foxglove and --foxglove-host name others."
 
 
 def _tell(feed: socket.socket, document: dict[str, str]) -> None:

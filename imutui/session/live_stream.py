@@ -38,18 +38,18 @@ class StreamError(Exception):
 class LiveStream:
     """The stream of one acquisition. Not thread-safe: the worker, which writes the file, hands messages on.
 
-    Viewers show its name.
+    Viewers show its name. `origins`: further origins of pages that may read it, see `origin_gate`; blanks between.
     Raises StreamError if the library is not installed, the port is taken, or the address is none of this computer.
     """
 
-    def __init__(self, host: str, port: int, name: str) -> None:
+    def __init__(self, host: str, port: int, name: str, origins: str = "") -> None:
         self.url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
         self._waiting: deque[bytes] = deque()
         self._sent = self._dropped = self._viewers = self._slow = 0
         self._ended = self._is_told = False
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        arguments = [host, str(port), name, str(theirs.fileno())]
+        arguments = [host, str(port), name, origins, str(theirs.fileno())]
         # the environment and stderr are the acquisition's; what the library says goes into its log
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imutui.session.foxglove_server", *arguments],

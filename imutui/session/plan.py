@@ -147,6 +147,7 @@ class Plan:
     # no stream
     foxglove_port: int = 0
     foxglove_host: str = LOOPBACK
+    foxglove_origins: str = ""  # of further pages that may read it, with blanks between
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0

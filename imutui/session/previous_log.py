@@ -10,8 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from imutui.command_line import command
 from imutui.logbook import summary
 from imutui.logbook.session_info import SessionInfo
+from imutui.plain_text import in_line
 
 PROCESS, COMPUTER = "process", "computer"  # what was started anew since the recording before
 
@@ -24,24 +26,29 @@ _SUFFIX = ".mcap"
 class PreviousLog:
     """A recording that an acquisition takes up after."""
 
-    # name, log_id: of its last file
-    name: str
+    # path, log_id: of its last file
+    path: Path
     log_id: str
     finished: bool  # whether that has its end
     last_s: float  # its last sample, or when it was last written to if it does not tell, Unix time, s
     # "process" if this computer has run on since, "computer" if that was started anew, "" if it is not known
     restart: str
 
+    @property
+    def name(self) -> str:
+        """Name of its last file."""
+        return self.path.name
+
     def in_words(self) -> str:
-        """What the new file's event says."""
+        """Return what the new file's event says."""
         when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.last_s))
         why = {PROCESS: "a crash" if not self.finished else "", COMPUTER: "a restart of the computer", "": ""}
         after = why[self.restart] or "an earlier recording"
         how = "was finished" if self.finished else "ended unfinished"
-        cure = "" if self.finished else f"; `imutui recover {self.name}` makes it whole"
-        return (
-            f"continues after {after}: {self.name} {how} at {when}. Whether the unit kept its power is not known{cure}"
-        )
+        whole = self.path.with_name(f"{self.path.stem}_recovered{self.path.suffix}")
+        cure = "" if self.finished else f"; `{command('recover', self.path, '-o', whole)}` makes it whole"
+        kept = "Whether the unit kept its power is not known"
+        return f"continues after {after}: {in_line(self.name)} {how} at {when}. {kept}{cure}"
 
 
 def boot_id() -> str:
@@ -100,4 +107,4 @@ def _previous(found: summary.Summary, info: SessionInfo) -> PreviousLog:
     restart = (PROCESS if booted == info.boot_id else COMPUTER) if known else ""
     last_s = found.modified if found.started_ns is None else found.started_ns / 1e9 + (found.seconds or 0.0)
     finished = found.state == summary.FINISHED  # one that is damaged has no summary to tell its end by
-    return PreviousLog(found.path.name, found.session.get("log_id", ""), finished, last_s, restart)
+    return PreviousLog(found.path, found.session.get("log_id", ""), finished, last_s, restart)

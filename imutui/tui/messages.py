@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from imutui.command_line import command
 from imutui.session.client import EndReport, SessionError
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
@@ -139,10 +140,10 @@ def left(snapshot: Snapshot | None) -> list[str]:
     name = snapshot["name"] if snapshot else "default"
     recording = snapshot["recording"] if snapshot else None
     goes_on = f" and records to {recording['path']}" if recording else ""
-    option = "" if name == "default" else f" --name {name}"
+    option = () if name == "default" else ("--name", name)
     return [
         f"The acquisition goes on{goes_on}{until(snapshot)}.",
-        f"Come back: imutui attach{option}   End it: imutui stop{option}",
+        f"Come back: {command('attach', *option)}   End it: {command('stop', *option)}",
     ]
 
 
@@ -150,7 +151,7 @@ def left_rack(batch: str, units: int) -> list[str]:
     """The same of a batch of which so many units run."""
     return [
         f"The batch {batch} goes on: {formatting.plural(units, 'unit')}.",
-        f"Come back: imutui attach --batch {batch}   End it: imutui stop --batch {batch}",
+        f"Come back: {command('attach', '--batch', batch)}   End it: {command('stop', '--batch', batch)}",
     ]
 
 

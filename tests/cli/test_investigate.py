@@ -69,6 +69,17 @@ def test_what_lacks_is_said_and_nothing_moves(tmp_path: Path, arguments: tuple[s
     assert not list(tmp_path.rglob("*.mcap"))
 
 
+def test_a_new_investigation_replaces_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "unit7"
+    (folder / "logs").mkdir(parents=True)
+    for name in ("effects.toml", "logs/01.mcap", "notes.txt"):
+        (folder / name).write_text("mine")
+    line = ("--port", "/dev/none", "--controller", "acutrol://127.0.0.1:1", "--hours", "1", "--yes-move")
+    said = imutui("investigate", *line, "-o", folder, check=2).stderr
+    assert "has files that would be replaced, and stays as it is: effects.toml, logs/01.mcap. Name another" in said
+    assert sorted(path.name for path in folder.iterdir()) == ["effects.toml", "logs", "notes.txt"]
+
+
 def test_a_controller_that_is_not_there_is_said(tmp_path: Path) -> None:
     """Exit code 4, with where it was sought."""
     told = imutui("investigate", *ENOUGH, "-o", tmp_path / "made", "--yes-move", check=4).stderr

@@ -170,4 +170,26 @@ def test_a_batch_on_one_page_names_the_bad_unit_and_what_is_the_tables(home: Pat
     assert {row["batch"] for row in json.loads((home / "all" / "results.json").read_text())["rows"]} == {"B7"}
     assert "There are logs of: B7." in report("--batch", "B8", "-o", "b8", check=3).stderr
     report("-o", "none", check=2)
-    report("--batch", "B7", "-o", "b7", check=2)
+    assert "b7 has files that would be replaced, and stays as it is: batch.json, index.html. --force" in " ".join(
+        report("--batch", "B7", "-o", "b7", check=2).stderr.split()
+    )
+    for name in ("batch.json", "index.html"):
+        (home / "b7" / name).unlink()
+    assert "b7/U1 has files" in report("--batch", "B7", "-o", "b7", check=2).stderr
+
+
+def test_a_report_is_refused_before_any_work_where_a_file_would_be_replaced(home: Path, undrawn: None) -> None:
+    for name in ("imu.yaml", "allan.png", "effects.toml", "experiment.toml", "2-common_1.csv", "photo.png"):
+        (home / name).write_text("mine")
+    said = report("absent.json", "-o", home, check=2).stderr
+    assert "2-common_1.csv, allan.png, effects.toml, experiment.toml, imu.yaml. --force replaces them" in said
+    assert "photo" not in said
+    said = imutui("trace", "absent.mcap", "--report", home, check=2).stderr
+    assert "imu.yaml. --force replaces them, or name another folder with --report" in said
+    done = report(REPLAY, "-o", home, "--force")
+    assert f"{home}: replaced: imu.yaml" in done.stderr
+    assert {(home / name).read_text() for name in ("allan.png", "effects.toml", "photo.png")} == {"mine"}
+    (home / "results").mkdir()
+    (home / "results" / "chart-1.svg").write_text("mine")
+    said = imutui("campaign", "--summary", "absent", "--report", "results", check=2).stderr
+    assert "results has files that would be replaced, and stays as it is: chart-1.svg" in said

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,77 @@ def test_what_is_installed_lies_where_systemd_looks_and_is_not_replaced(home: Pa
     assert "PORT=/dev/ttyUSB7\n" in settings.read_text()
     imutui("service", "--install", "--name", "second", "--port", "socket://host:1")
     assert "PORT=socket://host:1\n" in (home / "config/imutui/second.env").read_text()
+
+
+VALUES = (
+    "/dev/ttyUSB0",
+    "a b",
+    "it's",
+    'say "x"',
+    "back\\slash",
+    "end\\",
+    "two\nlines\nPORT=/dev/other",
+    "# none",
+    "  blanks ",
+    "`t` $HOME ${X} %h",
+    ";",
+    "é\x1b[0m\t\r\n",
+    "",
+)
+GENERATOR = Path("/usr/lib/systemd/user-environment-generators/30-systemd-environment-d-generator")
+
+
+def as_systemd_reads(text: str) -> dict[str, str]:
+    """Assignments of a file of settings by the rules of systemd's parser (src/basic/env-file.c), for quoted values.
+
+    Not here: what lies outside quotes but plain characters, and single quotes.
+    """
+    found, at = dict[str, str](), 0
+    while at < len(text):
+        line = text[at:].partition("\n")[0]
+        if line.startswith("#") or not line:
+            at += len(line) + 1
+            continue
+        key, _, value = line.partition("=")
+        if not value.startswith('"'):
+            assert not set(value) & set("\"'\\\t")
+            found[key], at = value, at + len(line) + 1
+            continue
+        at += len(key) + 2
+        found[key] = ""
+        while text[at] != '"':
+            if text[at] == "\\":
+                at += 1
+                found[key] += text[at] if text[at] in '"\\`$' else "" if text[at] == "\n" else f"\\{text[at]}"
+            else:
+                found[key] += text[at]
+            at += 1
+        at += 1
+        assert text[at] == "\n"
+    return found
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_systemd_reads_the_settings_back(value: str, tmp_path: Path) -> None:
+    text = user_unit.settings_text(value, f"/logs/{value}")
+    read = as_systemd_reads(text)
+    assert read["PORT"] == value
+    assert read["IMUTUI_PATHS_LOGS"] == f"/logs/{value}"
+    assert read.keys() == {"PORT", "OPTIONS", "IMUTUI_PATHS_LOGS"}
+    if GENERATOR.exists() and value and "$" not in value:  # the same parser, but it expands $ and drops what is empty
+        (tmp_path / "environment.d").mkdir()
+        (tmp_path / "environment.d" / "a.conf").write_text(f"{text}END=1\n", newline="")
+        done = subprocess.run([GENERATOR], env={"XDG_CONFIG_HOME": str(tmp_path)}, capture_output=True, check=True)
+        (said,) = re.findall(rb"^PORT=(.*)$", done.stdout, re.MULTILINE)
+        quoted = said.removeprefix(b'"').removesuffix(b'"')
+        assert quoted.decode().encode("latin-1", "backslashreplace").decode("unicode_escape") == value
+        assert b"END=1" in done.stdout
+
+
+def test_what_systemd_refuses_is_refused_before() -> None:
+    for value in ("a\udcff", "a\0b"):
+        with pytest.raises(InputError, match="cannot stand in a file of settings"):
+            user_unit.env_value(value)
 
 
 def test_both_can_be_written_to_a_file(home: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from imutui.jobs import log_files
 from imutui.jobs.info import Brief, brief, folder_logs, info, recordings, row
-from imutui.logbook import SessionInfo, added_notes, checksum_file, log_stream, schemas
+from imutui.logbook import SessionInfo, added_notes, checksum_file, file_lock, schemas
 from imutui.logbook.reader import read
 from imutui.logbook.writer import LogWriter
 from imutui.report import log_table
@@ -198,17 +198,36 @@ def test_info_tells_all_that_is_in_a_log(tmp_path: Path) -> None:
     assert d["recovered"] is None
 
 
+def test_info_shows_no_more_than_a_screen_of_what_a_file_makes_long(tmp_path: Path) -> None:
+    """The document has all of it; the text says how long each is."""
+    note, names = "word " * 500_000, [f"/topic/{n}" for n in range(500)]
+    log = info(written(tmp_path / "a.mcap").path)
+    topics = {name: {"type": "x" * 100_000, "messages": 1} for name in names}
+    events = [{"t": 0.0, "utc": "2026-01-01T00:00:00Z", "text": note}] * 500
+    added = [{"utc": "", "by": "ana", "note": f"note {n}", "operator": None} for n in range(900)]
+    long = {**log, "note": note, "effects": names, "topics": topics, "events": events, "added": added,
+            "attachments": dict.fromkeys(names, 1)}  # fmt: skip
+    text = info_text(long, 80)  # type: ignore[arg-type]
+    assert f"({len(note):,} characters; --json has all)" in " ".join(text.split())
+    assert "and 470 more topics; --json has all" in text
+    assert "note 899" in text
+    assert "and 895 more earlier notes" in text
+    assert len(text) < 50_000
+    head = text.partition("\nevents")[0]
+    assert len(head.splitlines()) < 120
+
+
 def test_asking_whether_a_file_is_held_does_not_disturb_its_writer(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with path.open("wb") as writer:
-        log_stream.claim(writer)
+        file_lock.claim(writer)
         with path.open("rb") as one, path.open("rb") as other:
-            assert log_stream.is_held(one)
-            assert log_stream.is_held(other)
+            assert file_lock.is_held(one)
+            assert file_lock.is_held(other)
         with path.open("rb") as again:
-            assert log_stream.is_held(again)
+            assert file_lock.is_held(again)
     with path.open("rb") as after:
-        assert not log_stream.is_held(after)
+        assert not file_lock.is_held(after)
 
 
 def test_a_brief_can_travel(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from helpers import traces
 
 from imutui.jobs import log_files
-from imutui.logbook import checksum_file, effects_file, log_stream
+from imutui.logbook import checksum_file, effects_file, file_lock
 
 
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_a_log_takes_its_own_files_along(tmp_path: Path) -> None:
     assert checksum_file.path_of(now).read_text().endswith("  cold start.mcap\n")
     assert (tmp_path / "cold start_effects_2.toml").read_text() == "a_effects_2.toml"
     with now.open("r+b") as stream:
-        log_stream.claim(stream)
+        file_lock.claim(stream)
         with pytest.raises(ValueError, match="being written"):
             log_files.delete(now)
         with pytest.raises(ValueError, match="being written"):

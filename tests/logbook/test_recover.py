@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import SessionInfo, added_notes, log_stream, mcap_stream, pieces, reader, schemas, summary
+from imutui.logbook import SessionInfo, added_notes, file_lock, mcap_stream, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.recover import NotAsWrittenError
@@ -258,7 +258,7 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
         recover(tmp_path / "a.mcap", out)
     assert out.read_text() == "mine"
     with (tmp_path / "a.mcap").open("r+b") as stream:
-        log_stream.claim(stream)
+        file_lock.claim(stream)
         with pytest.raises(ValueError, match="being written"):
             recover(tmp_path / "a.mcap", out, True)
     assert (tmp_path / "a.mcap").read_bytes() == before

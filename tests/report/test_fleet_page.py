@@ -61,6 +61,16 @@ def test_what_temperature_may_have_done_is_no_drift() -> None:
     assert "drift and temperature are not told apart" in told
 
 
+def test_a_page_replaces_nothing_unasked(document: SummaryDocument, tmp_path: Path) -> None:
+    names = [f"{n}-{figure.name}.svg" for n, article in enumerate(fleet_report.page(document).articles, 1)
+             for figure in article.figures()]  # fmt: skip
+    assert all(map(fleet_report.may_write, [*names, "index.html", "summary.json"]))
+    (tmp_path / "summary.json").write_text("mine")
+    with pytest.raises(FileExistsError, match=r"summary\.json"):
+        fleet_report.write(tmp_path, summed([fleets.bad("a.mcap")]))
+    assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
+
+
 def test_a_page_has_a_part_for_measured_and_one_for_simulated(document: SummaryDocument) -> None:
     made = fleet_report.page(document)
     assert [article.kind for article in made.articles] == ["measured", "simulated"]

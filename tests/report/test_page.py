@@ -329,15 +329,38 @@ def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, und
     made = tmp_path / "r"
     made.mkdir()
     (made / "report.json").write_text(
-        json.dumps({"files": ["driver-9.svg", "report.md", "../outside.png", "own.txt", 3]})
+        json.dumps({"files": ["driver-9.svg", "photo.png", "../outside.png", "own.txt", 3]})
     )
-    for name in ("driver-9.svg", "report.md", "own.txt"):
+    for name in ("driver-9.svg", "photo.png", "own.txt"):
         (made / name).write_text("")
-    page.write(made, [page.Story(document())])
+    page.write(made, [page.Story(document())], overwrite=True)
     assert not (made / "driver-9.svg").exists()
-    assert not (made / "report.md").exists()
+    assert (made / "photo.png").exists()
     assert (made / "own.txt").exists()
     assert (tmp_path / "outside.png").exists()
+
+
+def test_a_page_replaces_nothing_unasked(tmp_path: Path, undrawn: None) -> None:
+    stories = [page.Story(traced(common=[COMMON]))]
+    for name in ("common_1.csv", "allan.png", "result.json"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / name).write_text("mine")
+        with pytest.raises(FileExistsError) as raised:
+            page.write(folder, stories)
+        assert raised.value.filename == str(folder / name)
+        assert [path.name for path in folder.iterdir()] == [name]
+        page.write(folder, stories, own=[name])
+        assert (folder / name).read_text() != "mine"
+    assert not any(map(page.may_write, ("photo.png", "notes.csv", "experiment.txt", "allan.svg.bak", "a.toml")))
+
+
+@pytest.mark.parametrize("results", [[traced(common=[COMMON])], [replayed()], [replayed(), traced(common=[COMMON])]])
+def test_every_name_that_a_page_writes_is_known_before_its_results(
+    results: list[Any], tmp_path: Path, undrawn: None
+) -> None:
+    written = page.write(tmp_path, [page.Story(result) for result in results])
+    assert [path.name for path in written if not page.may_write(path.name)] == []
 
 
 def test_an_alarm_is_never_above_converged() -> None:

@@ -25,13 +25,23 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from imutui.logbook import schemas
-from imutui.session import client
+from imutui.session import client, origin_gate
 from imutui.session.live_stream import TOPICS, WAITING_LIMIT, LiveStream, StreamError
 
 pytestmark = pytest.mark.filterwarnings("ignore:connect.. must be used as a context manager")
 Message = tuple[str, int, bytes]
 # of a message to a client: opcode 1, the subscription's number, log time
 _HEAD = struct.Struct("<BIQ")
+
+
+def handshake(port: int, *headers: str, host: str = "127.0.0.1") -> str:
+    """First line of the answer to a viewer with these headers."""
+    lines = ["GET / HTTP/1.1", "Host: a", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"]
+    lines += ["Sec-WebSocket-Protocol: foxglove.sdk.v1", "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", *headers]
+    with socket.create_connection((host, port), LIMIT_S) as viewer:
+        for byte in "\r\n".join([*lines, "", ""]).encode():
+            viewer.send(bytes([byte]))
+        return viewer.recv(1000).decode("latin-1").partition("\r\n")[0]
 
 
 class Viewer:
@@ -114,6 +124,51 @@ def test_a_viewer_gets_what_the_file_gets(home: Path, stream: LiveStream) -> Non
         assert sample.header.frame_id == "imu_link_ned"
         stream.close()
         viewer.wait_until_closed()
+
+
+def test_a_page_of_another_origin_does_not_get_the_stream(home: Path) -> None:
+    more = "https://viewer.example.org http://lab:8080"
+    with closing(LiveStream("127.0.0.1", free_port(), "imutui", more)) as stream:
+        port = port_of(stream)
+        for allowed in (
+            None,
+            "https://app.foxglove.dev",
+            "file://",
+            "http://localhost:8080",
+            "http://127.0.0.1",
+            *more.split(),
+        ):
+            headers = () if allowed is None else (f"Origin: {allowed}",)
+            assert "101 Switching" in handshake(port, *headers), allowed
+        for refused in (
+            "https://evil.example",
+            "null",
+            "",
+            "https://app.foxglove.dev.evil.example",
+            "https://evil.example/https://app.foxglove.dev",
+            "http://localhost.evil.example",
+            "http://app.foxglove.dev",
+            "http://127.0.0.1.evil.example:80",
+            f"http://a:{port}",
+        ):
+            assert "403 Forbidden" in handshake(port, f"Origin: {refused}"), refused
+        assert "403" in handshake(port, "origin:https://evil.example")
+        assert "403" in handshake(port, "Origin: file://", "ORIGIN: https://evil.example")
+        assert "403" in handshake(port, "Origin: file://", " https://evil.example")
+        with Viewer(port) as viewer:
+            stream.send(schemas.IMU, b"x", 1)
+            wait_until(lambda: len(viewer.of(schemas.IMU)) == 1)
+
+
+def test_the_library_behind_the_gate_is_at_no_address_that_a_page_knows(stream: LiveStream) -> None:
+    inodes = {link.readlink().name for link in Path(f"/proc/{stream.pid}/fd").iterdir()}
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = [row[1].split(":") for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in inodes]
+    at = {socket.inet_ntoa(struct.pack("=I", int(address, 16))): int(port, 16) for address, port in listening}
+    assert at.pop("127.0.0.1") == port_of(stream)
+    (behind,) = at
+    assert behind.startswith("127.")
+    assert len({origin_gate.loopback_address() for _ in range(50)}) == 50
 
 
 def test_a_server_that_hangs_costs_its_viewers_messages_and_nobody_else(stream: LiveStream) -> None:

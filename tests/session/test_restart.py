@@ -12,6 +12,7 @@ from helpers.commands import imutui
 from helpers.processes import wait_until
 from helpers.units import virtual
 
+from imutui.command_line import joined
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -102,7 +103,9 @@ def test_the_run_of_the_computer_tells_a_crash_from_a_restart(
     assert (previous.name, previous.log_id, previous.finished, previous.restart) == ("a.mcap", "old", end, restart)
     assert ("restart of the computer" in previous.in_words()) == (restart == "computer")
     assert ("crash" in previous.in_words()) == (restart == "process" and not end)
-    assert ("imutui recover a.mcap" in previous.in_words()) == (not end)
+    (*_, said) = previous.in_words().split("known")
+    recover = joined("imutui", "recover", tmp_path / "a.mcap", "-o", tmp_path / "a_recovered.mcap")
+    assert said == ("" if end else f"; `{recover}` makes it whole")
 
 
 def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_path: Path) -> None:
@@ -121,7 +124,7 @@ def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_
 
 
 def test_what_was_before_a_recording_is_not_said_of_its_later_files() -> None:
-    previous = PreviousLog("a.mcap", "old", False, 0.0, "process")
+    previous = PreviousLog(Path("a.mcap"), "old", False, 0.0, "process")
     told = previous_log.told(NOW, previous)
     assert (told.previous, told.previous_end) == ("a.mcap", "unfinished")
     assert previous_log.told(told, None) == NOW

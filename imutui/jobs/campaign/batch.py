@@ -249,7 +249,17 @@ def _outcome(unit: UnitField, *, moved: bool) -> Outcome:
 
 def folder_of(unit: UnitField) -> str:
     """Name of the folder with a unit's page: its own name as any file system takes it."""
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in unit["name"]).strip(".") or "unit"
+    return _folder(unit["name"])
+
+
+def folders_of(found: LogList) -> set[str]:
+    """Names of the folders that the pages of these logs' units may go to, before any log is filtered."""
+    serials = {log: log_summary.read(Path(found.path(log))).session.get("serial_number", "") for log in found.logs}
+    return {_folder(serial or Path(log).stem) for log, serial in serials.items()}
+
+
+def _folder(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip(".") or "unit"
 
 
 def is_fine(document: BatchDocument) -> bool:

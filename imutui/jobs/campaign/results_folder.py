@@ -20,7 +20,7 @@ from filters.errors import InputError
 from imutui.jobs.campaign import rows
 from imutui.jobs.campaign.rows import HeadFields, Row
 from imutui.jobs.campaign.stored_rows import DOCUMENT, JOURNAL, lines, of_document, own_record
-from imutui.logbook import atomic_file, log_stream, parquet
+from imutui.logbook import atomic_file, file_lock, parquet
 from imutui.logbook.parquet import Column
 
 TABLE = "results.parquet"
@@ -211,7 +211,7 @@ def _known(row: Row, offset: int, length: int) -> Known:
 
 def _opened(journal: Path, mode: int) -> IO[bytes]:
     """The journal, to be read and appended to; what a run that was killed left of a line is ended."""
-    stream = os.fdopen(os.open(journal, os.O_RDWR | os.O_CREAT, mode), "r+b")
+    stream = os.fdopen(os.open(journal, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, mode), "r+b")
     end = stream.seek(0, os.SEEK_END)
     if end and os.pread(stream.fileno(), 1, end - 1) != b"\n":
         stream.write(b"\n")
@@ -221,12 +221,12 @@ def _opened(journal: Path, mode: int) -> IO[bytes]:
 
 def _locked(folder: Path) -> IO[bytes]:
     try:
-        stream = os.fdopen(os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600), "r+b")
+        stream = os.fdopen(os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600), "r+b")
     except OSError as error:
         if error.errno != errno.EACCES:
             raise
         raise InputError(f"{folder} is being written by somebody else, or may not be. Name another with -o") from error
-    if not log_stream.take(stream):
+    if not file_lock.take(stream):
         stream.close()
         raise InputError(f"another campaign is writing to {folder}: wait for its end, or name another folder with -o")
     return stream

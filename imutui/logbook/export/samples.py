@@ -1,6 +1,5 @@
 """The samples that the estimator takes, as `imutui import` reads them: its names, units, axes and sign."""
 
-import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion.reference import Trajectory
 from filters.types import Array
+from imutui.command_line import joined
 from imutui.logbook import pieces, reference_file
 from imutui.logbook.export.formats import Block, Column, Table
 from imutui.logbook.pieces import Outline, Piece
@@ -98,7 +98,7 @@ def _about(known: Outline) -> dict[str, str]:
         # a recording made elsewhere does not say when it was made
         "first_sample_utc": "" if info.sampling == "imported" else f"{np.datetime64(known.first_ns, 'ns')}Z",
         "axes": "the instrument's own, with its own sign",
-        "import": shlex.join(import_flags(info)),
+        "import": joined(*import_flags(info)),
     }
     if info.g_unit != STANDARD_GRAVITY:
         said["g_unit"] = f"{info.g_unit!r} m/s^2 (import: instrument.g_unit in imutui.toml)"

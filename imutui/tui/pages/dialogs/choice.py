@@ -12,6 +12,7 @@ from textual.widget import Widget
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
+from imutui.command_line import command
 from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting, messages
 from imutui.tui.pages.connect import text
@@ -108,7 +109,7 @@ def quit_rack_dialog(batch: str, units: Sequence[str], jobs: Sequence[str] = ())
     """The same of all units of a batch."""
     count = formatting.plural(len(units), "unit")
     answers = [
-        Answer("l", "leave", f"leave them running; imutui attach --batch {batch} comes back"),
+        Answer("l", "leave", f"leave them running; {command('attach', '--batch', batch)} comes back"),
         Answer("s", "stop", "finish the files, stop all units and quit"),
     ]
     said = [f"{count} of it {'is' if len(units) == 1 else 'are'} being acquired.", *_ending(jobs)]
