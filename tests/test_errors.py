@@ -31,7 +31,8 @@ EXEMPT = {
     "imutui.session.engine": "the thread that records: a defect ends it in order, or is its asker's",
     "imutui.session.ipc.reply_to": "a viewer that waits must hear something, and the others go on",
     "imutui.table.keeper.Keeper._stop": "the table must not turn on, whatever the first link fails with",
-    "imutui.session.live_filter": "no defect of the filter may cost the recording; it is told as one",
+    "imutui.session.live_filter": "the recorder raises it once the file has the packets",
+    "imutui.session.reader_thread.Reader._run": "the worker raises it, and so ends the acquisition as failed",
 }
 """Functions, or whole modules, that may take any exception of ours, and why."""
 

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 
 from imutui.estimate_history import HistorySnapshot
@@ -17,7 +18,7 @@ from imutui.session import end_report, ipc, lifecycle, preloaded
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish, batch_of
 from imutui.session.preloaded import Forked, Parent
-from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
+from imutui.session.requests import CHANGES, EndFinding, FilterChanges, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ _REPLY_S = 5.0
 _STOP_S = 60.0
 _EXIT_S = 5.0
 _LEEWAY_S = 15.0
+_PATIENCE_S, _PATIENCE_SHARE = 30.0, 0.9
 
 
 class SessionError(Exception):
@@ -131,13 +133,13 @@ class Client:
         assert result is not None
         return result
 
-    def stop(self, by: str = "a program") -> "ResultDocument | None":
+    def stop(self, by: str | None = None) -> "ResultDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
 
-        `by`: what asks for it, such as "the command imutui stop"; who runs it is added.
+        `by`: what asks for it, such as "Ctrl+C in imutui record"; None for this program. Who runs it is added.
         Raises SessionError if it ended with an error of its own.
         """
-        return self._ending({"ask": "stop", "by": end_report.who(by)}, _STOP_S)
+        return self._ending({"ask": "stop", "by": by or _this_program()}, _STOP_S)
 
     def wait(self, timeout: float | None = None) -> "ResultDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
@@ -155,7 +157,11 @@ class Client:
     def _ask_separately(self, request: Request, timeout: float | None) -> Reply:
         """Ask what takes its time on a connection of its own."""
         with contextlib.closing(_connect(self.name)) as connection:
-            return _exchange(connection, request, timeout, self.name)
+            try:
+                return _exchange(connection, request, timeout, self.name)
+            except TimeoutError as error:
+                said = f'the acquisition "{self.name}" has not answered for {timeout:.0f} s; it may still do what was'
+                raise SessionError(f"{said} asked. `imutui status` shows how it is.") from error
 
     def _ending(self, request: Request, timeout: float | None) -> "ResultDocument | None":
         reply = self._ask_separately(request, timeout)
@@ -368,6 +374,11 @@ def _connect(name: str) -> socket.socket:
 
 
 def _exchange(connection: socket.socket, request: Request, timeout: float | None, name: str) -> Reply:
+    if request["ask"] in ("stop", *CHANGES):
+        request = {"by": _this_program(), "terminal": _terminal(), **request}
+    if timeout is not None and request["ask"] in CHANGES:
+        # the acquisition gives up before the viewer does, and says whether the request is still carried out
+        request = {**request, "patience_s": min(_PATIENCE_S, _PATIENCE_SHARE * timeout)}
     try:
         connection.settimeout(timeout)
         with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
@@ -387,6 +398,21 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
         raise SessionRefusalError(reply["error"])
     answer: Reply = reply
     return answer
+
+
+def _this_program() -> str:
+    """Name of this program, with the command of imutui that it carries out."""
+    path = Path(sys.argv[0])
+    name = path.parent.name if path.name == "__main__.py" else path.name
+    return " ".join([name, *(word for word in sys.argv[1:2] if word.isalpha())])
+
+
+def _terminal() -> str:
+    """Terminal of this program, such as pts/3; empty if it has none."""
+    for stream in (0, 2, 1):
+        with contextlib.suppress(OSError):
+            return os.ttyname(stream).removeprefix("/dev/")
+    return ""
 
 
 def _ended_message(name: str) -> str:

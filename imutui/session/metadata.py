@@ -1,6 +1,8 @@
 """What is known of an acquisition when it begins: the metadata of its logs, and their names."""
 
+import getpass
 import hashlib
+import os
 import re
 import socket
 import time
@@ -22,7 +24,6 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.end_report import user_name
 from imutui.session.identity import model_of
 from imutui.session.plan import Plan, batch_of
 from imutui.session.previous_log import boot_id
@@ -64,7 +65,7 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
         acquisition=plan.name,
         batch=batch_of(plan.name),
         boot_id=boot_id(),
-        operator=plan.operator or user_name(),
+        operator=plan.operator or _user_name(),
         filter=filter_of(plan, motion_of(plan)),
         reference_sha256=_reference_sha256(plan),
         effects_sha256=_effects_sha256(plan),
@@ -199,3 +200,11 @@ def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> 
     while path.exists():
         path, number = logs / f"{stem}_{number}.mcap", number + 1
     return path
+
+
+def _user_name() -> str:
+    """Name of the user that runs this, or the id of one without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())

@@ -53,6 +53,13 @@ class PollUnanswered:
 
 
 @dataclass(frozen=True, slots=True)
+class ReaderFailed:
+    """The reader ended by an exception that no code expects; it hands nothing on after this."""
+
+    error: Exception
+
+
+@dataclass(frozen=True, slots=True)
 class ZeroingFinished:
     """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between."""
 
@@ -82,7 +89,16 @@ class LeftOtherwise:
     message: str
 
 
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | StillAway | LineReturned | LeftOtherwise
+ReaderEvent = (
+    PacketArrival
+    | PollUnanswered
+    | ZeroingFinished
+    | LineLost
+    | StillAway
+    | LineReturned
+    | LeftOtherwise
+    | ReaderFailed
+)
 
 
 class Reader:
@@ -157,10 +173,17 @@ class Reader:
 
     def _run(self) -> None:
         try:
-            while True:
+            self._acquire_until_stopped()
+        except Exception as error:  # noqa: BLE001 - the worker ends the acquisition, and its file, as failed
+            self._emit(ReaderFailed(error))
+        finally:
+            self.stopping.set()
+
+    def _acquire_until_stopped(self) -> None:
+        try:
+            self._acquire()
+            while not self.stopping.is_set():
                 self._acquire()
-                if self.stopping.is_set():
-                    return
         finally:
             self.stopping.set()
             # where it was stopped while the unit was looked for

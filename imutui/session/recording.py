@@ -159,6 +159,11 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     """
     pipeline.use_waiting(now_ns)
     pipeline.flush(now_ns)
+    return close_file(writer, pipeline, now_ns)
+
+
+def close_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+    """Finish the file with what was used so far, and return its result. Raises OSError as `finish_file` does."""
     document = result_document(pipeline, writer.path, None)
     # of its result the file keeps all, and the verdict on it in a word
     kept = {**document, "verdict": sources.of_document(document).word}

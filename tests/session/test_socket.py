@@ -148,8 +148,8 @@ def test_a_burst_of_viewers_is_answered_whole(server: ipc.Server) -> None:
 def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
     with ipc.connect("asked", 60.0) as connection:
         assert exchange(connection, b'{"ask": "mark"}')["ok"]
-    stranger: Callable[[socket.socket], int] = lambda connection: 4242  # noqa: E731
-    monkeypatch.setattr(ipc, "_uid_of_peer", stranger)
+    stranger: Callable[[socket.socket], tuple[int, int]] = lambda connection: (4242, 1)  # noqa: E731
+    monkeypatch.setattr(ipc, "_peer", stranger)
     with ipc.connect("asked", 60.0) as connection:
         assert "another user" in json.loads(connection.recv(1 << 12))["error"]
 
