@@ -10,7 +10,6 @@ follow, a drift, stays in; so do the biases, which belong to a power-on.
 import errno
 import heapq
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +30,7 @@ from filters.types import Array
 from imutui.jobs import linear_correction, replay, replay_input
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
-from imutui.logbook import atomic_file, checksum_file, effects_file, power_on, reader, reference_file, schemas
+from imutui.logbook import atomic_file, checksum_file, effects_file, log_time, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
@@ -240,7 +239,7 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int)
     text = f"# {in_line(log.path.name)}, corrected: {APPLIED}\n"
     first_ns = int(log.stamp_ns[0])
     with atomic_file.part_of(output, overwrite=True, mode=mode) as part:
-        writer = LogWriter(part, info, text, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+        writer = LogWriter(part, info, text, log_time.now_ns(), overwrite=True, mode=mode, checksum=False)
         writer.attach(APPLIED, effects_file.MEDIA_TYPE, effects, first_ns)
         for name in reference_file.ATTACHMENTS:
             if name in log.attachments:
@@ -248,7 +247,7 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int)
                 writer.attach(name, media, log.attachments[name], first_ns)
         for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
             writer.encoded(topic, data, stamp, stamp)
-        writer.finish(_summary(log), time.time_ns())
+        writer.finish(_summary(log), log_time.now_ns())
     # the sum of a log whose name it took is none of this one's
     if writer.sha256 is not None:
         checksum_file.write(output, writer.sha256, mode)

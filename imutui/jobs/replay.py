@@ -25,6 +25,7 @@ from imutui.logbook import (
     checksum_file,
     effects_file,
     estimates,
+    log_time,
     reader,
     reference_file,
     results,
@@ -321,7 +322,7 @@ class _EstimateSink:
         text += f"reference = {quoted(info.reference)}\n"
         # without a sum beside it: it can be made again
         self._writer = LogWriter(
-            self._part, info, text, time.time_ns(), overwrite=True, mode=options.mode, checksum=False
+            self._part, info, text, log_time.now_ns(), overwrite=True, mode=options.mode, checksum=False
         )
         self._first_ns = first_ns
         # rows are made messages many at a time, as long as the verdict on the biases is the same
@@ -351,7 +352,7 @@ class _EstimateSink:
     def finish(self, result: ResultDocument) -> None:
         """Close the file with the result as its summary, and put it in its place."""
         self._write()
-        self._writer.finish(result, time.time_ns())
+        self._writer.finish(result, log_time.now_ns())
         self._part.replace(self._output)
         checksum_file.remove(self._output)  # of a log whose name it took
         atomic_file.sync_directory(self._output.parent)

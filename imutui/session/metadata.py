@@ -21,7 +21,7 @@ from filters.state import Site
 from imutui.instrument.host import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook import reference_file
+from imutui.logbook import log_time, reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.identity import model_of
@@ -193,9 +193,8 @@ def effect_labels(text: str) -> tuple[str, ...]:
 def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> Path:
     """Name of a recording that does not exist yet: kind of unit, as command lines call it, its number, UTC, note."""
     slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
-    stem = "_".join(
-        part for part in (instrument, serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
-    )
+    utc = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(log_time.now_ns() // 1_000_000_000))
+    stem = "_".join(part for part in (instrument, serial_number, utc, slug) if part)
     path, number = logs / f"{stem}.mcap", 2
     while path.exists():
         path, number = logs / f"{stem}_{number}.mcap", number + 1
