@@ -78,7 +78,7 @@ class Acquisition:
         self.status = StatusWords(self._instrument)
         self.guidance = Guidance(self.recorder, self.record, turner, table)
         self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
-        self._line_errors = (0, 0)
+        self._line_errors = (0, 0, 0)
         self._last_stamp_ns = self.started_ns
         self._last_read_ns = 0
         self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
@@ -144,9 +144,11 @@ class Acquisition:
 
     def _use_block(self, arrivals: list[PacketArrival], stamps: list[Stamp]) -> None:
         pipeline, newest, stamp = self.recorder.pipeline, arrivals[-1], stamps[-1]
-        bad, discarded = self._line_errors
-        self._line_errors = newest.bad_checksums, newest.discarded_bytes
-        pipeline.add_line_errors(newest.bad_checksums - bad, newest.discarded_bytes - discarded)
+        bad, discarded, doubled = self._line_errors
+        self._line_errors = newest.bad_checksums, newest.discarded_bytes, newest.doubled
+        pipeline.add_line_errors(
+            newest.bad_checksums - bad, newest.discarded_bytes - discarded, newest.doubled - doubled
+        )
         lost = pipeline.counters.lost_packets
         stamped = [(each.packet, at, each.host_ns) for each, at in zip(arrivals, stamps, strict=True)]
         counts = pipeline.packets(stamped)

@@ -62,6 +62,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "lost_packets_max": counters.lost_packets_max,
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
+        "doubled_packets": counters.doubled_packets,
         "advice": {"losses": of.loss_advice.brief, "silence": line_advice.of_silence(info.port, info.firmware)},
         "status": of.status.newest,
         "silent_s": 0.0 if zeroing else (now - of.reader.last_packet_ns) / 1e9,

@@ -169,6 +169,7 @@ class Snapshot(TypedDict):
     lost_packets_max: int
     bad_checksums: int
     discarded_bytes: int
+    doubled_packets: NotRequired[int]
     status: NotRequired[str]
     advice: LineAdvice
     silent_s: float | None
