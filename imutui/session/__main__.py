@@ -37,7 +37,7 @@ from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.metadata import motion_of
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
-from imutui.session.preloaded import PLAN_LIMIT
+from imutui.session.preloaded import LOADING, PLAN_LIMIT
 from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
 
@@ -356,12 +356,32 @@ def _load(steps: int) -> None:
             runner.warm_up(effects=effects)
 
 
+@contextlib.contextmanager
+def _beating(asked: socket.socket) -> Iterator[None]:
+    """Send once a second that this process lives; the thread has ended before anything is forked."""
+    done = threading.Event()
+
+    def beat() -> None:
+        with contextlib.suppress(OSError):  # the other side has gone
+            while not done.wait(1.0):
+                asked.send(LOADING)
+
+    thread = threading.Thread(target=beat)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
 def fork(descriptor: int, steps: int) -> None:
     """Fork an acquisition for each plan that comes over a socket, with stdout and stderr; ends when that is closed."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked = socket.socket(fileno=descriptor)
-    _load(steps)
+    with _beating(asked):
+        _load(steps)
     gc.collect()
     gc.freeze()  # no search for garbage writes to what is shared
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them here
