@@ -205,12 +205,25 @@ def running() -> list[str]:
     return ipc.names()
 
 
+def elsewhere() -> dict[str, str]:
+    """Names of acquisitions that run in other runtime folders of this user, with those folders."""
+    here = ipc.names(own=True)
+    return {name: str(ipc.socket_path(name).parent) for name in ipc.names() if name not in here}
+
+
+def running_here() -> list[str]:
+    """Names of running acquisitions of this environment's runtime folder."""
+    away = elsewhere()
+    return [name for name in running() if name not in away]
+
+
 def attach(name: str | None = None, *, stays: bool = False) -> Client:
     """Client of a running acquisition: of that name, or of the only one; one that stays has a viewer's place.
 
+    Without a name only acquisitions in this environment's runtime folder count: others may be somebody else's work.
     Raises SessionError if there is none, or several and no name, or no place for another viewer.
     """
-    names = running()
+    names = running_here() if name is None else running()
     if name is None and len(names) > 1:
         batches = sorted({*map(batch_of, names)} - {""})
         one = f" --batch {batches[0]} takes all of one batch." if batches else ""
@@ -219,6 +232,9 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
         others = f" Running: {', '.join(names)}." if names else ""
+        if name is None and (away := elsewhere()):
+            where = "; ".join(f'"{each}" runs in {place}' for each, place in away.items())
+            others = f" In this environment, that is; {where}. --name {next(iter(away))} takes it."
         raise SessionError(
             f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
         )
@@ -265,9 +281,8 @@ class Starting:
         raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
 
     def give_up(self) -> None:
-        """End it: whoever gives up (Ctrl+C) has not seen it begin, and must not leave it behind."""
-        self._process.terminate()
-        self._process.wait()
+        """End it, as after Ctrl+C: a command that has not seen it begin must not leave it behind."""
+        end_report.end_unbegun(self._process, self._missing)
 
 
 def start(plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> Client:

@@ -1,7 +1,8 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
 It lies in XDG_RUNTIME_DIR, else in a folder under the cache that nobody else may enter. A shell on the machine and one
-over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers look in all.
+over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers find all of them by
+name, but take up by themselves only those of their own folder.
 """
 
 import contextlib
@@ -100,9 +101,10 @@ def log_path(name: str) -> Path:
     return _folder_of(name) / f"{name}.log"
 
 
-def names() -> list[str]:
-    """Acquisitions whose process is alive."""
-    return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
+def names(*, own: bool = False) -> list[str]:
+    """Acquisitions whose process is alive; `own`: only those in the folder of this environment."""
+    places = [folder()] if own else folders()
+    return sorted({path.stem for place in places for path in place.glob("*.lock") if is_locked(path)})
 
 
 def lock(name: str) -> int:

@@ -12,6 +12,7 @@ from filters.motion.profile import Profile
 from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.logbook.session_info import SessionInfo
+from imutui.session import requests
 from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard
 from imutui.session.live_filter import LiveFilter
@@ -41,6 +42,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "name": plan.name,
         "batch": batch_of(plan.name),
         "pid": os.getpid(),
+        "owner": f"{requests.user_name(os.getuid())} on {info.host}",
         "state": stands.state,
         "error": stands.error,
         "findings": [finding["text"] for finding in stands.findings],

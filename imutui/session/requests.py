@@ -117,10 +117,10 @@ def who(request: Request) -> str:
     if "peer" not in request:
         return program
     uid, pid = request["peer"]
-    return f"{program}, {_user_name(uid)}{f' on {terminal}' if terminal else ''}, pid {pid}"
+    return f"{program}, {user_name(uid)}{f' on {terminal}' if terminal else ''}, pid {pid}"
 
 
-def _user_name(uid: int) -> str:
+def user_name(uid: int) -> str:
     """Return the name of a user, or the id of one without a name."""
     try:
         return pwd.getpwuid(uid).pw_name
