@@ -47,6 +47,7 @@ NAME = f"bench-faults-{os.getpid()}"
 _BOUNDS = re.compile(r"lost_min=(\d+) lost_max=(\d+) uncertainty_ms=([\d.]+)")
 _SIZES = {
     "drop_bytes": (1, 40), "garbage": (1, 60), "bit_flips": (1, 6), "lose_packets": (1, 30), "backlog": (2, 100),
+    "double_packets": (1, 6),
     "silence": (0.3, 4.0), "stall": (0.1, 3.0), "stutter": (0.03, 0.4), "pause": (0.3, 3.0), "hang_up": (0.5, 3.0),
 }  # fmt: skip
 _LONGEST_S = 4.0

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from helpers.paths import ROOT
@@ -32,6 +33,7 @@ def test_a_process_under_test_gets_nothing_of_the_shell_and_no_terminal() -> Non
     assert variables == dict(os.environ)
     assert variables["LANG"] == "C.UTF-8"
     assert not any(terminals)
+    assert Path(variables["TMPDIR"]).name.startswith("imutui-tests-"), "temporary files go with the tests"
 
 
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])

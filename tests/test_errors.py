@@ -32,7 +32,8 @@ EXEMPT = {
     "imutui.session.ipc.reply_to": "a viewer that waits must hear something, and the others go on",
     "imutui.table.keeper.run": "a defect of the keeper must not leave the table turning",
     "imutui.table.__main__.main": "the border of a process: its owner hears the last words",
-    "imutui.session.live_filter": "no defect of the filter may cost the recording; it is told as one",
+    "imutui.session.live_filter": "the recorder raises it once the file has the packets",
+    "imutui.session.reader_thread.Reader._run": "the worker raises it, and so ends the acquisition as failed",
 }
 """Functions, or whole modules, that may take any exception of ours, and why."""
 

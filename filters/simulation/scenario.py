@@ -26,6 +26,7 @@ FAULT_KINDS = {
     "bit_flips": "count",
     "silence": "seconds",
     "lose_packets": "count",
+    "double_packets": "count",
     "stall": "seconds",
     "backlog": "count",
     "stutter": "seconds",
@@ -123,11 +124,11 @@ class Fault:
     at: float  # since the first request for data, s
     # on the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between.
     # "bit_flips": one bit in each of the next `count` messages. "silence": nothing arrives for `seconds`, and what was
-    # sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within `seconds`
-    # arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them. "stutter": a
-    # packet stops half-way and goes on `seconds` later. Of the unit: "reset": as after power-up. "mode_change": into
-    # the other mode. "pause": nothing for `seconds`. Of the port: "hang_up": gone for `seconds`, and back under another
-    # name.
+    # sent is lost. "lose_packets": the next `count` packets vanish whole. "double_packets": the next come twice.
+    # "stall": what is sent within `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive
+    # with the last of them. "stutter": a packet stops half-way and goes on `seconds` later. Of the unit: "reset": as
+    # after power-up. "mode_change": into the other mode. "pause": nothing for `seconds`. Of the port: "hang_up": gone
+    # for `seconds`, and back under another name.
     kind: str
     count: int = 0
     seconds: float = 0.0

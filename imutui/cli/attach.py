@@ -32,10 +32,13 @@ def command(
 
 
 def open_ui() -> None:
-    """Attach to the running acquisition, or the batch that is all that runs, else offer to connect."""
+    """Attach to the running acquisition, or the batch that is all that runs, else offer to connect.
+
+    Acquisitions of other runtime folders are only offered: see `client.attach`.
+    """
     from imutui.session import batch, client
 
-    names, batches = client.running(), batch.running()
+    names, batches = client.running_here(), batch.running_here()
     if len(batches) == 1 and batch.names(batches[0]) == names:
         show_batch(batches[0])
     _show(client.attach(names[0], stays=True) if len(names) == 1 else None)

@@ -81,7 +81,7 @@ def _show(plan: Any) -> None:
     wanted = appearance()
     from imutui.tui import app
 
-    running = plan.name in client.running()
+    running = plan.name in client.running_here()
     raise typer.Exit(
         app.run(
             client.attach(plan.name, stays=True) if running else None,

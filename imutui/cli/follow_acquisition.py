@@ -21,6 +21,7 @@ from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES, Snapshot
+from imutui.session.timebase import Timebase
 from imutui.tui.messages import lost, silence
 from imutui.verdict import rules, sources
 
@@ -106,6 +107,9 @@ def say_begun(plan: Plan, connection: Client) -> None:
     unsaid = not_said(seen["serial_number"], seen["firmware"])
     if unsaid is not None:
         say(unsaid)
+    why = Timebase.now().why_moved()  # by the clock of this computer, as the acquisition has it
+    if why:
+        say(why)
 
 
 def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:

@@ -115,7 +115,11 @@ def command(
         info, first_ns, words = power_on.continuing(before, info, recording.t)
         say(f"imutui: {output} continues {before.path}: {words}")
     mode = settings.file_mode
-    importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode)
+    moved = importer.write(
+        recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode
+    )
+    if moved:
+        say(f"imutui: warning: {moved}. `touch` sets that time")
     duration = recording.t[-1] - recording.t[0]
     say(f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}")
 

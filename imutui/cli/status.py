@@ -73,8 +73,12 @@ def _line(s: "Snapshot") -> str:
     return (
         f"{s['name']} (pid {s['pid']}): {unit} on {s['port']}, {s['state']},"
         f" {s['kind']}, asked {s['rate_hz']:g} Hz measured {measured}, lost {lost(s)},"
-        f" bad checksums {s['bad_checksums']}, {file}"
+        f" bad checksums {s['bad_checksums']}{_doubled(s)}, {file}"
     )
+
+
+def _doubled(s: "Snapshot") -> str:
+    return f", doubled packets {s.get('doubled_packets')}" if s.get("doubled_packets") else ""
 
 
 def _more(s: "Snapshot") -> list[str]:

@@ -1,5 +1,6 @@
 """Readings in counts, as packets have them, and what a count is: in the instrument's own axes and signs."""
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -45,6 +46,53 @@ class DataPacket(Protocol):
     def details(self) -> PacketDetails | None:
         """What else it has; None of units whose packets have no more."""
         ...
+
+
+_LATELY, _MOST_REPEATS = 4, 3
+_PART_OF_WRAP = 0.9
+
+
+class RepeatedPackets:
+    """Finds packets that came twice over the line: their counter and all else are equal.
+
+    Packets of a still unit may read the same; their counters tell them apart. A counter that stands still does not, nor
+    does one that has wrapped meanwhile.
+
+    `wrap_ns`: how long a wrap of the counter takes. `period_ns`: from packet to packet of a stream; 0 if unknown, and
+      then less than a wrap. `count`: of packets that came again.
+    """
+
+    def __init__(self, wrap_ns: float, period_ns: float = 0.0) -> None:
+        self.count = 0
+        self._wrap_ns, self._may_wrap = wrap_ns, period_ns > _PART_OF_WRAP * wrap_ns
+        self._recent: deque[tuple[DataPacket, int]] = deque(maxlen=_LATELY)
+        self._run = 0
+
+    def take(self, packet: DataPacket, host_ns: int, *, contiguous: bool = False, asked: bool = False) -> bool:
+        """Take a packet, and return whether it came before, so that it counts for nothing.
+
+        `host_ns`: when it was read, monotonic, ns.
+        `contiguous`: whether it followed the packet before it byte by byte.
+        `asked`: whether it is the answer to a request, as all others are.
+        """
+        places = [k for k, (one, _) in enumerate(self._recent) if one == packet]
+        if places and self._is_the_same(places[-1], host_ns, contiguous=contiguous, asked=asked):
+            self._run += 1
+            self.count += 1
+            return True
+        self._run = self._run + 1 if places else 0
+        self._recent.append((packet, host_ns))
+        return False
+
+    def _is_the_same(self, place: int, host_ns: int, *, contiguous: bool, asked: bool) -> bool:
+        packets = [one for one, _ in self._recent]
+        stands_still = len(packets) > 1 and len({one.ticks for one in packets}) == 1
+        if stands_still or self._run >= _MOST_REPEATS:
+            return False
+        soon = host_ns - self._recent[place][1] < 0.5 * self._wrap_ns
+        adjacent = contiguous and not self._may_wrap and place == len(packets) - 1
+        vary = len({(one.rates, one.accels) for one in packets}) > 1
+        return soon or adjacent or (asked and vary)
 
 
 COUNT_LIMITS = (-(2**15), 2**15 - 1)

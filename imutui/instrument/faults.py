@@ -13,7 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LINE_KINDS = ("drop_bytes", "garbage", "bit_flips", "silence", "lose_packets", "stall", "backlog", "stutter")
+LINE_KINDS = (
+    *("drop_bytes", "garbage", "bit_flips", "silence", "lose_packets", "double_packets"),
+    *("stall", "backlog", "stutter"),
+)
 UNIT_KINDS = ("reset", "mode_change", "pause", "hang_up")
 KINDS = LINE_KINDS + UNIT_KINDS
 
@@ -25,12 +28,13 @@ class LineFault:
     at: float  # since the first request for data, s
     # of the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes come in between.
     # "bit_flips": a bit is turned in each of the next `count` messages. "silence": nothing arrives for `seconds`, and
-    # what was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
-    # `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them, or with
-    # a reply between them. "stutter": a packet stops after half of its bytes; the others, and what is behind them,
-    # arrive `seconds` later. Of the unit: "reset": it is as after power-up. "mode_change": it falls into the other
-    # mode, a stream goes on. "pause": it sends nothing for `seconds`, and then goes on with the newest reading. Of the
-    # port: "hang_up": it is gone for `seconds` and comes back under another name.
+    # what was sent is lost. "lose_packets": the next `count` packets vanish whole. "double_packets": the next `count`
+    # come twice. "stall": what is sent within `seconds` arrives at their end, at once. "backlog": the next `count`
+    # packets arrive with the last of them, or with a reply between them. "stutter": a packet stops after half of its
+    # bytes; the others, and what is behind them, arrive `seconds` later. Of the unit: "reset": it is as after power-up.
+    # "mode_change": it falls into the other mode, a stream goes on. "pause": it sends nothing for `seconds`, and then
+    # goes on with the newest reading. Of the port: "hang_up": it is gone for `seconds` and comes back under another
+    # name.
     kind: str
     count: int = 0
     seconds: float = 0.0
@@ -70,6 +74,7 @@ class FaultyLine:
         self._to_drop = 0
         self._to_flip = 0
         self._to_lose = 0
+        self._to_double = 0
         self._to_gather = 0
         self._gathered = b""
         self._garbage = b""
@@ -144,6 +149,8 @@ class FaultyLine:
                     self._silent_until = max(self._silent_until, end)
                 case "lose_packets":
                     self._to_lose += fault.count
+                case "double_packets":
+                    self._to_double += fault.count
                 case "backlog":
                     self._to_gather += fault.count
                 case "stall":
@@ -158,6 +165,9 @@ class FaultyLine:
         if self._to_lose and len(message) == self._packet_bytes:
             self._to_lose -= 1
             return before
+        if self._to_double and len(message) == self._packet_bytes:
+            self._to_double -= 1
+            message = 2 * message
         dropped = min(self._to_drop, len(message))
         self._to_drop -= dropped
         message = message[dropped:]

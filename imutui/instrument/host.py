@@ -201,6 +201,9 @@ class Poller:
         self._check, self._checked = check
         self._patience_s = _LEAST_PATIENCE_S
         self._stray_bytes = 0
+        self._heard = b""  # the last answer, if nothing else came with it
+        self.doubled = 0
+        """Answers that came a second time."""
         self.unanswered = False
         """Whether the last request was sent and has no answer; also after an error of the line."""
 
@@ -222,8 +225,9 @@ class Poller:
         self.unanswered = False
         # what waits here came before the request, so it is no answer to it
         while waiting := self._port.waiting():
-            self._stray_bytes += len(self._stray(self._port.read(waiting)))
+            self._take_stray(self._port.read(waiting))
         self._decoder.quiet()
+        self._heard = b""
         requested_ns = time.monotonic_ns()
         self._port.write(self._request)
         self.unanswered = True
@@ -235,11 +239,20 @@ class Poller:
             self._patience_s = min(max(_LEAST_PATIENCE_S, late_s, 0.5 * self._patience_s), PATIENCE_S)
         return answer
 
+    def _take_stray(self, data: bytes) -> None:
+        """Take what came between an answer and the next request: the same answer again, or noise."""
+        again = len(data) // len(self._heard) if self._heard else 0
+        if again and data == again * self._heard:
+            self.doubled += again
+        else:
+            self._stray_bytes += len(self._stray(data))
+
     def _await_packet(self, requested_ns: int) -> Answer | None:
         """The answer if it comes as soon as answers do."""
         deadline = time.monotonic() + self._patience_s
         while True:
             data = self._port.read(self._decoder.missing)
+            self._heard += data
             answer = self._first(self._decoder.feed(data) if data else self._decoder.pause(), requested_ns)
             # a host that was held up looks once more: it may have come long ago
             if answer is not None or (not data and (time.monotonic() > deadline or self._giving_up())):

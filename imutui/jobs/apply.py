@@ -9,7 +9,6 @@ follow, a drift, stays in; so do the biases, which belong to a power-on.
 
 import heapq
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from filters.types import Array
 from imutui.jobs import linear_correction, replay, replay_input
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
-from imutui.logbook import effects_file, power_on, reader, reference_file, schemas
+from imutui.logbook import effects_file, log_time, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
@@ -245,7 +244,7 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, *, overwri
                 writer.attach(name, media, log.attachments[name], first_ns)
         for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
             writer.encoded(topic, data, stamp, stamp)
-        writer.finish(_summary(log), time.time_ns())
+        writer.finish(_summary(log), log_time.now_ns())
 
 
 def _summary(log: Log) -> dict[str, object]:

@@ -62,7 +62,8 @@ class PacketSteps:
 
     def _line(self, log: CheckContext) -> Iterator[Finding]:
         """What was lost on the line, by the recorder's count and by the packets themselves."""
-        told = {key: integer(log.audit.diagnostics.get(key)) for key in ("lost_packets", "bad_checksums")}
+        keys = ("lost_packets", "bad_checksums", "doubled_packets")
+        told = {key: integer(log.audit.diagnostics.get(key)) for key in keys}
         certain = told["lost_packets"]
         # logs of before had no bounds
         most = max(certain, integer(log.audit.diagnostics.get("lost_packets_max")))
@@ -81,6 +82,9 @@ class PacketSteps:
         if told["bad_checksums"]:
             what = f"{that_many(told['bad_checksums'], 'packet', 'was', 'were')} dropped: the checksum was wrong."
             yield Finding("checksums", what, "by the recorder's count", _where_to_look(log))
+        if told["doubled_packets"]:
+            what = f"{that_many(told['doubled_packets'], 'packet', 'was', 'were')} received twice, and used once."
+            yield Finding("doubled", what, "by the recorder's count", _DOUBLED)
 
     def _codes(self, sequence: np.ndarray, ticks: np.ndarray, flags: np.ndarray) -> np.ndarray:
         """What goes with the steps between packets, int64, shape (n - 1,)."""
@@ -133,12 +137,20 @@ class PacketSteps:
             return
         ticks = table.codes & _TICKS
         usual = median(ticks[contiguous], table.counts[contiguous])
-        off = contiguous & (np.abs(ticks - usual) > 0.6 * usual)
+        twice = contiguous & (ticks == 0) & (usual > 0)
+        if twice.any():
+            what = f"{that_many(int(table.counts[twice].sum()), 'packet', 'stands', 'stand')} twice: its counter is the"
+            where = f"first {log.at(int(table.after_ns[table.first(twice)]))}"
+            yield Finding("doubled", f"{what} one of the packet before.", where, _DOUBLED)
+        off = contiguous & ~twice & (np.abs(ticks - usual) > 0.6 * usual)
         if off.any():
             count = int(table.counts[off].sum())
             what = f"The unit's time counter jumps in {plural(count, 'place')} without a packet missing."
             where = f"first {log.at(int(table.after_ns[table.first(off)]))}"
             yield Finding("counter", what, where, "Check the unit's supply: it may have begun anew.")
+
+
+_DOUBLED = "Look at what lies between unit and computer: an adapter, a splitter or a server sends packets again."
 
 
 class _HeldUp:

@@ -291,7 +291,7 @@ def _quality(content: "Audit") -> QualityFields:
     return cast("QualityFields", told | kept)
 
 
-_COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes")
+_COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes", "doubled_packets")
 _FIGURES = ("verdict", "converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
 
 

@@ -25,6 +25,7 @@ from imutui.logbook import (
     effects_file,
     estimates,
     health,
+    log_time,
     reader,
     reference_file,
     results,
@@ -328,7 +329,7 @@ class _EstimateSink:
         text = f"# replay of {in_line(log.path.name)}\nfilter = {quoted(info.filter)}\n"
         text += f"reference = {quoted(info.reference)}\n"
         # without a checksum beside it: the file can be made again
-        self._writer = LogWriter(output, info, text, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+        self._writer = LogWriter(output, info, text, log_time.now_ns(), overwrite=True, mode=mode, checksum=False)
         self._first_ns = first_ns
         # rows are made messages many at a time, as long as the verdict on the biases is the same
         self._rows: list[np.ndarray] = []
@@ -357,4 +358,4 @@ class _EstimateSink:
     def finish(self, result: ResultDocument) -> None:
         """Close the file with the result as its summary."""
         self._write()
-        self._writer.finish(result, time.time_ns())
+        self._writer.finish(result, log_time.now_ns())

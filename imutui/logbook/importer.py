@@ -5,7 +5,6 @@ Checked before anything is written: names, lengths, numbers, time, and what grav
 
 import csv
 import math
-import time
 import warnings
 import zipfile
 from array import array
@@ -19,7 +18,7 @@ import numpy as np
 
 import imutui
 from filters.errors import InputError
-from imutui.logbook import arrival_stamps, parquet, power_on, sample_check, schemas
+from imutui.logbook import arrival_stamps, log_time, parquet, power_on, sample_check, schemas
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
@@ -41,7 +40,6 @@ LIMIT = 2 * 2**30
 _HEADS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """How the head of an array is read, by the version of its format; later ones are for names of columns."""
 _LARGEST = 1e9  # largest reading, angle or place, of either sign, in the units of the file
-_FIRST_NS, _LAST_NS = 0, 7_258_118_400_000_000_000  # 1970 and 2200
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
@@ -184,7 +182,7 @@ def write(
     first_ns: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
     mode: int = MODE,
-) -> None:
+) -> str:
     """Write a recording as a log.
 
     `recording`: from `load`.
@@ -195,6 +193,9 @@ def write(
     `first_ns`: UTC of the first sample, ns, on the clock of the log that it continues.
     `progress`: told the number of samples written, now and then.
     `mode`: permissions of the log.
+
+    Returns what to report of a time that stamps cannot hold, and of the stamps instead; "" if it was used as it is.
+    Raises ImportDataError if the log that it continues ends too late for stamps.
     """
     info = replace(
         info,
@@ -206,12 +207,11 @@ def write(
         clock_s=float(recording.t[0]),
     )
     base_ns = source.stat().st_mtime_ns if first_ns is None else first_ns
-    if not _FIRST_NS <= base_ns <= _LAST_NS:
-        raise ImportDataError(
-            f"{source} was last changed before 1970 or after 2200, says its folder, and that time starts the log's"
-            " stamps. Set it with `touch`."
-        )
-    stamp_ns = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
+    elapsed_ns = np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
+    why = log_time.why_fitted(base_ns, int(elapsed_ns[-1]))
+    if why and first_ns is not None:
+        raise ImportDataError(f"the log that it continues ends too late: {why}. Import it without --continues.")
+    stamp_ns = log_time.fitted_ns(base_ns, int(elapsed_ns[-1])) + elapsed_ns
     axes = info.axes()
     gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
     accel = axes.accel_to_body(recording.accel_g * info.g_unit)
@@ -236,7 +236,8 @@ def write(
                 log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
         duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
         summary = {"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}
-        log.finish(summary, time.time_ns())
+        log.finish(summary, log_time.now_ns())
+    return why and f"{source} was last changed at a time that starts the log's stamps, and {why}"
 
 
 def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -4,7 +4,6 @@ import contextlib
 import io
 import json
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import imutui
-from imutui.logbook import atomic_file, checksum_file, log_stream, schemas
+from imutui.logbook import atomic_file, checksum_file, log_stream, log_time, schemas
 from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.schemas import RawPacket
@@ -32,7 +31,7 @@ def whole_log(
     Parameters and errors are those of `LogWriter`; the block has to call `finish`. If it raises, nothing is left.
     """
     with atomic_file.part_of(path, overwrite=overwrite, mode=mode) as part:
-        log = LogWriter(part, info, configuration, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+        log = LogWriter(part, info, configuration, log_time.now_ns(), overwrite=True, mode=mode, checksum=False)
         yield log
     # the log is whole without it
     with contextlib.suppress(OSError):

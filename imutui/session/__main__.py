@@ -15,9 +15,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
@@ -29,14 +29,16 @@ from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
+from imutui.session.acquisition import Acquisition
 from imutui.session.commanded_table import CommandedTable
 from imutui.session.disk_space import DiskGuard, disk_message
-from imutui.session.engine import Engine
+from imutui.session.engine import PATIENCE_S, Engine
 from imutui.session.ipc import NameTakenError
+from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.metadata import motion_of
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
-from imutui.session.preloaded import PLAN_LIMIT
+from imutui.session.preloaded import LOADING, PLAN_LIMIT
 from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
 
@@ -49,7 +51,8 @@ _SIGNALS = {
     signal.SIGTERM: "the signal SIGTERM, as `kill` and a shutdown send it",
     signal.SIGINT: "the signal SIGINT, as Ctrl+C sends it",
 }
-_NOBODY_SAID = "a viewer that did not say who it is"
+
+T = TypeVar("T")
 
 
 def run(text: str) -> NoReturn:
@@ -76,6 +79,9 @@ def main(text: str) -> int:
     # until here there is nothing to be left in order
     for number in _SIGNALS:
         signal.signal(number, _end_early)
+    stands = Lifecycle()
+    # an exception that a thread does not expect ends the acquisition, whichever thread it is
+    threading.excepthook = lambda thread: stands.defect(thread.exc_value or thread.exc_type())
     try:
         if plan.record:  # before the unit is touched
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
@@ -92,7 +98,7 @@ def main(text: str) -> int:
                 name, turner = stack.enter_context(_virtual(plan))
             table = stack.enter_context(_table(plan)) if plan.controller else None
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
-            return _acquire(plan, port, stream, turner, table)
+            return _acquire(plan, port, stream, turner, table, stands)
     except NameTakenError:
         own = () if plan.name == "default" else ("--name", plan.name)
         return _refuse(
@@ -144,7 +150,12 @@ def _table(plan: Plan) -> Iterator[CommandedTable]:
 
 
 def _acquire(
-    plan: Plan, port: Port, stream: LiveStream | None, turner: TableTurner | None, table: CommandedTable | None
+    plan: Plan,
+    port: Port,
+    stream: LiveStream | None,
+    turner: TableTurner | None,
+    table: CommandedTable | None,
+    stands: Lifecycle,
 ) -> int:
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
@@ -160,10 +171,23 @@ def _acquire(
             if plan.port != VIRTUAL_PORT and was_asked:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
-        engine = Engine(plan, host, identity, stream, turner, table)
+        engine = Engine(plan, host, identity, stream, turner, table, stands)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
+    try:
+        _serve(plan, engine)
+    except Exception as error:
+        stands.fail(*_in_words(error), error)
+        stands.ended.wait()  # the file is finished
+        raise
+    if stands.error is not None:
+        print(visible(stands.error), file=sys.stderr)
+    return engine.exit_code
+
+
+def _serve(plan: Plan, engine: Engine) -> None:
+    """Answer viewers until the acquisition has ended, and those who ask how it ended for some seconds more."""
     end_reported = threading.Event()
 
     def answer(request: Request) -> Reply:
@@ -193,57 +217,61 @@ def _acquire(
     # the server's own end would take it up to half a second more, and nobody finds it any longer
     ipc.socket_path(plan.name).unlink(missing_ok=True)
     server.wait_idle(_LAST_REPLIES_S)
-    if engine.lifecycle.error is not None:
-        print(visible(engine.lifecycle.error), file=sys.stderr)
-    return engine.exit_code
 
 
 def carry_out(engine: Engine, request: Request) -> Reply:
     """Do what a viewer asks; raises InputError with what is wrong with it, or what stands against it."""
+    patience_s = requests.seconds(request, "patience_s", 0.0, requests.LONGEST_WAIT_S)
+    patience_s = PATIENCE_S if patience_s is None else patience_s
+    who = requests.who(request)
+
+    def call(function: Callable[[Acquisition], T], *, late: bool = False) -> T:
+        return engine.call(function, patience_s, late=late)
+
     match request["ask"]:
         case "snapshot":
             since = requests.whole(request, "since", 0)
-            return {"snapshot": engine.call(lambda acquisition: observe.snapshot(acquisition, since), late=True)}
+            return {"snapshot": call(lambda acquisition: observe.snapshot(acquisition, since), late=True)}
         case "history":
             has = HistoryWish(
                 requests.whole(request, "run", 0),
                 requests.seconds(request, "estimates_s"),
                 requests.seconds(request, "temperature_s"),
             )
-            return {"history": engine.call(lambda acquisition: acquisition.history(has), late=True)}
+            return {"history": call(lambda acquisition: acquisition.history(has), late=True)}
         case "statistics":
             channel = requests.whole(request, "channel")
-            return {"statistics": engine.call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
+            return {"statistics": call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
         case "begin_statistics":
-            engine.call(lambda acquisition: acquisition.begin_statistics())
+            call(lambda acquisition: acquisition.begin_statistics())
         case "mark":
             text = requests.text(request, "text")
-            engine.call(lambda acquisition: acquisition.mark(text))
+            call(lambda acquisition: acquisition.mark(text, who))
         case "record":
             wish = requests.wish(request)
-            return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
+            return {"path": call(lambda acquisition: acquisition.record(wish))}
         case "describe":
             note = requests.text_or_none(request, "note", NOTE_LIMIT)
             operator = requests.text_or_none(request, "operator", NAME_LIMIT)
-            engine.call(lambda acquisition: acquisition.recorder.describe(note, operator))
+            call(lambda acquisition: acquisition.recorder.describe(note, operator))
         case "configure":
             changes = requests.changes(request)
-            engine.call(lambda acquisition: acquisition.configure(changes))
+            call(lambda acquisition: acquisition.configure(changes))
         case "zero":
             argument = requests.whole(request, "argument")
-            return {"said": engine.zero(argument)}
+            return {"said": engine.zero(argument, patience_s)}
         case "profile":
-            return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
+            return {"profile": call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
             do, wish = requests.text(request, "do"), requests.wish(request)
             may_move = request.get("yes_move") is True
             if do == "cancel":
                 engine.stop_table()  # before whatever the recording is busy with
-            engine.call(lambda acquisition: acquisition.guidance.do(do, wish, may_move=may_move))
+            call(lambda acquisition: acquisition.guide(do, wish, who, may_move=may_move))
         case "stop_recording":
-            return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
+            return {"result": call(lambda acquisition: acquisition.stop_recording(who))}
         case "stop":
-            engine.request_stop(requests.text(request, "by") if "by" in request else _NOBODY_SAID)
+            engine.request_stop(who)
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
@@ -329,12 +357,32 @@ def _load(steps: int) -> None:
             runner.warm_up(effects=effects)
 
 
+@contextlib.contextmanager
+def _beating(asked: socket.socket) -> Iterator[None]:
+    """Send once a second that this process lives; the thread has ended before anything is forked."""
+    done = threading.Event()
+
+    def beat() -> None:
+        with contextlib.suppress(OSError):  # the other side has gone
+            while not done.wait(1.0):
+                asked.send(LOADING)
+
+    thread = threading.Thread(target=beat)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
 def fork(descriptor: int, steps: int) -> None:
     """Fork an acquisition for each plan that comes over a socket, with stdout and stderr; ends when that is closed."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked = socket.socket(fileno=descriptor)
-    _load(steps)
+    with _beating(asked):
+        _load(steps)
     gc.collect()
     gc.freeze()  # no search for garbage writes to what is shared
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them here

@@ -79,7 +79,7 @@ class Acquisition:
         self.status = StatusWords(self._instrument)
         self.guidance = Guidance(self.recorder, self.record, turner, table)
         self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
-        self._line_errors = (0, 0)
+        self._line_errors = (0, 0, 0)
         self._last_stamp_ns = self.started_ns
         self._last_read_ns = 0
         self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
@@ -146,12 +146,15 @@ class Acquisition:
 
     def _use_block(self, arrivals: list[PacketArrival], stamps: list[Stamp]) -> None:
         pipeline, newest, stamp = self.recorder.pipeline, arrivals[-1], stamps[-1]
-        bad, discarded = self._line_errors
-        self._line_errors = newest.bad_checksums, newest.discarded_bytes
-        pipeline.add_line_errors(newest.bad_checksums - bad, newest.discarded_bytes - discarded)
+        bad, discarded, doubled = self._line_errors
+        self._line_errors = newest.bad_checksums, newest.discarded_bytes, newest.doubled
+        pipeline.add_line_errors(
+            newest.bad_checksums - bad, newest.discarded_bytes - discarded, newest.doubled - doubled
+        )
         lost = pipeline.counters.lost_packets
         stamped = [(each.packet, at, each.host_ns) for each, at in zip(arrivals, stamps, strict=True)]
         counts = pipeline.packets(stamped)
+        self.recorder.raise_defect()
         lost = pipeline.counters.lost_packets - lost
         for _, at, host_ns in stamped:
             if lost or host_ns - at.monotonic_ns > HELD_UP_S * 1e9:
@@ -306,10 +309,17 @@ class Acquisition:
         if self.lifecycle.ended_by:
             self.event("acquisition", f"ended by {self.lifecycle.ended_by}")
 
-    def finish(self) -> None:
-        """Finish the file, if there is one; nothing comes any more. Raises OSError."""
+    def use_held(self) -> None:
+        """Use the packets that still wait for others to make their stamps sure; none comes any more. Raises OSError."""
         self._use(self._clock.release())
+
+    def finish(self) -> None:
+        """Finish the file, if there is one. Raises OSError."""
         self.recorder.finish()
+
+    def finish_bare(self) -> None:
+        """Finish a file that `finish` could not, without the filter's result. Raises OSError."""
+        self.recorder.finish_bare()
 
     def abandon_zeroing(self, message: str) -> None:
         """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
@@ -334,8 +344,10 @@ class Acquisition:
     def _since_start_s(self) -> float:
         return (time.monotonic_ns() - self.started_ns) / 1e9
 
-    def mark(self, text: str) -> None:
+    def mark(self, text: str, who: str = "") -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
+
+        `who`: who made it, which an event of its own says; readers take the mark's text as it is.
 
         Raises InputError if nothing is being recorded.
         """
@@ -343,7 +355,15 @@ class Acquisition:
             raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
-        self.event("mark" if self.guidance.guide is None else "remark", text)
+        name = "mark" if self.guidance.guide is None else "remark"
+        self.event(name, text)
+        if who:
+            self.event("acquisition", f'{name} "{text}" by {who}')
+
+    def guide(self, do: str, wish: RecordingWish, who: str, *, may_move: bool) -> None:
+        """Carry out a request of the guide, see `Guidance.do`; an event says first who asked for it."""
+        self.event("acquisition", f"guide: {do}, asked by {who}")
+        self.guidance.do(do, wish, may_move=may_move)
 
     def record(self, wish: RecordingWish) -> str:
         """Begin a recording; returns its path. What is wished but the note stays for later ones.
@@ -359,13 +379,17 @@ class Acquisition:
         assert self.recorder.recording is not None
         return str(self.recorder.recording.writer.path)
 
-    def stop_recording(self) -> "ResultDocument":
+    def stop_recording(self, who: str = "") -> "ResultDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
+
+        `who`: who asked for it, for an event at the end of the file.
 
         Raises InputError if nothing is being recorded, or the file is lost.
         Raises OSError if the disk does not take the end.
         """
         recording = self.recorder.recording
+        if recording is not None and who:
+            self.event("acquisition", f"recording ended by {who}")
         result = self._end_recording()
         if recording is not None and recording.vanished is not None and not result["finished"]:
             raise InputError(recording.vanished.words)

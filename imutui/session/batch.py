@@ -153,7 +153,12 @@ def _start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError],
     try:
         while waiting or coming:
             while waiting and len(coming) < _STARTING:
-                coming.append(Starting(waiting.pop(0), parent=parent))
+                try:
+                    coming.append(Starting(waiting[0], parent=parent))
+                except ConnectionError:  # the process that the others were forked from hangs, or was killed
+                    parent = None
+                    continue
+                del waiting[0]
             left_s = min(one.deadline for one in coming) - time.monotonic()
             ready, _, _ = select.select(coming, [], [], max(0.0, left_s))
             first = ready[0] if ready else min(coming, key=lambda one: one.deadline)
@@ -186,6 +191,11 @@ def file_of(name: str) -> Path | None:
 def running() -> list[str]:
     """Names of the batches of which a unit is being acquired."""
     return sorted({*map(batch_of, client.running())} - {""})
+
+
+def running_here() -> list[str]:
+    """Names of the batches of which a unit is being acquired in this environment's runtime folder."""
+    return sorted({*map(batch_of, client.running_here())} - {""})
 
 
 def names(batch: str) -> list[str]:

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 
 from imutui.command_line import command, joined
@@ -18,7 +19,7 @@ from imutui.session import end_report, ipc, lifecycle, preloaded
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish, batch_of
 from imutui.session.preloaded import Forked, Parent
-from imutui.session.requests import EndFinding, FilterChanges, Reply, Request, StartReport
+from imutui.session.requests import CHANGES, EndFinding, FilterChanges, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ _REPLY_S = 5.0
 _STOP_S = 60.0
 _EXIT_S = 5.0
 _LEEWAY_S = 15.0
+_PATIENCE_S, _PATIENCE_SHARE = 30.0, 0.9
 
 
 class SessionError(Exception):
@@ -132,13 +134,13 @@ class Client:
         assert result is not None
         return result
 
-    def stop(self, by: str = "a program") -> "ResultDocument | None":
+    def stop(self, by: str | None = None) -> "ResultDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
 
-        `by`: what asks for it, such as "the command imutui stop"; who runs it is added.
+        `by`: what asks for it, such as "Ctrl+C in imutui record"; None for this program. Who runs it is added.
         Raises SessionError if it ended with an error of its own.
         """
-        return self._ending({"ask": "stop", "by": end_report.who(by)}, _STOP_S)
+        return self._ending({"ask": "stop", "by": by or _this_program()}, _STOP_S)
 
     def wait(self, timeout: float | None = None) -> "ResultDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
@@ -156,7 +158,11 @@ class Client:
     def _ask_separately(self, request: Request, timeout: float | None) -> Reply:
         """Ask what takes its time on a connection of its own."""
         with contextlib.closing(_connect(self.name)) as connection:
-            return _exchange(connection, request, timeout, self.name)
+            try:
+                return _exchange(connection, request, timeout, self.name)
+            except TimeoutError as error:
+                said = f'the acquisition "{self.name}" has not answered for {timeout:.0f} s; it may still do what was'
+                raise SessionError(f"{said} asked. `imutui status` shows how it is.") from error
 
     def _ending(self, request: Request, timeout: float | None) -> "ResultDocument | None":
         reply = self._ask_separately(request, timeout)
@@ -200,12 +206,25 @@ def running() -> list[str]:
     return ipc.names()
 
 
+def elsewhere() -> dict[str, str]:
+    """Names of acquisitions that run in other runtime folders of this user, with those folders."""
+    here = ipc.names(own=True)
+    return {name: str(ipc.socket_path(name).parent) for name in ipc.names() if name not in here}
+
+
+def running_here() -> list[str]:
+    """Names of running acquisitions of this environment's runtime folder."""
+    away = elsewhere()
+    return [name for name in running() if name not in away]
+
+
 def attach(name: str | None = None, *, stays: bool = False) -> Client:
     """Client of a running acquisition: of that name, or of the only one; one that stays has a viewer's place.
 
+    Without a name only acquisitions in this environment's runtime folder count: others may be somebody else's work.
     Raises SessionError if there is none, or several and no name, or no place for another viewer.
     """
-    names = running()
+    names = running_here() if name is None else running()
     if name is None and len(names) > 1:
         batches = sorted({*map(batch_of, names)} - {""})
         one = f" {joined('--batch', batches[0])} takes all of one batch." if batches else ""
@@ -214,6 +233,9 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
         others = f" Running: {', '.join(names)}." if names else ""
+        if name is None and (away := elsewhere()):
+            where = "; ".join(f'"{each}" runs in {place}' for each, place in away.items())
+            others = f" In this environment, that is; {where}. --name {next(iter(away))} takes it."
         raise SessionError(
             f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
         )
@@ -260,9 +282,8 @@ class Starting:
         raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
 
     def give_up(self) -> None:
-        """End it: whoever gives up (Ctrl+C) has not seen it begin, and must not leave it behind."""
-        self._process.terminate()
-        self._process.wait()
+        """End it, as after Ctrl+C: a command that has not seen it begin must not leave it behind."""
+        end_report.end_unbegun(self._process, self._missing)
 
 
 def start(plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> Client:
@@ -370,6 +391,11 @@ def _connect(name: str) -> socket.socket:
 
 
 def _exchange(connection: socket.socket, request: Request, timeout: float | None, name: str) -> Reply:
+    if request["ask"] in ("stop", *CHANGES):
+        request = {"by": _this_program(), "terminal": _terminal(), **request}
+    if timeout is not None and request["ask"] in CHANGES:
+        # the acquisition gives up before the viewer does, and says whether the request is still carried out
+        request = {**request, "patience_s": min(_PATIENCE_S, _PATIENCE_SHARE * timeout)}
     try:
         connection.settimeout(timeout)
         with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
@@ -389,6 +415,21 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
         raise SessionRefusalError(reply["error"])
     answer: Reply = reply
     return answer
+
+
+def _this_program() -> str:
+    """Name of this program, with the command of imutui that it carries out."""
+    path = Path(sys.argv[0])
+    name = path.parent.name if path.name == "__main__.py" else path.name
+    return " ".join([name, *(word for word in sys.argv[1:2] if word.isalpha())])
+
+
+def _terminal() -> str:
+    """Terminal of this program, such as pts/3; empty if it has none."""
+    for stream in (0, 2, 1):
+        with contextlib.suppress(OSError):
+            return os.ttyname(stream).removeprefix("/dev/")
+    return ""
 
 
 def _ended_message(name: str) -> str:

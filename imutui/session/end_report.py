@@ -5,7 +5,6 @@ is ended that did not begin in time.
 """
 
 import contextlib
-import getpass
 import json
 import os
 import subprocess
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from imutui.logbook import atomic_file
-from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import ipc
 from imutui.session.plan import Plan
 
@@ -87,23 +85,6 @@ def _read(path: Path) -> EndReport | None:
         return None
     report: EndReport = {**found}  # type: ignore[typeddict-item]
     return report
-
-
-def who(what: str) -> str:
-    """Who asks for an end: what does, its user, terminal and process, such as `imutui stop, ana on pts/3, pid 42`."""
-    terminal = ""
-    for stream in (1, 2, 0):
-        with contextlib.suppress(OSError):
-            terminal = f" on {os.ttyname(stream).removeprefix('/dev/')}"
-    return one_line(f"{what}, {user_name()}{terminal}, pid {os.getpid()}", NOTE_LIMIT)
-
-
-def user_name() -> str:
-    """Of whoever runs this, or their id."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user id without a name
-        return str(os.getuid())
 
 
 _GRACE_S = 10.0

@@ -10,12 +10,12 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from concurrent import futures
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from filters.errors import InputError
-from imutui import defects
 from imutui.instrument.clock import Clock
 from imutui.instrument.host import Host, Identity, InstrumentError
 from imutui.instrument.registry import INSTRUMENTS
@@ -34,6 +34,7 @@ from imutui.session.reader_thread import (
     PollUnanswered,
     Reader,
     ReaderEvent,
+    ReaderFailed,
     ZeroingFinished,
 )
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
@@ -49,6 +50,9 @@ _LOOK_S = 0.1
 _AFTER_BLOCK_S = 0.015
 _real_s = time.monotonic  # packets take real time to come, whatever the process's own is (`imutui.fast_time`)
 _HANGS_S = 5.0  # a thread that does not come round for so long commands no table
+PATIENCE_S = 30.0
+"""How long a request waits for the worker, unless the viewer waits less."""
+_BUSY = "the acquisition was busy, perhaps while its filter is compiled,"
 
 T = TypeVar("T")
 
@@ -67,7 +71,7 @@ class Engine:
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; `stream` gets what is recorded, and is
     closed after the end by whoever made it; `turner` turns the table under a virtual unit of the acquisition's own,
-    `table` is one under command.
+    `table` is one under command. `lifecycle` may have failed before: the acquisition then ends at once.
     Raises InputError if the filter could not run with what is asked.
     """
 
@@ -79,8 +83,9 @@ class Engine:
         stream: LiveStream | None = None,
         turner: TableTurner | None = None,
         table: CommandedTable | None = None,
+        lifecycle: Lifecycle | None = None,
     ) -> None:
-        self.lifecycle = Lifecycle()
+        self.lifecycle = lifecycle or Lifecycle()
         self._plan = plan
         self._port = port = host.port
         self._instrument = instrument = INSTRUMENTS[plan.instrument]
@@ -100,7 +105,6 @@ class Engine:
         if table is not None:
             table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S * plan.speed
         self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream, turner, table)
-        self._disk_error: OSError | None = None
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 
@@ -125,7 +129,11 @@ class Engine:
         return self.lifecycle.exit_code or max(codes, default=0)
 
     def start(self) -> None:
-        """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
+        """Begin, and return once the first packet has come.
+
+        Raises OSError if the disk fails, InstrumentError if no packet comes, and any other exception that ended the
+        acquisition before.
+        """
         polled = self._plan.sampling == "polled"
         if polled and self._plan.filter != "none":
             # a polled packet is stamped when it arrives: loading the compiler meanwhile would make stamps late
@@ -144,29 +152,37 @@ class Engine:
                     " connect again."
                 )
         if not stands.streaming.is_set():
-            if self._disk_error is not None:
-                raise self._disk_error
+            if stands.cause is not None:
+                raise stands.cause
             if stands.error is not None:
                 raise InstrumentError(stands.error)
 
-    def call(self, function: Callable[[Acquisition], T], timeout: float = 30.0, *, late: bool = False) -> T:
-        """Carry out a function in the worker, between two packets; returns and raises what it does.
+    def call(self, function: Callable[[Acquisition], T], timeout: float = PATIENCE_S, *, late: bool = False) -> T:
+        """Carry out a function in the worker, between two packets; return and raise what the function does.
 
-        One that only looks may be `late`: it is carried out when the worker has ended, too; others are refused then.
+        A function that only looks may be `late`: it is carried out when the worker has ended, too; others are refused
+        then.
+
+        Raises InputError if the worker did not get to it within `timeout` seconds. The function is then not carried
+        out later, unless the worker is in the middle of it: the message says which.
         """
         future: Future[T] = Future()
         self._queue.put(QueuedCall(function, future, late))
         if self.lifecycle.ended.is_set():
             self._answer_late_calls()
-        return future.result(timeout)
+        if futures.wait([future], timeout).done:
+            return future.result()
+        if future.cancel():
+            raise InputError(f"{_BUSY} for {timeout:.0f} s, and did nothing of this. Try again in a few seconds.")
+        raise InputError(f"{_BUSY} with this for {timeout:.0f} s, and will finish it. `imutui status` shows when.")
 
-    def zero(self, argument: int) -> str:
+    def zero(self, argument: int, timeout: float = PATIENCE_S) -> str:
         """Have the unit zero its rate sensors and wait for it; returns what came of it. See `client.Client.zero`.
 
         Raises InputError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         self._instrument.check_zeroing(argument)
-        return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
+        return self.call(lambda acquisition: acquisition.begin_zeroing(argument), timeout).result()
 
     def request_stop(self, by: str = "") -> None:
         """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal."""
@@ -187,26 +203,31 @@ class Engine:
     # -- worker ---------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
+        acquisition = self._acquisition
         try:
-            self._loop()
-        except OSError as error:
-            self._fail_for_disk(error)
-        except Exception as error:  # noqa: BLE001 - whoever follows must hear of it, and not take it for a good end
-            ended = "What was recorded is on the disk up to the last flush."
-            self._fail(lifecycle.OWN_ERROR, f"{defects.told(error)} {ended}")
-        try:
-            if self.lifecycle.exit_code != lifecycle.DISK:
-                self._acquisition.look_back()
-                self._acquisition.finish()
-        except OSError as error:
-            self._fail_for_disk(error)
+            self._guard(self._loop)
+            if self.lifecycle.exit_code == lifecycle.OWN_ERROR and self.lifecycle.error is not None:
+                self._guard(lambda: acquisition.event("acquisition", self.lifecycle.error or "", ERROR))
+            for step in (acquisition.look_back, acquisition.use_held, acquisition.finish, acquisition.finish_bare):
+                if self.lifecycle.exit_code != lifecycle.DISK:
+                    self._guard(step)
         finally:
             self._reader.stop()
             self._reader.join(_READER_END_S)
             self._port.close()
             self.lifecycle.end()
             self._answer_late_calls()
-            self._acquisition.abandon_zeroing(self.lifecycle.error or "the acquisition ended before the unit was done")
+            acquisition.abandon_zeroing(self.lifecycle.error or "the acquisition ended before the unit was done")
+
+    def _guard(self, step: Callable[[], None]) -> None:
+        """Do a step of the work; an exception ends the acquisition as failed, and the file is finished all the same."""
+        try:
+            step()
+        except OSError as error:
+            self._fail(lifecycle.DISK, self._acquisition.recorder.disk_message(error), error)
+        except Exception as error:  # noqa: BLE001 - a viewer must not take this for a good end
+            self.lifecycle.defect(error)
+            self._end_reading()
 
     def _loop(self) -> None:
         # soon after a block of packets has come: what is not on the disk yet is then as little as can be
@@ -226,6 +247,8 @@ class Engine:
                     next_second += max(1.0, math.ceil(late_s))
             except OSError as error:
                 self._acquisition.recorder.disk_failed(error)
+            if self.lifecycle.exit_code and not self._reader.stopping.is_set():  # another thread has failed
+                self._end_reading()
             over = None if self._duration_over else self._acquisition.why_over(time.monotonic_ns())
             if over is not None:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
@@ -262,12 +285,14 @@ class Engine:
             case LeftOtherwise():
                 # the next host will see that the unit is not as it was found
                 self._acquisition.recorder.find(lifecycle.FINDINGS, item.message)
+            case ReaderFailed(error):
+                raise error
             case QueuedCall():
                 self._carry_out(item)
 
     def _carry_out(self, call: QueuedCall) -> None:
-        if call.future.done():
-            return
+        if not call.future.set_running_or_notify_cancel():
+            return  # the viewer was told that it is not done
         try:
             call.future.set_result(call.function(self._acquisition))
         except Exception as error:  # a bad request is its sender's trouble, not the recording's
@@ -282,14 +307,14 @@ class Engine:
                 item = self._queue.get_nowait()
                 if isinstance(item, QueuedCall) and item.late:
                     self._carry_out(item)
-                elif isinstance(item, QueuedCall):
+                elif isinstance(item, QueuedCall) and item.future.set_running_or_notify_cancel():
                     item.future.set_exception(InputError(self.lifecycle.error or "the acquisition has ended"))
 
-    def _fail(self, exit_code: int, message: str) -> None:
-        self.stop_table()
-        self.lifecycle.fail(exit_code, message)
-        self._reader.stop()
+    def _fail(self, exit_code: int, message: str, cause: Exception | None = None) -> None:
+        self.lifecycle.fail(exit_code, message, cause)
+        self._end_reading()
 
-    def _fail_for_disk(self, error: OSError) -> None:
-        self._disk_error = error
-        self._fail(lifecycle.DISK, self._acquisition.recorder.disk_message(error))
+    def _end_reading(self) -> None:
+        """Stop the table and the reader: the acquisition has failed, and its worker ends when the reader has."""
+        self.stop_table()
+        self._reader.stop()

@@ -1,7 +1,8 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
 It lies in XDG_RUNTIME_DIR, else in a folder under the cache that nobody else may enter. A shell on the machine and one
-over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers look in all.
+over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers find all of them by
+name, but take up by themselves only those of their own folder.
 """
 
 import contextlib
@@ -100,9 +101,10 @@ def log_path(name: str) -> Path:
     return _folder_of(name) / f"{name}.log"
 
 
-def names() -> list[str]:
-    """Acquisitions whose process is alive."""
-    return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
+def names(*, own: bool = False) -> list[str]:
+    """Acquisitions whose process is alive; `own`: only those in the folder of this environment."""
+    places = [folder()] if own else folders()
+    return sorted({path.stem for place in places for path in place.glob("*.lock") if is_locked(path)})
 
 
 def lock(name: str) -> int:
@@ -206,6 +208,10 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             super().__init__(address, _Handler)
         path.chmod(0o600)
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Let an exception end its thread, and so the acquisition: see `threading.excepthook` in `__main__`."""
+        raise  # the exception that the caller handles
+
     def wait_idle(self, timeout: float) -> None:
         """Wait until no request is being answered."""
         with self.idle:
@@ -230,7 +236,8 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
                 del self._reserved[connection]
                 self._reserved[connection] = None
         try:
-            yield self._answer_briefly if reserved else self.answer
+            answer, peer = self._answer_briefly if reserved else self.answer, _peer(connection)
+            yield lambda request: answer({**request, "peer": peer})
         finally:
             with self.idle:
                 self.busy.discard(connection)
@@ -252,7 +259,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether whoever connects is heard: this user or root, and not one too many."""
         del client_address
-        if _uid_of_peer(request) not in (0, os.getuid()):
+        if _peer(request)[0] not in (0, os.getuid()):
             _refuse(request, "this acquisition belongs to another user")
             return False
         with self.idle:
@@ -301,7 +308,8 @@ def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal
     try:
         reply = answer(_request(line))
     except (InputError, OSError) as error:
-        return {"ok": False, "error": one_line(str(error), NOTE_LIMIT)}
+        # some errors of the system have no text
+        return {"ok": False, "error": one_line(str(error) or f"it failed: {type(error).__name__}", NOTE_LIMIT)}
     except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
         return {"ok": False, "error": one_line(defects.told(error), NOTE_LIMIT)}
     reply["ok"] = True
@@ -343,11 +351,11 @@ def _refuse(connection: socket.socket, error: str) -> None:
         connection.send(_line({"ok": False, "error": error}), socket.MSG_DONTWAIT)
 
 
-def _uid_of_peer(connection: socket.socket) -> int:
-    """User id of the process at the other end of a Unix socket, as the kernel knows it."""
+def _peer(connection: socket.socket) -> tuple[int, int]:
+    """User id and process id at the other end of a Unix socket, as the kernel knows them."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    _, uid, _ = struct.unpack("3i", credentials)
-    return int(uid)
+    pid, uid, _ = struct.unpack("3i", credentials)
+    return uid, pid
 
 
 def _has_hung_up(connection: socket.socket) -> bool:

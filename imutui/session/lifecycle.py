@@ -1,8 +1,10 @@
-"""Where an acquisition stands, from connecting to its end; asked and told by every thread of its process."""
+"""The state of an acquisition, from connecting to its end. Every thread of its process reads and writes it."""
 
 import threading
 import time
 from typing import TYPE_CHECKING
+
+from imutui import defects
 
 if TYPE_CHECKING:
     from imutui.session.requests import EndFinding
@@ -18,6 +20,9 @@ INSTRUMENT = 4
 DISK = 5
 
 
+_FILE_IS_FINISHED = "The acquisition has ended. What was recorded before is kept; `imutui check FILE` reads it."
+
+
 class Lifecycle:
     """State, error and exit code of one acquisition."""
 
@@ -26,6 +31,7 @@ class Lifecycle:
         self.state: SessionState = "connecting"
         self.error: str | None = None  # why it failed, for the user; the first reason counts
         self.exit_code = 0  # of the process
+        self.cause: BaseException | None = None  # the exception that made it fail, if one did
         self.findings: list[EndFinding] = []  # what must be said at the end of one that did not fail
         self.stopping_since_ns: int | None = None  # when the end was first asked for, monotonic
         self.ended_by = ""  # who or what asked first, in words; empty if nobody did, or did not say
@@ -45,10 +51,18 @@ class Lifecycle:
             self.ended_by = by
         self.state = "stopping" if self.state in ("connecting", "running") else self.state
 
-    def fail(self, exit_code: int, error: str) -> None:
-        """Something makes it end; what comes after the first reason is its consequence and is not kept."""
+    def fail(self, exit_code: int, error: str, cause: BaseException | None = None) -> None:
+        """Have the acquisition end as failed; only the first reason is kept, since later ones follow from it."""
         if not self.exit_code:
-            self.exit_code, self.error = exit_code, error
+            self.exit_code, self.error, self.cause = exit_code, error, cause
+
+    def defect(self, error: BaseException) -> None:
+        """Have the acquisition end as failed by an exception that no code expects; the report of it is written.
+
+        The worker of the engine looks at `exit_code` several times a second, and then finishes the file. Every thread
+        of the process may call this.
+        """
+        self.fail(OWN_ERROR, f"{defects.told(error)} {_FILE_IS_FINISHED}", error)
 
     def end(self) -> None:
         """Nothing more will happen."""

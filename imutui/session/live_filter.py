@@ -129,6 +129,7 @@ class LiveFilter:
         self.history = EstimateHistory(BIASES) if history is None else history
         self.estimator: Estimator | None = None  # until the first samples are used
         self.failure: str | None = None  # why the filter stopped
+        self.defect: Exception | None = None  # the exception that stopped it, if it is a fault of the filter's code
         self.seconds = 0.0  # that it took so far
         self.waiting = 0  # samples that wait for it
         self.preparation = PLAIN if effects is None else WITH_EFFECTS
@@ -202,8 +203,8 @@ class LiveFilter:
                 yield from self._messages(estimator, rows)
         except InputError as error:
             self.failure = f"the filter stopped, recording goes on: {error}"
-        except Exception as error:  # noqa: BLE001 - no defect of the filter may cost the recording
-            self.failure = f"the filter stopped, recording goes on: {defects.told(error)}"
+        except Exception as error:  # noqa: BLE001 - the recorder raises it once the file has the packets
+            self.failure, self.defect = f"the filter stopped: {defects.told(error)}", error
         self.seconds += time.perf_counter() - started
 
     def _begun(self) -> "Estimator":

@@ -1,6 +1,8 @@
 """What is known of an acquisition when it begins: the metadata of its logs, and their names."""
 
+import getpass
 import hashlib
+import os
 import re
 import socket
 import time
@@ -19,10 +21,9 @@ from filters.state import Site
 from imutui.instrument.host import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook import reference_file
+from imutui.logbook import log_time, reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.end_report import user_name
 from imutui.session.identity import model_of
 from imutui.session.plan import Plan, batch_of
 from imutui.session.previous_log import boot_id
@@ -64,7 +65,7 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
         acquisition=plan.name,
         batch=batch_of(plan.name),
         boot_id=boot_id(),
-        operator=plan.operator or user_name(),
+        operator=plan.operator or _user_name(),
         filter=filter_of(plan, motion_of(plan)),
         reference_sha256=_reference_sha256(plan),
         effects_sha256=_effects_sha256(plan),
@@ -192,10 +193,17 @@ def effect_labels(text: str) -> tuple[str, ...]:
 def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> Path:
     """Name of a recording that does not exist yet: kind of unit, as command lines call it, its number, UTC, note."""
     slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
-    stem = "_".join(
-        part for part in (instrument, serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
-    )
+    utc = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(log_time.now_ns() // 1_000_000_000))
+    stem = "_".join(part for part in (instrument, serial_number, utc, slug) if part)
     path, number = logs / f"{stem}.mcap", 2
     while path.exists():
         path, number = logs / f"{stem}_{number}.mcap", number + 1
     return path
+
+
+def _user_name() -> str:
+    """Name of the user that runs this, or the id of one without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())

@@ -13,6 +13,7 @@ from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.logbook.health import has_readings
 from imutui.logbook.session_info import SessionInfo
+from imutui.session import requests
 from imutui.session.acquisition import Acquisition
 from imutui.session.disk_space import DiskGuard
 from imutui.session.live_filter import LiveFilter
@@ -43,6 +44,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "name": plan.name,
         "batch": batch_of(plan.name),
         "pid": os.getpid(),
+        "owner": f"{requests.user_name(os.getuid())} on {info.host}",
         "state": stands.state,
         "error": stands.error,
         "findings": [finding["text"] for finding in stands.findings],
@@ -64,6 +66,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "lost_packets_max": counters.lost_packets_max,
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
+        "doubled_packets": counters.doubled_packets,
         "advice": {"losses": of.loss_advice.brief, "silence": line_advice.of_silence(info.port, info.firmware)},
         "status": of.status.newest,
         "silent_s": 0.0 if zeroing else (now - of.reader.last_packet_ns) / 1e9,

@@ -23,6 +23,10 @@ from types import TracebackType
 from typing import BinaryIO, Self
 
 PLAN_LIMIT = 1 << 22  # bytes of a plan; a trajectory may be in it
+LOADING = b"."
+"""What the process sends once a second while it loads or compiles; a number of a process afterwards."""
+_SILENT_S = 45.0  # one that sends nothing for so long hangs: compiling one function may take half of it
+_END_S = 5.0
 
 
 def environment() -> dict[str, str]:
@@ -41,6 +45,7 @@ class Parent:
         self._lock = threading.Lock()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, PLAN_LIMIT)
+        self._socket.settimeout(_SILENT_S)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imutui.session", str(theirs.fileno()), str(filters + effects)],
             stdin=subprocess.DEVNULL,
@@ -57,18 +62,28 @@ class Parent:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._socket.close()
-        self._process.wait()
+        try:
+            # after Ctrl+C the process is not waited for: it may be compiling, or hang
+            self._process.wait(0.0 if kind is not None else _END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()  # the acquisitions that it forked are processes of their own
+            self._process.wait()
 
     def fork(self, plan: str, output: BinaryIO, log: BinaryIO) -> "Forked":
         """Begin a process as `python -m imutui.session` does, with its plan, stdout and stderr; from any thread.
 
-        Raises OSError if the parent has gone.
+        Raises OSError if the parent has gone, or does not answer in time: it is killed then.
         """
         with self._lock, output, log:
-            socket.send_fds(self._socket, [plan.encode()], [output.fileno(), log.fileno()])
-            told = self._socket.recv(64)
+            try:
+                socket.send_fds(self._socket, [plan.encode()], [output.fileno(), log.fileno()])
+                while (told := self._socket.recv(64)) == LOADING:
+                    pass
+            except TimeoutError:
+                self._process.kill()
+                told = b""
         if not told:
-            raise ConnectionResetError("the process that acquisitions are forked from has gone")
+            raise ConnectionResetError("the process that acquisitions are forked from has gone, or did not answer")
         return Forked(int(told))
 
 
@@ -77,14 +92,18 @@ class Forked:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self._descriptor = os.pidfd_open(pid)
+        self._descriptor: int | None = None  # None of one that had ended before
+        with contextlib.suppress(ProcessLookupError):
+            self._descriptor = os.pidfd_open(pid)
 
     def __del__(self) -> None:
-        os.close(self._descriptor)
+        if self._descriptor is not None:
+            os.close(self._descriptor)
 
     def _send(self, number: signal.Signals) -> None:
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            signal.pidfd_send_signal(self._descriptor, number)
+        if self._descriptor is not None:
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                signal.pidfd_send_signal(self._descriptor, number)
 
     def terminate(self) -> None:
         """Ask it to end."""
@@ -96,5 +115,5 @@ class Forked:
 
     def wait(self, timeout: float | None = None) -> None:
         """Wait until it has ended; raises TimeoutExpired of `subprocess` if it has not by then."""
-        if not select.select([self._descriptor], [], [], timeout)[0]:
+        if self._descriptor is not None and not select.select([self._descriptor], [], [], timeout)[0]:
             raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)

@@ -5,6 +5,8 @@ before, whether that was finished, and what has happened since. It does not say 
 the unit kept its power meanwhile nobody knows (`imutui.logbook.power_on` is for what is known).
 """
 
+import contextlib
+import stat
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -88,10 +90,13 @@ def told(info: SessionInfo, previous: PreviousLog | None) -> SessionInfo:
 
 def _newest(folder: Path) -> Iterator[Path]:
     """Logs of a folder, the one written to last first; not all, lest a folder of thousands hold up the recording."""
-    try:
-        stamped = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{_SUFFIX}")]
-    except OSError:  # a share that went away; whoever writes to it will say so
-        stamped = []
+    stamped = list[tuple[int, Path]]()
+    with contextlib.suppress(OSError):  # a share that went away; the recorder will say so
+        for path in folder.glob(f"*{_SUFFIX}"):
+            with contextlib.suppress(OSError):  # a link that leads nowhere, or a file that was removed
+                status = path.stat()
+                # a pipe of that name would be waited for
+                stamped += [(status.st_mtime_ns, path)] if stat.S_ISREG(status.st_mode) else []
     return (path for _, path in sorted(stamped, reverse=True)[:_LOOKED_AT])
 
 

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from imutui.instrument.clock import arrival_before
-from imutui.instrument.counts import DataPacket
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.counts import DataPacket, RepeatedPackets
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.host import Host, PacketStream, Poller
 from imutui.instrument.port import PortError
@@ -39,10 +40,11 @@ class PacketArrival(NamedTuple):
     contiguous: bool
     quiet: bool
     behind: bool  # whether more had arrived already when it was read
-    # bad_checksums, discarded_bytes: of the line so far
+    # bad_checksums, discarded_bytes, doubled: of the line so far; the last are packets that came a second time
     bad_checksums: int
     discarded_bytes: int
     requested_ns: int | None = None  # when it was asked for; None if it came by itself
+    doubled: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,13 @@ class PollUnanswered:
     """A poll whose answer certainly does not come any more."""
 
     host_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReaderFailed:
+    """The reader ended by an exception that no code expects; it hands nothing on after this."""
+
+    error: Exception
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +91,8 @@ class LeftOtherwise:
     message: str
 
 
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | StillAway | LineReturned | LeftOtherwise
+_LineEvent = LineLost | StillAway | LineReturned
+ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
 
 
 class Reader:
@@ -121,6 +131,7 @@ class Reader:
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._counted = (0, 0)
+        self._repeated = RepeatedPackets(SPAN * host.counter.tick_ns, 1e9 / host.stream_hz if host.stream_hz else 0.0)
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     @property
@@ -157,10 +168,17 @@ class Reader:
 
     def _run(self) -> None:
         try:
-            while True:
+            self._acquire_until_stopped()
+        except Exception as error:  # noqa: BLE001 - the worker ends the acquisition, and its file, as failed
+            self._emit(ReaderFailed(error))
+        finally:
+            self.stopping.set()
+
+    def _acquire_until_stopped(self) -> None:
+        try:
+            self._acquire()
+            while not self.stopping.is_set():
                 self._acquire()
-                if self.stopping.is_set():
-                    return
         finally:
             self.stopping.set()
             # where it was stopped while the unit was looked for
@@ -237,7 +255,7 @@ class Reader:
             return
         contiguous = False
         for event in events:
-            if not isinstance(event, Discarded):
+            if not isinstance(event, Discarded) and not self._repeated.take(event, host_ns, contiguous=contiguous):
                 self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
             contiguous = not isinstance(event, Discarded)
         self._count(decoder)
@@ -318,7 +336,9 @@ class Reader:
             else:
                 alone = len(events) == 1
                 arrived_ns = host_ns if alone else arrival_before(host_ns, event.ticks, newest, self._host.counter)
-                self._arrived(event, arrived_ns, decoder, contiguous=self._follows, quiet=self._quiet, behind=behind)
+                if not self._repeated.take(event, arrived_ns, contiguous=self._follows):
+                    follows, quiet = self._follows, self._quiet
+                    self._arrived(event, arrived_ns, decoder, contiguous=follows, quiet=quiet, behind=behind)
                 self._follows, self._quiet = True, False
 
     def _poll(self, hz: float) -> None:
@@ -336,7 +356,12 @@ class Reader:
             finally:
                 if poller.unanswered:
                     self._emit(PollUnanswered(time.monotonic_ns()))
-            if answer is not None and not self._answers_as_after_power_up(answer.packet, poller):
+                self._repeated.count += poller.doubled
+                poller.doubled = 0
+            # a unit that is asked more often than it measures gives the same reading again
+            if answer is None or self._repeated.take(answer.packet, answer.arrived_ns, asked=True):
+                continue
+            if not self._answers_as_after_power_up(answer.packet, poller):
                 self._arrived(answer.packet, answer.arrived_ns, poller, requested_ns=answer.requested_ns)
 
     def _arrived(
@@ -364,7 +389,8 @@ class Reader:
         bad = self._bad_checksums + counters.bad_checksums
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
-        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns))
+        doubled = self._repeated.count
+        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled))
 
     def _is_as_after_power_up(self, packet: DataPacket, in_time_ns: int | None) -> bool:
         """Whether a unit that streams forgot how it was set up; only one that is known can be set up again."""

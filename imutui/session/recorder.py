@@ -23,7 +23,7 @@ from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS
-from imutui.session.recording import MIN_FILE_S, Recording
+from imutui.session.recording import MIN_FILE_S, Recording, close_file
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 
@@ -296,9 +296,17 @@ class Recorder:
             self.event("acquisition", goes_on)
         self.result = recording.finish_file(self.pipeline, time.monotonic_ns())
         self.recording = None
+        self.raise_defect()
         if recording.vanished is not vanished and recording.vanished is not None:
             self.find(lifecycle.DISK, recording.vanished.words)
         return self.result
+
+    def raise_defect(self) -> None:
+        """Raise the exception by which the filter stopped, once; the file has all packets until then."""
+        live = self.pipeline.filter
+        if live is not None and live.defect is not None:
+            error, live.defect = live.defect, None
+            raise error
 
     def end_recording(self) -> "ResultDocument":
         """Finish the recording; the run of samples, its filter included, goes on without a file.
@@ -319,3 +327,9 @@ class Recorder:
             if self._lifecycle.terminated and self.pipeline.filter is not None:
                 self.pipeline.filter.leave_out_unless_ready(_FILTER_PATIENCE_S)
             self._finish_file(self.recording)
+
+    def finish_bare(self) -> None:
+        """Finish a file that `finish` could not, with nothing that the filter has to say. Raises OSError."""
+        if self.recording is not None:
+            recording, self.recording, self.pipeline.filter = self.recording, None, None
+            self.result = close_file(recording.writer, self.pipeline, time.monotonic_ns())

@@ -7,14 +7,13 @@ they are parts of.
 """
 
 import contextlib
-import time
 import uuid
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook import power_on, schemas
+from imutui.logbook import log_time, power_on, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import previous_log
@@ -159,6 +158,11 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     """
     pipeline.use_waiting(now_ns)
     pipeline.flush(now_ns)
+    return close_file(writer, pipeline, now_ns)
+
+
+def close_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+    """Finish the file with what was used so far, and return its result. Raises OSError as `finish_file` does."""
     document = result_document(pipeline, writer.path, None)
     # of its result the file keeps all, and the verdict on it in a word
     kept = {**document, "verdict": sources.of_document(document).word}
@@ -218,7 +222,7 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
 
 def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, *, overwrite: bool) -> LogWriter:
     also = None if stream is None else stream.send
-    now = time.time_ns()
+    now = log_time.now_ns()
     writer = LogWriter(
         path,
         info,
@@ -229,5 +233,5 @@ def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, 
         also=also,
         raw_type=schemas.raw_type(details=INSTRUMENTS[plan.instrument].status_names is not None),
     )
-    attach(writer, plan, time.time_ns())
+    attach(writer, plan, now)
     return writer

@@ -7,6 +7,7 @@ carried out gets a `Refusal`.
 
 import dataclasses
 import math
+import pwd
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NotRequired, TypedDict, cast
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
 LONGEST_WAIT_S = 86400.0
+CHANGES = ("begin_statistics", "mark", "record", "describe", "configure", "zero", "guide", "stop_recording")
+"""Requests that change something: one whose viewer has ceased to wait is not carried out later."""
 
 
 class FilterChanges(TypedDict, total=False):
@@ -38,6 +41,7 @@ class Request(TypedDict):
     """Any request; the fields beyond `ask` belong to the kinds that say so."""
 
     ask: str  # what; `imutui.session.__main__.carry_out` has which there are
+    patience_s: NotRequired[float]  # any of `CHANGES`: how long the viewer waits until it is begun
     since: NotRequired[int]  # snapshot: number of the first packet wanted in the series
     run: NotRequired[int]  # history: the run that the viewer has rows of
     estimates_s: NotRequired[float | None]  # history: instant of the last row of estimates that the viewer has
@@ -53,7 +57,12 @@ class Request(TypedDict):
     do: NotRequired[str]  # guide: begin, next, cancel, resume
     yes_move: NotRequired[bool]  # guide: somebody has said that a table under command may move
     timeout_s: NotRequired[float | None]  # wait: how long at most; None for ever
-    by: NotRequired[str]  # stop: who asks for it, in words
+    # stop, and any of `CHANGES`: the program that asks, in words, and its terminal, as the viewer states them
+    by: NotRequired[str]
+    terminal: NotRequired[str]
+    peer: NotRequired[
+        tuple[int, int]
+    ]  # user id and process id at the other end, as the kernel knows them; `ipc` adds it
 
 
 class EndFinding(TypedDict):
@@ -96,6 +105,27 @@ class StartReport(TypedDict):
     pid: NotRequired[int]
     error: NotRequired[str]
     exit_code: NotRequired[int]
+
+
+def who(request: Request) -> str:
+    """Return who asks, in words: program, user, terminal and process, such as `imutui stop, ana on pts/3, pid 42`.
+
+    User and process are those that the kernel knows; program and terminal are what the viewer states.
+    """
+    program = one_line(text(request, "by"), NAME_LIMIT) if "by" in request else "a viewer that did not say who it is"
+    terminal = one_line(text(request, "terminal"), NAME_LIMIT) if "terminal" in request else ""
+    if "peer" not in request:
+        return program
+    uid, pid = request["peer"]
+    return f"{program}, {user_name(uid)}{f' on {terminal}' if terminal else ''}, pid {pid}"
+
+
+def user_name(uid: int) -> str:
+    """Return the name of a user, or the id of one without a name."""
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)
 
 
 # -- fields of a request that may be anything -------------------------------------------------------------------------

@@ -95,7 +95,8 @@ _STILL = ("level", "gravity")  # references that say that the table stands
 class LineCounters:
     """What came over the line, and what did not, since the run of samples began.
 
-    `lost_packets` are certain; `lost_packets_max` counts those too that a silent unit may have sent.
+    `lost_packets` are certain; `lost_packets_max` counts those too that a silent unit may have sent. `doubled_packets`
+    came a second time, and count for nothing else.
     """
 
     packets: int = 0
@@ -103,6 +104,7 @@ class LineCounters:
     lost_packets_max: int = 0
     bad_checksums: int = 0
     discarded_bytes: int = 0
+    doubled_packets: int = 0
 
 
 @dataclass(slots=True)
@@ -232,10 +234,11 @@ class SamplePipeline:
         estimator = None if live is None or live.failure is not None else live.estimator
         return self._health.entries(estimator, final=final)
 
-    def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
+    def add_line_errors(self, bad_checksums: int, discarded_bytes: int, doubled_packets: int = 0) -> None:
         """Take what the line has cost since the packet before."""
         self.counters.bad_checksums += bad_checksums
         self.counters.discarded_bytes += discarded_bytes
+        self.counters.doubled_packets += doubled_packets
 
     def poll_unanswered(self) -> None:
         """Take note that a packet was asked for and did not come."""
@@ -370,6 +373,7 @@ class SamplePipeline:
             "lost_packets_max": str(self.counters.lost_packets_max),
             "bad_checksums": str(self.counters.bad_checksums),
             "resynchronised_bytes": str(self.counters.discarded_bytes),
+            "doubled_packets": str(self.counters.doubled_packets),
             "stamp_uncertainty_ms": f"{self._uncertainty_ns / 1e6:.3f}" if self._uncertainty_ns else "",
             "flush_age_s": f"{age:.3f}",
             **self._description,

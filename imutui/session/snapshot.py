@@ -145,6 +145,7 @@ class SeriesSnapshot(TypedDict):
 class Snapshot(TypedDict):
     """Everything a screen shows of an acquisition.
 
+    `owner` is the user and the computer that it runs as and on.
     `findings` are what will have to be said at its end, so far; `ended_by` says who or what asked for the end, empty
     before; `min_free_bytes` is what recording leaves of a disk; `status` the unit's status word in words, "" where no
     bit of it is set, or it has none.
@@ -153,6 +154,7 @@ class Snapshot(TypedDict):
     name: str
     batch: NotRequired[str]
     pid: int
+    owner: NotRequired[str]
     state: SessionState
     error: str | None
     findings: list[str]
@@ -172,6 +174,7 @@ class Snapshot(TypedDict):
     lost_packets_max: int
     bad_checksums: int
     discarded_bytes: int
+    doubled_packets: NotRequired[int]
     status: NotRequired[str]
     advice: LineAdvice
     silent_s: float | None

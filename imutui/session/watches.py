@@ -28,7 +28,7 @@ from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
 from imutui.session.snapshot import ReconnectingSnapshot
-from imutui.session.timebase import Timebase, utc_minus_monotonic_ns
+from imutui.session.timebase import Timebase
 
 _MOST_TOLD = 20
 _STEP_NS = 100_000_000
@@ -91,10 +91,14 @@ class ClockStepMonitor:
     def __init__(self, timebase: Timebase) -> None:
         self._timebase = timebase
         self._known_ns = 0
+        self._why_moved = timebase.why_moved()
 
-    def news(self, _: Moment, /) -> News:
-        """By how much the clock was set since the last look; nothing of less than 0.1 s."""
-        step = utc_minus_monotonic_ns() - self._timebase.utc_minus_monotonic_ns - self._known_ns
+    def news(self, moment: Moment, /) -> News:
+        """Yield once that the clock is wrong, and by how much it was set since the last look, from 0.1 s on."""
+        if self._why_moved and not moment.expected:  # not before the first packet: there is no file yet
+            yield self._why_moved, WARNING
+            self._why_moved = ""
+        step = self._timebase.step_ns() - self._known_ns
         if abs(step) > _STEP_NS:
             self._known_ns += step
             yield f"the system clock stepped by {step / 1e9:+.3f} s; stamps are not affected", WARNING

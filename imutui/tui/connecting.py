@@ -156,7 +156,7 @@ class Connector:
     def _start_demo(self) -> None:
         """Start the demo, or look at the one that runs."""
         plan = demo(self.defaults)
-        if plan.name in session.running():
+        if plan.name in session.running_here():
             self._resume(plan.name)
         else:
             self.start(plan)
@@ -244,6 +244,9 @@ class Connector:
         app = self._context.app
         self.exit_code = 0
         self._context.connection.attach(client, lambda event: app.post_message(FromPoller(event)))
+        away = session.elsewhere().get(client.name)
+        if away is not None:
+            self._context.say(f'acquisition "{client.name}" of another environment: {away}', "wait")
         app.switch_mode(page)
         app.screen.refresh_bindings()
 

@@ -124,6 +124,16 @@ def losing(count: int) -> Callable[[Run], None]:
     return check
 
 
+def doubling(run: Run) -> None:
+    """Each packet is recorded once, those that came again are counted, and time goes on."""
+    went_well(run)
+    assert run.log.diagnostics["doubled_packets"] == "5"
+    assert np.all(np.diff(run.log.stamp_ns) > 1_000_000)
+    codes = [finding["code"] for finding in check.check(run.log.path)["findings"]]
+    assert "doubled" in codes
+    assert "counter" not in codes
+
+
 def silent(run: Run) -> None:
     """Longer than the counter's wrap: how many were lost can be bounded only."""
     bounded(run)
@@ -231,6 +241,11 @@ OF_BOTH: dict[str, dict[str, Any]] = {
     "adds garbage": {"faults": fault("garbage", count=40)},
     "turns bits": {"check": losing(3), "faults": fault("bit_flips", count=3)},
     "loses packets": {"check": losing(2), "faults": fault("lose_packets", count=2)},
+    "sends twice": {"check": doubling, "faults": fault("double_packets", count=5)},
+    "sends twice and stalls": {
+        "check": doubling,
+        "faults": (*fault("stall", seconds=0.7), *fault("double_packets", 0.6, count=5)),
+    },
     "is silent": {"check": silent, "faults": fault("silence", seconds=0.3)},
     "stalls": {"faults": fault("stall", seconds=0.7)},
     "has a backlog": {"faults": fault("backlog", count=60)},

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan
-from imutui.session.preloaded import Parent
+from imutui.session.preloaded import Forked, Parent
 
 
 def test_what_is_forked_outlives_its_parent_and_the_death_of_another(tmp_path: Path) -> None:
@@ -39,3 +40,13 @@ def test_what_is_forked_outlives_its_parent_and_the_death_of_another(tmp_path: P
     assert result["finished"]
     assert result["lost_packets"] == 0
     assert not reader.read(lost).finished
+
+
+def test_a_child_that_has_ended_by_then_is_one_that_has_ended() -> None:
+    """It may fail before its number has come over: the other units of a batch are not given up for it."""
+    with subprocess.Popen(["true"]) as process:
+        process.wait()
+    forked = Forked(process.pid)
+    forked.terminate()
+    forked.kill()
+    forked.wait(0.0)

@@ -123,6 +123,16 @@ def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_
     assert found(tmp_path / "none") is None
 
 
+def test_a_link_that_leads_nowhere_and_a_pipe_hide_no_log(tmp_path: Path) -> None:
+    written(tmp_path / "old.mcap", BEFORE, end=False)
+    (tmp_path / "gone.mcap").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    (tmp_path / "folder.mcap").mkdir()
+    found = previous_log.find(tmp_path, NOW, finished_too=True)
+    assert found is not None
+    assert found.name == "old.mcap"
+
+
 def test_what_was_before_a_recording_is_not_said_of_its_later_files() -> None:
     previous = PreviousLog(Path("a.mcap"), "old", False, 0.0, "process")
     told = previous_log.told(NOW, previous)

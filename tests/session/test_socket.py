@@ -16,12 +16,14 @@ import pytest
 from helpers.processes import wait_until
 
 from filters.errors import InputError
+from imutui.cli import attach
 from imutui.session import __main__ as process
 from imutui.session import client, ipc
 from imutui.session.client import SessionError
 from imutui.session.ipc import NameTakenError
 from imutui.session.plan import HistoryWish
 from imutui.session.requests import Reply, Request
+from imutui.tui.pages.connect import text
 
 HOSTILE = {
     "no number": b'{"ask": "snapshot", "since": 1e400}',
@@ -148,8 +150,8 @@ def test_a_burst_of_viewers_is_answered_whole(server: ipc.Server) -> None:
 def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
     with ipc.connect("asked", 60.0) as connection:
         assert exchange(connection, b'{"ask": "mark"}')["ok"]
-    stranger: Callable[[socket.socket], int] = lambda connection: 4242  # noqa: E731
-    monkeypatch.setattr(ipc, "_uid_of_peer", stranger)
+    stranger: Callable[[socket.socket], tuple[int, int]] = lambda connection: (4242, 1)  # noqa: E731
+    monkeypatch.setattr(ipc, "_peer", stranger)
     with ipc.connect("asked", 60.0) as connection:
         assert "another user" in json.loads(connection.recv(1 << 12))["error"]
 
@@ -283,3 +285,40 @@ def test_who_only_looks_whether_a_name_is_taken_keeps_nobody_from_taking_it(home
         timer.join()
     assert ipc.is_locked(path)
     os.close(descriptor)
+
+
+def test_nothing_takes_up_an_acquisition_of_another_environment_by_itself(
+    home: Path, other: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is found by its name; without one, by a screen too, only those of one's own folder count."""
+    runtime(monkeypatch, other)
+    lock = ipc.lock("theirs")
+    server = ipc.Server("theirs", lambda request: {"snapshot": cast("Any", {"pid": 1})})
+    threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
+    try:
+        runtime(monkeypatch, home / "run")
+        assert client.running() == ["theirs"]
+        assert client.running_here() == []
+        assert client.elsewhere() == {"theirs": str(other / "imutui")}
+        with pytest.raises(SessionError, match=f'"theirs" runs in {other / "imutui"}. --name theirs takes it'):
+            client.attach()
+        assert client.attach("theirs").pid == 1
+        shown = list[object]()
+        monkeypatch.setattr(attach, "_show", lambda *given: shown.append(given))
+        attach.open_ui()
+        assert shown == [(None,)]
+        runtime(monkeypatch, other)
+        attach.open_ui()
+        assert getattr(shown[1][0], "name", None) == "theirs"  # type: ignore[index]
+    finally:
+        server.shutdown()
+        server.server_close()
+        os.close(lock)
+
+
+def test_the_list_offers_one_of_another_environment_last_and_begins_with_none() -> None:
+    found = text.choices([], [], {"theirs": "/run/user/7/imutui"})
+    assert [choice.kind for choice in found] == ["port", "elsewhere"]
+    assert "/run/user/7/imutui" in found[1].label
+    assert text.likely(found).kind == "port"
+    assert text.likely(text.choices(["ours"], [], {"theirs": "/x"})).value == "ours"

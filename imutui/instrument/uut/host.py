@@ -85,10 +85,15 @@ class Requests:
         """Whether the unit answers a ping."""
         return self.ask(Ping(), Ping, patience_s=patience_s, tries=1) is not None
 
-    def hear_frame(self, patience_s: float) -> bool:
-        """Whether a whole frame comes: of a stream, or the answer to a ping that was sent already."""
+    def hear_unit(self, patience_s: float) -> bool:
+        """Whether a unit is heard: a whole frame of a stream, or one that answers the ping that was sent, and more."""
         found = await_event(self.port, Decoder(), lambda event: not isinstance(event, Discarded), patience_s)
-        return found is not None
+        return found is not None and (not isinstance(found, Ping) or self.answers_questions())
+
+    def answers_questions(self) -> bool:
+        """Whether a question is answered soon; a line that echoes returns a ping, which looks like the answer to it."""
+        said = self.ask(GetPacket(b"ID"), Identification, patience_s=QUICK_S, tries=1)
+        return said is not None or self.ask(GetPacket(b"VR"), Version, patience_s=QUICK_S, tries=1) is not None
 
     def fields(self, ids: tuple[int, ...], memory: Memory = Memory.RAM) -> dict[int, int]:
         """Fields in force, or those of the next power-up, as far as there are such."""
@@ -282,7 +287,7 @@ class UutHost(Host):
             # before the whole one: the unit may have only that
             self.port.write(BARE_PING)
             requests = Requests(self.port)
-            if requests.hear_frame(patience_s) if bare else requests.ping(patience_s):
+            if requests.hear_unit(patience_s) if bare else requests.ping(patience_s):
                 return
         raise InstrumentError(
             f"{self.port.name}: no answer to a ping as an IMU381 gives it (tried"
@@ -293,6 +298,11 @@ class UutHost(Host):
     def _identify(self, requests: Requests) -> Identity:
         said = requests.ask(GetPacket(b"ID"), Identification)
         version = requests.ask(GetPacket(b"VR"), Version)
+        if said is None and version is None and not requests.fields(_OWN):
+            raise InstrumentError(
+                f"{self.port.name}: a ping comes back, but no question is answered. The device, or its adapter, echoes"
+                " what is sent. Name the unit's own port."
+            )
         text = "" if said is None else said.text
         number = "" if version is None else f" {version.text}"
         source = text.partition(" from ")[2] if "VIRTUAL" in text.upper() else ""

@@ -4,7 +4,9 @@ A terminal's size and kind, a language, settings of imutui and of Python, and wh
 would change what is under test. A test that needs such a variable sets it itself.
 """
 
+import atexit
 import os
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -32,8 +34,21 @@ def make() -> None:
     # threads of the linear algebra library only get in each other's way on 15×15 matrices
     os.environ.update({"LANG": "C.UTF-8", "SHELL": "/bin/sh", "OPENBLAS_NUM_THREADS": "1"})
     os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
+    os.environ.update(_temporary())
     # read before this: hundreds of processes would compile every module anew
     sys.dont_write_bytecode = False
+
+
+def _temporary() -> dict[str, str]:
+    """A folder for temporary files that goes with the tests: reports of defects that tests cause lie there.
+
+    The folders that pytest itself makes stay where they were: their names must be short enough for sockets.
+    """
+    before = os.environ.get("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    folder = tempfile.mkdtemp(prefix="imutui-tests-")
+    tempfile.tempdir = folder
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return {"TMPDIR": folder, "PYTEST_DEBUG_TEMPROOT": before}
 
 
 def _compiled() -> Path:

@@ -396,7 +396,7 @@ class _Engine:
     def call(self, function: Callable[[Any], Any], timeout: float = 30.0, *, late: bool = False) -> Any:
         return function(self.acquisition)
 
-    def zero(self, argument: int) -> str:
+    def zero(self, argument: int, timeout: float = 30.0) -> str:
         from imutui.instrument.imu400.host import check_zeroing
 
         check_zeroing(argument)

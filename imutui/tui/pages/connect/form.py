@@ -113,6 +113,8 @@ class ConnectForm(Vertical):
             said = ""
         elif choice.kind == "attach":
             said = f'looks at the running acquisition "{choice.value}"'
+        elif choice.kind == "elsewhere":
+            said = f'looks at the acquisition "{choice.value}" of another environment'
         elif choice.kind == "batch":
             said = f'looks at all units of the running batch "{choice.value}"'
         else:
@@ -133,7 +135,7 @@ class ConnectForm(Vertical):
     async def _look(self) -> None:
         said = ""
         try:
-            found = await in_thread(lambda: text.choices(session.running(), session.ports()))
+            found = await in_thread(_choices)
         except (session.SessionError, OSError) as error:
             found, said = text.choices([], []), str(error)
         finally:
@@ -245,7 +247,7 @@ class ConnectForm(Vertical):
         if choice is None:
             return
         self.say_error("")
-        if choice.kind in ("batch", "attach"):
+        if choice.kind in ("batch", "attach", "elsewhere"):
             request = requests.OpenRack if choice.kind == "batch" else requests.Resume
             self.post_message(request(choice.value))
             return
@@ -311,3 +313,8 @@ class Radio(Widget, can_focus=True):
             if start <= event.x < start + len(cell):
                 self.value = value
             start += len(cell) + 2
+
+
+def _choices() -> list[text.Choice]:
+    """What there is to choose from on this machine."""
+    return text.choices(session.running_here(), session.ports(), session.elsewhere())

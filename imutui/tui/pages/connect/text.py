@@ -1,6 +1,7 @@
 """What the connect page offers and says. Pure functions."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -40,7 +41,10 @@ _ANSWER = 38
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One line of the list: a running batch ("batch") or acquisition ("attach"), or a port ("port")."""
+    """One line of the list.
+
+    A running batch ("batch") or acquisition ("attach"), one of another runtime folder ("elsewhere"), a port ("port").
+    """
 
     kind: str
     value: str
@@ -72,8 +76,13 @@ def rates(offer: Instrument) -> str:
     return f"{bounds}; unaveraged at {' '.join(f'{rate:g}' for rate in sorted(offer.rates_hz))}"
 
 
-def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
-    """What the list offers: running batches and acquisitions, real ports, and always the virtual instrument."""
+def choices(
+    running: list[str], ports: list[tuple[str, str]], elsewhere: Mapping[str, str] | None = None
+) -> list[Choice]:
+    """What the list offers: running batches and acquisitions, real ports, and always the virtual instrument.
+
+    `elsewhere`: acquisitions of other runtime folders, with those; they are offered last, as nothing to begin with.
+    """
     batches = dict.fromkeys(name.partition(":")[0] for name in running if ":" in name)
     found = [Choice("batch", name, f'running batch "{name}": look at all its units') for name in batches]
     alone = [name for name in running if ":" not in name]
@@ -82,7 +91,11 @@ def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
         Choice("port", port, f"{formatting.port_name(port, _NAME):{_NAME}}  {about}".rstrip()) for port, about in ports
     ]
     virtual = f"{'virtual instrument':{_NAME}}  simulated IMU400CD on this machine"
-    return [*found, Choice("port", VIRTUAL_PORT, virtual)]
+    others = [
+        Choice("elsewhere", name, f'acquisition "{name}" in {folder}: look at it')
+        for name, folder in (elsewhere or {}).items()
+    ]
+    return [*found, Choice("port", VIRTUAL_PORT, virtual), *others]
 
 
 def label(choice: Choice, answers: dict[str, str]) -> str:
@@ -114,20 +127,21 @@ def likely(found: list[Choice]) -> Choice:
 
     Built-in ports (ttyS0) come last: most machines list them with nothing behind.
     """
-    return next((c for c in found if c.kind != "port" or "ttyS" not in c.value), found[-1])
+    offered = [c for c in found if c.kind != "elsewhere"]
+    return next(c for c in offered if c.kind != "port" or "ttyS" not in c.value)
 
 
 def lead(found: list[Choice]) -> StyledText:
     """What this is, and what the next step is."""
     best = likely(found)
     if best.kind != "port":
-        several = sum(c.kind != "port" for c in found) > 1
+        several = sum(c.kind in ("batch", "attach") for c in found) > 1
         one = "A batch is running" if best.kind == "batch" else "An acquisition is running"
         which = "Several acquisitions are running: choose one" if several else one
         return [(f"{which}. Enter looks at it.", "bold")]
     if best.value != VIRTUAL_PORT:
         return [ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:")]
-    built_in = "only built-in ports" if len(found) > 1 else "no serial port"
+    built_in = "only built-in ports" if sum(c.kind == "port" for c in found) > 1 else "no serial port"
     nothing = f"Nothing is connected: this machine has {built_in}.\nPlug an adapter in and it appears below."
     return [ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:")]
 
@@ -151,13 +165,19 @@ def connected(now: Snapshot) -> StyledText:
         ("port", str(now["port"])),
         ("read at", how),
         ("filter", estimates),
-        ("process", f'acquisition "{now["name"]}", pid {now["pid"]}; runs on without this screen'),
+        ("process", f'acquisition "{now["name"]}"{_owner(now)}, pid {now["pid"]}; runs on without this screen'),
         ("logs in", str(now["logs"] or formatting.NOTHING)),
     ]
     made: StyledText = [("Connected.", "bold")]
     for name, value in rows:
         made += ["\n", (f"{name:{_LABEL}}", "dim"), formatting.folded(value, _VALUE).replace("\n", "\n" + " " * _LABEL)]
     return made
+
+
+def _owner(now: Snapshot) -> str:
+    """Whose acquisition it is."""
+    owner = now.get("owner", "")
+    return f" of {owner}" if owner else ""
 
 
 def next_step(now: Snapshot) -> str:
