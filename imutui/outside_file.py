@@ -1,8 +1,9 @@
-"""Files that a user names, read whole and no further than a limit, whatever lies behind the name."""
+"""Files that a user names, read whole and no further than a limit, whatever lies behind the name; folders."""
 
 import json
 import os
 import stat
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,19 @@ from filters.errors import InputError
 
 TEXT_LIMIT = 256 * 2**20
 """Longest table of angles or trajectory, bytes; as long as an attachment of a log may be."""
+
+
+def can_be_written(folder: str | Path) -> bool:
+    """Return True if this process may make files in a folder, or may make the folder where it is absent."""
+    path = Path(folder).absolute()
+    while not os.path.lexists(path):
+        path = path.parent
+    try:
+        # permissions do not say it: the kernel's own file systems let root do all, and then refuse
+        with tempfile.TemporaryFile(dir=path):
+            return True
+    except OSError:
+        return False
 
 
 def read(path: Path, limit: int) -> bytes:

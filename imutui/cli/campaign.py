@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, lacking, say, show_progress
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    USAGE,
+    answer,
+    check_output,
+    fail,
+    lacking,
+    say,
+    say_if_not_kept,
+    show_progress,
+)
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
 from imutui.cli.report import check_folder
 
@@ -96,6 +107,7 @@ def command(
     found = log_list.find(logs)
     found = found if head is None else found.below(head["root"])
     campaign = Campaign(found, settings, output, part, retry, force, config.load().file_mode)
+    say_if_not_kept()
     try:
         document = run(campaign, _way(found, workers, cluster), _progress())
     except KeyboardInterrupt:
