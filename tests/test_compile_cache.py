@@ -48,7 +48,7 @@ def test_a_folder_that_the_user_chose_stays(tmp_path: Path) -> None:
 
 
 HOMELESS = {"HOME": "/proc/nowhere", "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
-"""Environment of an account that can write neither a home nor beside the sources; the kernel lets no user write there."""
+"""An account that can write neither a home nor beside the sources; the kernel lets no user write there."""
 
 
 def homeless(*words: str, **more: str) -> subprocess.CompletedProcess[str]:
