@@ -114,7 +114,8 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, json: bool) -> No
     from imutui.report import batch_report
 
     effective = config.load()
-    found = batch.logs_of(name, log_list.find([str(log) for log in logs] or [effective.text("paths.logs")]))
+    asked = log_list.find([str(log) for log in logs] or [effective.text("paths.logs")])
+    found = batch.logs_of(name, asked, lambda text: say(f"imutui: {text}"))
     head = stored_rows.head_of(output)
     found = found if head is None else found.below(head["root"])
     campaign = run.Campaign(found, CampaignSettings(), output, mode=effective.file_mode)

@@ -19,6 +19,7 @@ import numpy as np
 
 import imutui
 from filters.errors import InputError
+from imutui import outside_file
 from imutui.logbook import arrival_stamps, parquet, power_on, sample_check, schemas
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
@@ -271,6 +272,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
             " with numpy.savez(t=…, gyro=…, accel=…) in s, deg/s and g, or as a .csv file."
         )
     try:
+        outside_file.opened(path).close()  # a pipe would be waited for
         archive = _parsed(lambda: np.load(path, allow_pickle=False))
         if not isinstance(archive, np.lib.npyio.NpzFile):
             raise InputError("a single array")

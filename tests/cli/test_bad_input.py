@@ -286,6 +286,42 @@ def test_a_file_that_is_no_log_is_called_so(home: Path, name: str) -> None:
     assert "imutui import" in said
 
 
+PIPES = (
+    *("replay x.mcap", "trace x.mcap", "info x.mcap", "check x.mcap", "recover x.mcap -o o.mcap"),
+    *("export x.mcap --format csv -o o.csv", "apply x.mcap --effects x.mcap -o o.mcap", "note --log x.mcap warm"),
+    *("replay log.mcap --effects x.mcap", "trace log.mcap --holdout x.mcap", "import x.mcap -o o.mcap"),
+    *("import x.npz -o o.mcap", "import x.csv -o o.mcap", "virtual --from x.mcap", "virtual --scenario x.mcap"),
+    *(
+        "record --batch x.mcap",
+        "report x.mcap -o page",
+        "report --batch B7 x.mcap -o page",
+        "campaign --summary x.mcap",
+    ),
+    *("profile x.csv", "replay log.mcap --reference x.csv"),
+)
+"""What opens files, given a pipe in the place of each."""
+
+
+@pytest.mark.parametrize("line", PIPES)
+def test_a_pipe_that_nothing_writes_into_is_refused_and_not_waited_for(home: Path, log: bytes, line: str) -> None:
+    (home / "log.mcap").write_bytes(log)
+    for name in ("x.mcap", "x.npz", "x.csv"):
+        os.mkfifo(home / name)
+    done = run(*line.split())
+    assert done.returncode in (2, 3, 5), done
+    assert "pipe" in done.stderr or "no file" in done.stderr, done
+    assert "a defect of imutui" not in done.stderr
+
+
+def test_a_pipe_among_logs_is_one_row_with_an_error(home: Path, log: bytes) -> None:
+    (home / "log.mcap").write_bytes(log)
+    os.mkfifo(home / "x.mcap")
+    done = imutui("campaign", ".", "-o", "results", "--workers", "1", check=None)
+    assert done.returncode == 1
+    assert "x.mcap: is a pipe, not a file" in done.stdout
+    assert "2 logs, 1 with an error" in done.stdout
+
+
 def test_an_imu_channel_of_any_topic_is_replayed(home: Path) -> None:
     foreign(home / "theirs.mcap")
     document = json.loads(run("replay", "theirs.mcap", "--json").stdout)
