@@ -313,13 +313,17 @@ def test_a_pipe_that_nothing_writes_into_is_refused_and_not_waited_for(home: Pat
     assert "a defect of imutui" not in done.stderr
 
 
-def test_a_pipe_among_logs_is_one_row_with_an_error(home: Path, log: bytes) -> None:
+def test_a_pipe_among_logs_is_one_row_of_a_journal_that_is_enough_for_a_summary(home: Path, log: bytes) -> None:
     (home / "log.mcap").write_bytes(log)
     os.mkfifo(home / "x.mcap")
     done = imutui("campaign", ".", "-o", "results", "--workers", "1", check=None)
     assert done.returncode == 1
     assert "x.mcap: is a pipe, not a file" in done.stdout
     assert "2 logs, 1 with an error" in done.stdout
+    document = imutui_json("campaign", "--summary", "results")
+    (home / "results" / "results.json").unlink()
+    assert imutui_json("campaign", "--summary", "results") == document | {"results": "results/rows.jsonl"}
+    assert imutui_json("campaign", "--summary", "results/rows.jsonl") == document | {"results": "results/rows.jsonl"}
 
 
 def test_an_imu_channel_of_any_topic_is_replayed(home: Path) -> None:

@@ -170,19 +170,22 @@ class _Needed(TypedDict):
 
 
 def path_of(results: Path) -> Path:
-    """The file of rows of a campaign's folder; a file is itself."""
-    return results / DOCUMENT if results.is_dir() else results
+    """Return the file of rows of a campaign's folder: its journal where a run left nothing else; a file is itself."""
+    if not results.is_dir():
+        return results
+    only_journal = (results / JOURNAL).exists() and not (results / DOCUMENT).exists()
+    return results / (JOURNAL if only_journal else DOCUMENT)
 
 
 def rows_of(results: Path) -> list[Row]:
     """Rows of a campaign; fields that a summary does not read may lack.
 
-    `results`: the folder that a campaign wrote, or its `results.json`.
+    `results`: the folder that a campaign wrote, or its `results.json` or `rows.jsonl`.
     Raises UnreadableLogError if there is none, or it has no rows, or what stands there is of another shape; the message
       says where.
     """
     path = path_of(results)
-    content = _content(path)
+    content = {"rows": list(read(path.parent).rows.values())} if path.name == JOURNAL else _content(path)
     found = content.get("rows") if isinstance(content, dict) else None
     if not isinstance(found, list):
         raise UnreadableLogError(f"{path} is no result of a campaign: it has no list `rows`. {_HOW}")
