@@ -5,8 +5,9 @@ import json
 import os
 import stat
 import tempfile
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from filters.errors import InputError
 
@@ -27,7 +28,7 @@ def can_be_written(folder: str | Path) -> bool:
         return False
 
 
-def opened(path: Path) -> BinaryIO:
+def opened(path: Path) -> BufferedReader:
     """Open a file, and not a pipe or a device, which may never end; opening a pipe does not wait for its writer.
 
     Raises OSError if it is no file, or cannot be opened.
