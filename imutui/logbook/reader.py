@@ -127,7 +127,7 @@ def read(path: Path, *, raw: bool = False) -> Log:
     """
     *_, log = parts(path, raw=raw)
     check = SampleCheck()
-    check.take(log.stamp_ns, log.gyro, log.accel)
+    check.take(log.stamp_ns, log.gyro, log.accel, log.temperature_degc)
     if trouble := check.trouble(path):
         raise UnreadableLogError(trouble)
     return log
