@@ -86,7 +86,7 @@ def _block(block: Block, number: int) -> str:
             whole = f"<pre>{escape(said)}</pre>"
             return f"<details><summary>{text(folded)}</summary>{whole}</details>" if folded else whole
         case Figure():
-            return _figure(block, number)
+            return _figure(block, number) if block.panels else ""
 
 
 def _table(block: Table) -> str:

@@ -48,6 +48,13 @@ def test_facts_stand_beside_their_labels_and_code_is_as_it_is() -> None:
     assert plain.lines([BLOCKS[5]], 60).splitlines() == ["The configuration", "[filter]", 'name = "spkf"']
 
 
+def test_a_figure_without_panels_is_left_out() -> None:
+    """Of a trace of constant readings every channel is set aside."""
+    article = Article("Trace", "unknown", "", (Section("Noise", (BLOCKS[6],)),))
+    assert article.figures() == []
+    assert "<figure" not in html.document(Page("Trace", (article,)))
+
+
 def test_a_page_links_to_files_and_not_to_what_is_not_there() -> None:
     table = Table((Column("Page", "link"),), (("U1/index.html",), (NOTHING,)))
     page = html.document(Page("Batch", (Article("Batch", "unknown", "", (Section("Units", (table,)),)),)))
