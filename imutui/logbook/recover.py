@@ -157,8 +157,8 @@ class _Copy:
         self._registered += 1
         if self._registered > _MOST_CHANNELS:
             raise UnreadableLogError(
-                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: it was not"
-                " written by imutui. `imutui export` makes a table of its samples."
+                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
+                " did not write it. `imutui export` makes a table of its samples."
             )
         schema = self._schemas.get(channel.schema_id)
         self._numbers[channel.id] = self._writer.register_channel(

@@ -170,6 +170,20 @@ def test_a_recording_that_cannot_be_imported_is_named_with_its_row(home: Path, c
     assert not (home / "out.mcap").exists()
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"t": np.arange(600) * 1e-9}, "less than a microsecond"),
+        ({"gyro": np.full((600, 3), 1e7)}, "beyond ±100,000 deg/s"),
+        ({"temp": np.full(600, -1e6)}, "beyond ±2,000 degC"),
+    ],
+)
+def test_what_no_command_would_read_is_not_imported(home: Path, changes: dict[str, Any], words: str) -> None:
+    rows = {"t": np.arange(600) / 20.0, "gyro": np.zeros((600, 3)), "accel": np.tile([0.0, 0.0, 1.0], (600, 1))}
+    np.savez(home / "x.npz", **(rows | changes))
+    assert words in error(run("import", "x.npz", "-o", "x.mcap"), 3)
+
+
 def test_the_advice_to_take_a_part_without_the_bad_rows_works(home: Path) -> None:
     """The error for a row that is not a number names --end; so --end must help."""
     (home / "a.npz").write_bytes(npz(accel=spoilt(arrays()["accel"], 30, np.nan)))
