@@ -40,7 +40,7 @@ Where things are
     Ground: `errors` what an input can cause; any other exception is a defect · `channels` names, order and units of
     the six readings · `earth` radii, gravity, Earth rate · `attitude` rotations · `specification` what data sheets
     promise · `imu` samples, axes, noise · `state` the navigation state and the order of the errors · `allan` white
-    noise and drift of a log · `first_order` the recursion of lags and of band limits.
+    noise and drift of a log · `first_order` the recursion of lags and of band limits · `compilation` by numba.
 
     `motion`      what is known of it: `segments`, `kinematics` and `profile`, what a table does · `reference` what the
                   filter is fed · `alignment` how that is found in data

@@ -1,9 +1,14 @@
 """imutui: acquire, calibrate and trace an IMU on a turn table, from a terminal."""
 
+import os
+
 from imutui import compile_cache
 
 __version__: str
 
+# an account that has neither HOME nor an entry among the users: libraries that ask for its folders would raise
+if os.path.expanduser("~") == "~":  # noqa: PTH111 - `pathlib` takes long to load
+    os.environ["HOME"] = "/nonexistent"
 # before anything of this package imports numba
 compile_cache.use()
 

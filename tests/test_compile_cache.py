@@ -45,3 +45,43 @@ def test_a_folder_that_the_user_chose_stays(tmp_path: Path) -> None:
     *found, told = places(tmp_path, NUMBA_CACHE_DIR=chosen)
     assert told == chosen
     assert all(place.startswith(f"{chosen}{os.sep}") for place in found), found
+
+
+HOMELESS = {"HOME": "/proc/nowhere", "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+"""An account that can write neither a home nor beside the sources; the kernel lets no user write there."""
+
+
+def homeless(*words: str, **more: str) -> subprocess.CompletedProcess[str]:
+    """Run this Python without a home, without a folder for compiled code and without a runtime folder."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "NUMBA_"))}
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, env=kept | HOMELESS | more)
+
+
+def test_without_a_folder_that_can_be_written_functions_are_compiled_all_the_same() -> None:
+    done = homeless("-c", "import imutui; from filters.tracing.whitening import _whiten as f; print(f.signatures)")
+    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
+
+
+@pytest.mark.parametrize("words", [("status",), ("devices",), ("config", "--show")])
+def test_commands_work_without_a_home(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = homeless("-m", "imutui", *words, TMPDIR=str(tmp_path))
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+
+
+def test_an_account_without_an_entry_has_a_home_that_libraries_can_ask_for() -> None:
+    code = "import os; os.path.expanduser = str; import imutui; print(os.environ['HOME'])"
+    done = homeless("-c", code)
+    assert done.stdout == "/nonexistent\n", done.stderr
+
+
+def test_that_nothing_can_be_kept_is_said_with_a_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path / "new" / "folder"))
+    assert compile_cache.warning() == ""
+    monkeypatch.setenv(compile_cache.VARIABLE, "/proc/nowhere/numba")
+    assert "export NUMBA_CACHE_DIR=FOLDER" in compile_cache.warning()
+
+
+def test_a_switched_off_compiler_is_named_with_the_cure() -> None:
+    done = homeless("-m", "imutui", "profile", NUMBA_DISABLE_JIT="1")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "type `unset NUMBA_DISABLE_JIT`" in done.stderr

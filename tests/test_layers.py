@@ -15,6 +15,7 @@ GROUND = {
     for name in (
         "errors",
         "types",
+        "compilation",
         "channels",
         "first_order",
         "earth",

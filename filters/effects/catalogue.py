@@ -85,7 +85,8 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
         return drivers.chain_of(effect.removeprefix("cause:"), shape).on(channel)
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)
-    every = (*deterministic.of_sensor(channel), *deterministic.harmonics(channel), deterministic.bias(channel))
+    from_s = number_of(shape, "from_s", 0.0) if effect == "warmup" else 0.0
+    every = (*deterministic.of_sensor(channel, from_s), *deterministic.harmonics(channel), deterministic.bias(channel))
     known = [h for h in every if h.effect == effect]
     if not known:
         raise InputError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')

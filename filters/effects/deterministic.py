@@ -21,8 +21,11 @@ WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0, 900.0, 1400.0, 220
 Columns = Callable[[Inputs, int], Array]
 
 
-def of_sensor(channel: int) -> list[Hypothesis]:
-    """Errors that the sensor of a channel adds by itself: all hypotheses, in all their shapes."""
+def of_sensor(channel: int, from_s: float = 0.0) -> list[Hypothesis]:
+    """Errors that the sensor of a channel adds by itself: all hypotheses, in all their shapes.
+
+    `from_s`: where settling is anchored, s since power-on.
+    """
     others = [only for only in range(-1, 3) if only != channel % 3]
     return [
         *(make(channel) for make in (thermal_lin, thermal_rate, ramp, scale, asymmetry, nonlinearity_cubic)),
@@ -33,7 +36,7 @@ def of_sensor(channel: int) -> list[Hypothesis]:
         *(thermal_poly(channel, order) for order in (2, 3)),
         *(thermal_lag(channel, lag) for lag in range(len(LAGS))),
         *(hysteresis(channel, bank) for bank in range(len(BANKS))),
-        *(warmup(channel, tau) for tau in WARMUP_TAUS),
+        *(warmup(channel, tau, from_s) for tau in WARMUP_TAUS),
         *(g_squared(channel, axis) for axis in range(3)),
         delay((channel,)),
     ]
@@ -104,10 +107,15 @@ def hysteresis(channel: int, bank: int = 0) -> Hypothesis:
     return _slow("hysteresis", "temperature", channel, columns, k, **more)
 
 
-def warmup(channel: int, tau: float = WARMUP_TAUS[0]) -> Hypothesis:
-    """e = k exp(-t/tau)."""
-    k, columns = own(channel, "k", "", 0.2, 3.0), lambda u, c: np.exp(-u.t / tau)[:, None]
-    more: Any = {"shape": {"tau_s": tau}, "grid": len(WARMUP_TAUS), "rank": 3, "over": ("time",)}
+def warmup(channel: int, tau: float = WARMUP_TAUS[0], from_s: float = 0.0) -> Hypothesis:
+    """e = k exp(-(t - t0)/tau), constant where that is above e·k.
+
+    `from_s`: t0, where the data began, s since power-on: k is what there was then. Data that begin late say nothing of
+      what was many time constants before, and the law would make anything of it.
+    """
+    k, shape = own(channel, "k", "", 0.2, 3.0), {"tau_s": tau} | ({"from_s": from_s} if from_s else {})
+    columns = lambda u, c: np.exp(-np.maximum((u.t - from_s) / tau, -1.0))[:, None]  # noqa: E731
+    more: Any = {"shape": shape, "grid": len(WARMUP_TAUS), "rank": 3, "over": ("time",)}
     return _slow("warmup", "time", channel, columns, k, **more)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.compilation import cached_njit
 from filters.types import Array
 
 Values = tuple[float, ...]
@@ -39,7 +40,7 @@ class Operator:
 
 def _lag(u: Array, t: Array, values: Values, memory: Array) -> Array:
     out = np.empty(u.size)
-    _compiled(_lagged)(np.ascontiguousarray(u), t, values[0], memory, out)
+    cached_njit(_lagged)(np.ascontiguousarray(u), t, values[0], memory, out)
     return out
 
 
@@ -56,7 +57,7 @@ def _lagged(u, t, tau, memory, out):  # type: ignore[no-untyped-def]
 
 def _play(u: Array, t: Array, values: Values, memory: Array) -> Array:
     out = np.empty(u.size)
-    _compiled(_played)(np.ascontiguousarray(u), 0.5 * values[0], memory, out)
+    cached_njit(_played)(np.ascontiguousarray(u), 0.5 * values[0], memory, out)
     return out
 
 
@@ -67,13 +68,6 @@ def _played(u, half, memory, out):  # type: ignore[no-untyped-def]
     for k in range(u.size):
         memory[0] = min(max(memory[0], u[k] - half), u[k] + half)
         out[k] = memory[0]
-
-
-@functools.cache
-def _compiled(function: Callable[..., None]) -> Callable[..., None]:
-    from numba import njit  # what takes other effects along does not load it
-
-    return njit(cache=True, nogil=True)(function)
 
 
 def _relay(u: Array, t: Array, values: Values, memory: Array) -> Array:

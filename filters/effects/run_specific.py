@@ -6,9 +6,9 @@ Each search takes a channel's residual, whitened under what is selected already,
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from filters.compilation import cached_njit
 from filters.effects.hypothesis import Hypothesis, Parameter, own_parameter
 from filters.types import Array
 
@@ -212,7 +212,7 @@ def _level(r: Array, sd: Array, use: NDArray[np.bool_]) -> float:
     return float(weight @ r[use] / weight.sum())
 
 
-@njit(cache=True, nogil=True)
+@cached_njit
 def _viterbi(cost, price, free):  # type: ignore[no-untyped-def]
     """Cheapest sequence of two states, a switch costing `price` but where it is free."""
     n = len(cost)

@@ -5,14 +5,13 @@ past alone, unless it is told what is to come. What remembers temperature is the
 of a power-on to the next, between which temperature is taken to have gone by a straight line.
 """
 
-import functools
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.compilation import cached_njit
 from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
 from filters.errors import InputError
 from filters.first_order import first_order
@@ -121,15 +120,8 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     widths = np.array([width for width, _ in BANKS])
     at = np.array(PLAYS_AT_START if at is None else at, np.float64)
     means = np.empty((u.size, widths.size))
-    _compiled(_play)(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
+    cached_njit(_play)(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
     return np.asarray(means / widths), at
-
-
-@functools.cache
-def _compiled(function: Callable[..., None]) -> Callable[..., None]:
-    from numba import njit  # what takes effects along without those of temperature does not load it
-
-    return njit(cache=True, nogil=True)(function)
 
 
 def _play(u, r, at, means):  # type: ignore[no-untyped-def]
@@ -225,7 +217,7 @@ class CausalTemperature:
         smooth = np.empty((2, raw.size))
         turning = _NOISE**2 / _SETTLES**4
         gain = -float(np.expm1(-self._period / _APART_S))
-        _compiled(_line)(raw, self._period, _NOISE**2 / self._period, turning, gain, self._smooth, smooth)
+        cached_njit(_line)(raw, self._period, _NOISE**2 / self._period, turning, gain, self._smooth, smooth)
         level, slope = smooth
         lagged = np.empty((raw.size, len(LAGS)))
         for k, pole in enumerate(self._lags):

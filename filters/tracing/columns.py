@@ -47,6 +47,7 @@ def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
     """Columns of all hypotheses that vary, over all runs, shape (n, K), and the terms that say where they are."""
     ranges = _ranges(stack)
     seconds = float((stack.t - stack.t[stack.begins][stack.power_on]).max())
+    from_s = min(b.run.begins for b in stack.blocks)
     makers: list[Maker] = []
     terms: list[Term] = []
 
@@ -57,7 +58,7 @@ def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
 
     kept: dict[object, NDArray[np.int_]] = {}
     for c in range(len(CHANNELS)):
-        for h in (*deterministic.of_sensor(c), *deterministic.harmonics(c)):
+        for h in (*deterministic.of_sensor(c, from_s), *deterministic.harmonics(c)):
             if not _has(h, ranges, seconds):
                 continue
             key = (h.effect, str(h.shape), -1 if h.is_everywhere else c)

@@ -171,6 +171,12 @@ class Design:
         G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
         self._gram[c] = G, np.append(B, right), yy
 
+    def spanned(self, others: Sequence[Term], term: Term, channel: int) -> float:
+        """Share, 0 to 1, of what a term of one column does on a channel that a sum of others does as well."""
+        G = self.gram(channel)[0]
+        (own,), rest = term.places[channel], np.concatenate([a.places[channel] for a in others])
+        return float(G[rest, own] @ inverse_of(G[np.ix_(rest, rest)]) @ G[rest, own] / G[own, own])
+
     # ------------------------------------------------------------------------------------------------------- fits
 
     def fit(self, terms: Sequence[Term]) -> Fit:

@@ -140,14 +140,25 @@ def of_motion(
     stack, segment = _stack(profile, axes or AxisMap(), site)
     sd = np.repeat([spec.gyro_arw, spec.accel_vrw], 3) / np.sqrt(stack.period)
     columns = list(_columns(stack, spec))
+    of_channel = [_weighted(columns, sd, c) for c in range(len(CHANNELS))]
     information = np.zeros((len(columns), len(columns)))
-    made = []
-    for number in range(len(profile.segments)):
-        information += _information(columns, sd, segment == number)
+    made: list[dict[Quantity, float]] = []
+    for rows in _rows_of_segments(segment, len(profile.segments)):
+        if made and not rows.size:
+            made.append(made[-1])
+            continue
+        for here, W in of_channel:
+            information[np.ix_(here, here)] += W[rows].T @ W[rows]
         own = np.diag(np.linalg.inv(np.eye(len(columns)) + information))
         d = np.sqrt(np.maximum(1.0 / own - 1.0, 0.0))
         made.append({column.quantity: float(value) for column, value in zip(columns, d, strict=True)})
     return made
+
+
+def _rows_of_segments(segment: NDArray[np.int_], count: int) -> list[NDArray[np.int_]]:
+    """Rows of each of so many segments; the rows of a profile of many are looked through once."""
+    order = np.argsort(segment, kind="stable")
+    return np.split(order, np.searchsorted(segment[order], np.arange(count + 1)))[1:-1]
 
 
 def _stack(profile: Profile, axes: AxisMap, site: Site) -> tuple[Stack, NDArray[np.int_]]:
@@ -203,11 +214,8 @@ def _effects() -> Iterator[Hypothesis]:
     yield from (deterministic.tilt(), deterministic.lever_arm(), deterministic.delay(), deterministic.earth_rate())
 
 
-def _information(columns: list[_Column], sd: Array, rows: NDArray[np.bool_]) -> Array:
-    """P Wᵀ W P of some rows, all channels."""
-    out = np.zeros((len(columns), len(columns)))
-    for c in range(len(CHANNELS)):
-        here = [n for n, column in enumerate(columns) if c in column.on]
-        W = np.stack([columns[n].on[c][rows] * columns[n].prior for n in here], axis=1) / sd[c]
-        out[np.ix_(here, here)] += W.T @ W
-    return out
+def _weighted(columns: list[_Column], sd: Array, channel: int) -> tuple[list[int], Array]:
+    """Numbers of the columns that act on a channel, and W P of them, shape (n, columns)."""
+    here = [n for n, column in enumerate(columns) if channel in column.on]
+    W = np.stack([columns[n].on[channel] * columns[n].prior for n in here], axis=1) / sd[channel]
+    return here, W

@@ -199,7 +199,7 @@ def separating(
     if not rivals:
         return None
     options = (candidate_runs or CandidateRuns(design, run)).options(a, theta, rivals, rest)
-    if options[0].expected < _NOTHING:
+    if not options or options[0].expected < _NOTHING:
         return None
     best = options[0]
     unseparated = tuple(b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated)

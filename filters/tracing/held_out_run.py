@@ -48,6 +48,10 @@ class HeldOutRun:
         own = stack.white_sd()
         sd = np.where(own > 0.0, own, design.sd)
         columns = columns_on(stack, [f.term for f in found if f.lasting])
+        for f in found:
+            if f.lasting and "time" in (f.term.hypothesis.source, *f.term.hypothesis.over):
+                for c in f.term.places:
+                    _hold(columns[f.term.key, c], stack.t, design, f, c)
         power_on = stack.blocks[0].run.power_on
         is_part = bool(power_on) and any(b.run.power_on == power_on for b in design.stack.blocks)
         return cls(stack, columns, sd * float(np.sqrt(stack.period)), is_part)
@@ -73,6 +77,22 @@ class HeldOutRun:
             return None
         columns = np.column_stack([self.columns[f.term.key, channel] for f in own])
         return validation.Correction(columns, joint_covariance(own, fit))
+
+
+def _hold(columns: Array, t: Array, design: Design, f: Finding, channel: int) -> None:
+    """Hold a finding's columns, in place, where the run is so far from the data that it could be anything there.
+
+    Away from the times of the data, what it says may differ from what it says at the nearest row by as much as its
+    covariance allows. Where that is more than all that was seen of it, it says what it says at the last row before.
+    """
+    seen = design.stack.t
+    away = np.maximum(np.maximum(seen.min() - t, t - seen.max()), 0.0)
+    apart = columns - columns[np.argmin(away)]
+    sd = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", apart, f.covariance, apart), 0.0))
+    told = (away == 0.0) | (sd <= float(np.std(design.columns[:, f.term.places[channel]] @ f.theta)))
+    told[np.argmin(away)] = True
+    limit = np.flatnonzero(told)[np.argmax(away[told])]
+    columns[~told] = columns[limit]
 
 
 def joint_covariance(found: Sequence[Finding], fit: Fit) -> Array:

@@ -27,7 +27,7 @@ from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
-from filters.tracing.slow_effects import SlowEffects, SlowRival
+from filters.tracing.slow_effects import SlowEffects, SlowRival, is_collinear
 from filters.tracing.thermal_forms import JointChoice
 from filters.tracing.trace_document import odds, odds_of
 from filters.tracing.whitening import NONE, Drift
@@ -213,7 +213,7 @@ def _judge_again(chosen: Selection, latest: _Candidate) -> None:
         rivals = chosen.slow.rivals(rest, c)
         if sum(r.probability for r in rivals) <= _PROBABLE:
             chosen.terms = rest
-        elif rivals[0].terms and term not in rivals[0].terms:
+        elif rivals[0].terms and not any(a is term or is_collinear(chosen.design, rest, a) for a in rivals[0].terms):
             chosen.terms = [*rest, *rivals[0].terms]
             chosen.odds |= {a.key: _odds(rivals) for a in rivals[0].terms}
 
@@ -335,6 +335,9 @@ def _of_channel(chosen: Selection, channel: int, memory: _Memory, slow: float) -
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
     design, term = chosen.design, candidate.terms[0]
+    if any(is_collinear(design, chosen.terms, each) for each in candidate.terms):
+        _note(chosen, candidate, 0.0, "is not told from another of its family")
+        return False
     if candidate.odds is not None:
         return _is_law(chosen, candidate)
     h = term.hypothesis

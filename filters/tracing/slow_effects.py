@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from filters.effects.drivers import Driver, near
-from filters.effects.run_specific import Tone
+from filters.effects.run_specific import RunSpecific, Tone
 from filters.tracing.beside_drift import by_seconds, is_judged, rows_of
 from filters.tracing.columns import Term, columns_on
 from filters.tracing.design_matrix import Design
@@ -24,6 +24,7 @@ from filters.tracing.whitening import Rows
 _REFINED = (1.0 / 3.0, 1.0 / 9.0, 1.0 / 27.0)
 _ROWS, _ROWS_IN_ALL = 300, 1200  # at most of a power-on, and in all
 _WITH_SLOPE = ("thermal_lag", "hysteresis", "thermal_rate", "cause:kink(temperature)", "cause:hold(temperature)")
+_SPANNED = 0.9  # share of a term in others of its effect from which on they are not told apart
 _DRIFT_ITSELF = ("driver:time hat",)  # a free curve in time is what drift is, in a single power-on
 
 
@@ -162,3 +163,15 @@ def _family(term: Term) -> str:
     if h.source == "motion" and (h.chain or h.kind == "settling"):
         return f"driver:{h.kind}"
     return h.effect if h.chain else f"{h.effect} {h.kind}"
+
+
+def is_collinear(design: Design, accepted: Sequence[Term], term: Term) -> bool:
+    """Return True if accepted terms of a slow term's own effect and channel span nearly all that it is.
+
+    Each would take what the other lacks, with amplitudes that cancel where the data are and nowhere else.
+    """
+    if not is_judged(term) or isinstance(term.hypothesis, RunSpecific) or term.size != 1:
+        return False
+    (c,) = term.places
+    family = [a for a in accepted if a.hypothesis.effect == term.hypothesis.effect and c in a.places and a is not term]
+    return bool(family) and design.spanned(family, term, c) > _SPANNED

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from filters.compilation import cached_njit
 from filters.types import Array
 
 TAUS = (2.0, 5.0, 12.0, 30.0, 80.0, 250.0, 1000.0, np.inf)
@@ -46,7 +46,7 @@ class Drift:
 NONE = Drift(1.0, 0.0)  # no drift
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit
 def _whiten(columns, t, starts, variance, tau, level, out, held, at, b, g, state):  # type: ignore[no-untyped-def]
     """Normalised innovations of every column into `out`; returns the sum of log innovation variances.
 

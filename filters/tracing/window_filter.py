@@ -11,9 +11,9 @@ for every window, it is no noise of each.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from filters.compilation import cached_njit
 from filters.tracing.whitening import Drift
 from filters.types import Array
 
@@ -66,7 +66,7 @@ def foretell(
     return Foretold(told, error * root, wider * root)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit
 def _run(columns, t, weight, variance, ends, begins, tau, level, nu, root):  # type: ignore[no-untyped-def]
     """Innovations of windows' means of all columns into `nu`, their standard deviations into `root`, 0 for none."""
     n, k = columns.shape
@@ -135,7 +135,7 @@ def _run(columns, t, weight, variance, ends, begins, tau, level, nu, root):  # t
         w += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit
 def _learn(whitened, P):  # type: ignore[no-untyped-def]
     """Errors while parameters of a prior are learned from the windows before, and their standard deviations."""
     m, k = whitened.shape[0], whitened.shape[1] - 1

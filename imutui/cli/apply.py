@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import progress, width
-from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output, say
+from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output, say, say_if_not_kept
 from imutui.cli.options import Force, Json, Reference, reference_of
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def command(
     check_output(output, force, log)
     content = effects_file.from_file(effects)
     file, kind = reference_of(reference)
+    say_if_not_kept()
     made = job.apply(
         log, content, output, reference=file, kind=kind if file is None else None, overwrite=force,
         mode=config.load().file_mode, progress=lambda share: progress(share, str(log)),

@@ -20,6 +20,7 @@ from imutui.cli.exit_codes import (
     lacking,
     refuse_existing,
     say,
+    say_if_not_kept,
     show_progress,
 )
 from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
@@ -107,6 +108,7 @@ def command(
     found = log_list.find(logs)
     found = found if head is None else found.below(head["root"])
     campaign = Campaign(found, settings, output, part, retry, force, config.load().file_mode)
+    say_if_not_kept()
     try:
         document = run(campaign, _way(found, workers, cluster), _progress())
     except KeyboardInterrupt:

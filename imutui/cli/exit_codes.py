@@ -28,6 +28,14 @@ def say(text: str) -> None:
     print(visible(cut(text, MESSAGE_LIMIT)), file=sys.stderr, flush=True)
 
 
+def say_if_not_kept() -> None:
+    """Print, for a command that compiles, that compiled code cannot be kept on disk, where that is so."""
+    from imutui import compile_cache
+
+    if sentence := compile_cache.warning():
+        say(f"imutui: {sentence}")
+
+
 def tell(text: str) -> None:
     """Print text for people on stdout; what it quotes from outside does nothing to the terminal."""
     from imutui.plain_text import visible

@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.text import Text
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say
+from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say, say_if_not_kept
 from imutui.plain_text import in_line
 from imutui.report import replay_text
 from imutui.session import client
@@ -49,6 +49,7 @@ def follow(
     `add`: adds to the result document before it is printed.
     """
     interrupted, terminated = False, threading.Event()
+    say_if_not_kept()
     connection = _started(plan)
     with _leave_on_hangup(connection, terminated):
         try:

@@ -31,6 +31,7 @@ from imutui.cli.exit_codes import (
     fail,
     print_json,
     say,
+    say_if_not_kept,
     show_progress,
     tell,
 )
@@ -298,6 +299,7 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
         raise fail(INSTRUMENT, f"all of it runs already; `{command('stop', '--batch', batch.name)}` ends it.")
     if port is not None:
         asked = [replace(plan, port=port) for plan in asked]
+    say_if_not_kept()
     for remark in remarks:
         say(remark)
     batches.begin(batch)

@@ -13,7 +13,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.exit_codes import FINDINGS, FINE, INSTRUMENT, INTERRUPTED, USAGE, fail, lacking, print_json, say
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    INSTRUMENT,
+    INTERRUPTED,
+    USAGE,
+    fail,
+    lacking,
+    print_json,
+    say,
+    say_if_not_kept,
+)
 from imutui.cli.options import (
     AccelSign,
     GyroSign,
@@ -113,6 +124,7 @@ def command(
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
     check_hours(axes, diary.document["hours"])
+    say_if_not_kept()
     ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     output.mkdir(parents=True, exist_ok=True)
     with Page(diary.document) as page, _stopped_by_signals():

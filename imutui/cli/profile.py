@@ -49,8 +49,8 @@ def command(
         _export(offer, output, force)
         return
     profile = operator_steps.load(offer.file, offer.text)
-    document = operator_steps.document(profile, offer.name)
-    answer(document, lambda: _text(offer, operator_steps.steps(profile)), json=json)
+    steps = operator_steps.steps(profile)
+    answer(operator_steps.document(profile, offer.name, steps), lambda: _text(offer, steps), json=json)
 
 
 def _export(offer: "Offer", output: Path, force: bool) -> None:

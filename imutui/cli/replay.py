@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from imutui.cli.each_log import progress, width
-from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_words, say, show_progress
+from imutui.cli.exit_codes import (
+    FINDINGS,
+    FINE,
+    USAGE,
+    answer,
+    check_output,
+    fail,
+    in_words,
+    say,
+    say_if_not_kept,
+    show_progress,
+)
 from imutui.cli.options import (
     Effects,
     End,
@@ -70,6 +81,7 @@ def command(
     overrides = overrides_of(filter_name, name, set_ or [])
     mode = config.load().file_mode
     options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force, mode)
+    say_if_not_kept()
     documents, code = [], FINE
     for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
         if isinstance(outcome, tuple):

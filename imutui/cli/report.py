@@ -137,7 +137,8 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json
 
     effective = config.load()
     check_folder(output, force, "-o", (batch_report.INDEX, batch_report.DOCUMENT).__contains__)
-    found = batch.logs_of(name, log_list.find([str(log) for log in logs] or [effective.text("paths.logs")]))
+    asked = log_list.find([str(log) for log in logs] or [effective.text("paths.logs")])
+    found = batch.logs_of(name, asked, lambda text: say(f"imutui: {text}"))
     for folder in sorted(batch.folders_of(found)):
         check_folder(output / folder, force, "-o", page.may_write)
     head = stored_rows.head_of(output)

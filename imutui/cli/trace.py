@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.each_log import progress, width
-from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_signs, say
+from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_signs, say, say_if_not_kept
 from imutui.cli.options import Force, Json, Output, Reference, reference_of
 from imutui.cli.report import check_folder, write_page
 
@@ -55,6 +55,7 @@ def command(
     options = TraceOptions(
         holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
     )
+    say_if_not_kept()
     traced = trace(logs, options, progress, lambda text: say(text) if text else None)
     for sentence in traced.damage:
         say(f"imutui: {sentence}")

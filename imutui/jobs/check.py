@@ -9,7 +9,7 @@ from pathlib import Path
 from imutui.jobs import check_file
 from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, lossy
 from imutui.jobs.check_packets import PacketSteps
-from imutui.jobs.check_samples import Health, Limits, SamplesOfPackets
+from imutui.jobs.check_samples import Health, Impossible, Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument
 from imutui.jobs.info import lacking_channels, status_words
@@ -21,7 +21,7 @@ from imutui.logbook.scan import Scan
 
 VERSION = 1
 _SCANNED = 0.5
-_DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits)
+_DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
 
 
 def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> CheckDocument:

@@ -12,6 +12,7 @@ from imutui.jobs.check_context import CheckContext, Finding, is_polled
 from imutui.jobs.check_times import Places
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part
+from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.session_info import SessionInfo
 
 _LIMITS = (-32768, 32767)
@@ -168,6 +169,22 @@ class Health:
             yield Finding(
                 "health", f"{entry['said']}.", f"from {entry['since_s']:.1f} s", f"{todo[0].upper()}{todo[1:]}."
             )
+
+
+class Impossible:
+    """Samples that no unit can have sent, by the limits that `import`, `replay` and `trace` have."""
+
+    def __init__(self, known: Audit) -> None:
+        self._check = SampleCheck()
+
+    def take(self, part: Part) -> None:
+        """Look at the next part."""
+        self._check.take(part.stamp_ns, part.gyro, part.accel, part.temperature_degc)
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """Yield the first sample that is beyond a limit."""
+        if (told := self._check.beyond()) is not None:
+            yield Finding("samples", told[0], "over the whole log", told[1])
 
 
 class Limits:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from filters.errors import InputError
+from imutui import outside_file
 from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock
 from imutui.logbook import effects_file as effects
 from imutui.plain_text import in_line
@@ -52,7 +53,7 @@ def annotate(log: Path, note: str | None, operator: str | None) -> Path:
     Raises InputError if the log is being written, or what is beside it cannot be used.
     Raises OSError if there is no such log, or the disk does not take it.
     """
-    with log.open("rb") as stream:
+    with outside_file.opened(log) as stream:
         if file_lock.is_held(stream):
             raise InputError(f"{log.name} is being written: its note goes into it, by `imutui note` without --log")
     return added_notes.add(log, note, operator)
@@ -132,7 +133,7 @@ def _move(path: Path, to: Path) -> None:
 
 
 def _refuse_written(log: Path) -> None:
-    with log.open("rb") as stream:
+    with outside_file.opened(log) as stream:
         if file_lock.is_held(stream):
             raise InputError(f"{log.name} is being written, so it stays as it is: finish the recording first")
 

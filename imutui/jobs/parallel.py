@@ -1,9 +1,11 @@
-"""One job over many logs, in processes beside one another."""
+"""One job over many logs, in processes that end with the one that started them, however that ends."""
 
 import contextlib
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -14,13 +16,14 @@ R = TypeVar("R")
 
 
 def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
-    """Results in the order of the items; Ctrl+C ends the processes, which say nothing about it themselves.
+    """Yield results in the order of the items; Ctrl+C and SIGTERM end the processes, which print nothing about it.
 
     `job`: at a module's top level, or a partial of such.
     Raises MemoryError if a process was killed, which the kernel does when memory runs out.
     """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(len(items), os.cpu_count() or 1), context) as pool:
+    count = min(len(items), os.cpu_count() or 1)
+    with terminated_in_order(), ProcessPoolExecutor(count, context, initializer=end_with_parent) as pool:
         try:
             with interrupts_held():  # by the processes, which inherit it
                 results = [pool.submit(job, item) for item in items]
@@ -45,3 +48,29 @@ def interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_with_parent() -> None:
+    """Have this process leave Ctrl+C to the one that started it, and end when that one is gone, killed or not."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, name="parent's end", daemon=True).start()
+
+
+@contextlib.contextmanager
+def terminated_in_order() -> Iterator[None]:
+    """Let SIGTERM leave this block as SystemExit, so that the block's processes and semaphores go first."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

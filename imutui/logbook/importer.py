@@ -18,6 +18,7 @@ import numpy as np
 
 import imutui
 from filters.errors import InputError
+from imutui import outside_file
 from imutui.logbook import arrival_stamps, log_time, parquet, power_on, sample_check, schemas
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
@@ -40,6 +41,7 @@ LIMIT = 2 * 2**30
 _HEADS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """How the head of an array is read, by the version of its format; later ones are for names of columns."""
 _LARGEST = 1e9  # largest reading, angle or place, of either sign, in the units of the file
+_UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
@@ -273,6 +275,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
             " with numpy.savez(t=…, gyro=…, accel=…) in s, deg/s and g, or as a .csv file."
         )
     try:
+        outside_file.opened(path).close()  # a pipe would be waited for
         archive = _parsed(lambda: np.load(path, allow_pickle=False))
         if not isinstance(archive, np.lib.npyio.NpzFile):
             raise InputError("a single array")
@@ -435,10 +438,11 @@ def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) ->
 
 
 def _check_large(path: Path, name: str, column: np.ndarray) -> None:
+    largest, unit = sample_check.LARGEST.get(name, _LARGEST), _UNITS.get(name, "")
     with np.errstate(invalid="ignore"):
-        beyond = (np.abs(column.reshape(len(column), -1)) > _LARGEST).any(axis=1)
+        beyond = (np.abs(column.reshape(len(column), -1)) > largest).any(axis=1)
     cure = "Nothing is that large in the units of this array; remove these rows."
-    _refuse_rows(path, name, beyond, f"beyond {_LARGEST:g}", cure)
+    _refuse_rows(path, name, beyond, f"beyond ±{largest:,.0f}{unit}", cure)
 
 
 def _refuse_rows(path: Path, name: str, bad: np.ndarray, what: str, cure: str) -> None:
@@ -456,6 +460,13 @@ def _check_time(path: Path, t: np.ndarray) -> None:
         raise ImportDataError(
             f"{path}: time does not increase at row {k}: {t[k - 1]:.6f} s, then {t[k]:.6f} s ({bad.size} such rows)."
             " Sort the rows by time and drop those that stand twice."
+        )
+    close = np.flatnonzero(steps < sample_check.LEAST_STEP_S)
+    if close.size:
+        k = int(close[0]) + 1
+        raise ImportDataError(
+            f"{path}: row {k} (first row is 0) is {steps[k - 1]:.1e} s after the one before it, less than a microsecond"
+            f" ({close.size} such rows). `t` must be in seconds; remove rows that stand twice."
         )
     if t.size > 1 and t[-1] - t[0] > _LONGEST_S:
         raise ImportDataError(

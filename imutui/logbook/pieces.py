@@ -70,11 +70,11 @@ def outline(
     found, check, every = Outline(Log(path)), SampleCheck(), 1
     for number, part in enumerate(parts(path, rows)):
         found.log = part
+        check.take(part.stamp_ns, part.gyro, part.accel, part.temperature_degc)
         if part.stamp_ns.size:
             found.first_ns = found.first_ns if found.samples else int(part.stamp_ns[0])
             found.last_ns = int(part.stamp_ns[-1])
             found.samples += part.stamp_ns.size
-            check.take(part.stamp_ns, part.gyro, part.accel)
             tell(found.seconds)
             if keep and number % every == 0 and part.stamp_ns.size >= min(rows, found.samples):
                 if len(found.kept) == keep:

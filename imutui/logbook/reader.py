@@ -17,6 +17,7 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
+from imutui import outside_file
 from imutui.logbook import mcap_stream, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
@@ -127,7 +128,7 @@ def read(path: Path, *, raw: bool = False) -> Log:
     """
     *_, log = parts(path, raw=raw)
     check = SampleCheck()
-    check.take(log.stamp_ns, log.gyro, log.accel)
+    check.take(log.stamp_ns, log.gyro, log.accel, log.temperature_degc)
     if trouble := check.trouble(path):
         raise UnreadableLogError(trouble)
     return log
@@ -162,7 +163,7 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False) -> Iterator
 
 def sha256(path: Path) -> str:
     """SHA-256 of a file's bytes, hexadecimal; raises OSError if it cannot be read."""
-    with path.open("rb") as stream:
+    with outside_file.opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -298,10 +299,10 @@ def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
 def opened(path: Path) -> IO[bytes]:
     """A file that has something in it, open at its beginning.
 
-    Raises UnreadableLogError if there is no such file, it may not be read, or it is empty.
+    Raises UnreadableLogError if there is no such file, it may not be read, it is a pipe or a device, or it is empty.
     """
     try:
-        stream = path.open("rb")
+        stream = outside_file.opened(path)
     except OSError as error:
         raise UnreadableLogError(f"{path}: {_reason(error)}. Check the name; recordings lie in ./logs.") from error
     if stream.seek(0, 2) == 0:

@@ -20,10 +20,12 @@ from imutui.logbook.columns import S1_SIZE
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.mcap_writer import McapWriter
+from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import RECOVERED, Scan
 from imutui.logbook.session_info import METADATA
 from imutui.plain_text import in_line
 
+_MOST_CHANNELS = 2**16 - 1  # their numbers have 16 bits
 _PROFILE = "ros2"
 
 
@@ -88,6 +90,7 @@ class _Copy:
         self._declared: dict[int, Channel] = {}
         self._sequences: dict[int, int] = {}
         self._own = False
+        self._path, self._registered = found.path, 0
         self._digest = hashlib.blake2b()
         profile = _PROFILE if found.profile is None else found.profile
         self._writer = McapWriter(stream, profile, f"imutui {imutui.__version__}")
@@ -151,6 +154,12 @@ class _Copy:
         if before == channel:
             return
         self._declared[channel.id] = channel
+        self._registered += 1
+        if self._registered > _MOST_CHANNELS:
+            raise UnreadableLogError(
+                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
+                " did not write it. `imutui export` makes a table of its samples."
+            )
         schema = self._schemas.get(channel.schema_id)
         self._numbers[channel.id] = self._writer.register_channel(
             channel.topic, channel.message_encoding, 0 if schema is None else self._schema(schema), channel.metadata

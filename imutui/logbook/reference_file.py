@@ -121,6 +121,11 @@ def from_document(document: Document) -> Profile:
     `document`: as `tomllib` gives it; nothing in it is taken for granted.
     Raises InputError if a key is missing, unknown, or has a value that does not fit; the message names it.
     """
+    if "samples" in document:
+        raise InputError(
+            "`samples` is for a virtual unit's profile (`imutui virtual --scenario`); here name the CSV file itself,"
+            f" whose heading is {','.join(PROFILE_COLUMNS)}"
+        )
     table = Table(
         document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "a profile", where=""
     )

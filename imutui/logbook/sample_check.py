@@ -1,4 +1,7 @@
-"""Whether a log's samples can be used: stamps that are times and increase, readings that are numbers."""
+"""Whether samples can be used: stamps that are times and increase, readings that are numbers a unit may read.
+
+One set of limits holds for what is imported, replayed, traced and checked.
+"""
 
 from pathlib import Path
 
@@ -8,7 +11,10 @@ from filters.channels import CHANNELS
 from filters.imu import AxisMap
 
 _LONGEST_NS = 320_000_000_000_000_000
-_LARGEST = 1e6
+LEAST_STEP_S = 1e-6  # between samples: no unit is sampled that fast, and times in ns do not tell closer ones apart
+LARGEST = {"gyro": 1e5, "accel": 1e4, "temp": 2e3}
+"""Greatest reading of either sign, deg/s, g and degC. No unit reads more; a broken thermometer reads less."""
+_SI = np.repeat([np.deg2rad(LARGEST["gyro"]), 9.80665 * LARGEST["accel"]], 3)
 _AT_ONCE = 2**16
 
 
@@ -23,11 +29,16 @@ class SampleCheck:
         self._count = 0
         self._least, self._greatest = np.iinfo(np.int64).max, np.iinfo(np.int64).min
         self._last = np.empty(0, np.int64)
-        self._beyond = self._back = -1
+        self._beyond = self._back = self._close = self._degc = -1
+        self._temperatures = 0
         self._no_number = np.full(6, -1)
 
-    def take(self, stamp_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """More samples: UTC, ns, int64, shape (N,); rad/s and m/s², shape (N, 3)."""
+    def take(self, stamp_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray) -> None:
+        """Look at more samples: UTC, ns, int64, shape (N,); rad/s and m/s², shape (N, 3); temperatures, any number."""
+        beyond = np.abs(degc) > LARGEST["temp"]
+        if self._degc < 0 and beyond.any():
+            self._degc = self._temperatures + int(beyond.argmax())
+        self._temperatures += degc.size
         for first in range(0, stamp_ns.size, _AT_ONCE):
             rows = slice(first, first + _AT_ONCE)
             self._take(stamp_ns[rows], np.hstack([gyro[rows], accel[rows]]))
@@ -35,10 +46,12 @@ class SampleCheck:
     def _take(self, stamps: np.ndarray, readings: np.ndarray) -> None:
         self._least, self._greatest = min(self._least, int(stamps.min())), max(self._greatest, int(stamps.max()))
         # infinity is told as what is no number at all
-        beyond = (np.abs(readings) > _LARGEST).any(axis=1) & ~np.isinf(readings).any(axis=1)
+        beyond = (np.abs(readings) > _SI).any(axis=1) & ~np.isinf(readings).any(axis=1)
         self._beyond = self._first(self._beyond, beyond)
-        back = np.diff(stamps, prepend=self._last) <= 0
-        self._back = self._first(self._back, back, stamps.size - back.size)
+        steps = np.diff(stamps, prepend=self._last)
+        self._back = self._first(self._back, steps <= 0, stamps.size - steps.size)
+        close = (steps > 0) & (steps < round(LEAST_STEP_S * 1e9) - 1)  # stamps are rounded
+        self._close = self._first(self._close, close, stamps.size - steps.size)
         bad = ~np.isfinite(readings)
         new = bad.any(axis=0) & (self._no_number < 0)
         self._no_number[new] = self._count + bad.argmax(axis=0)[new]
@@ -49,6 +62,19 @@ class SampleCheck:
     def _first(self, known: int, found: np.ndarray, offset: int = 0) -> int:
         return known if known >= 0 or not found.any() else self._count + offset + int(found.argmax())
 
+    def beyond(self) -> tuple[str, str] | None:
+        """What is beyond the limits, the first of it, and what to do next; None if nothing is."""
+        if self._beyond >= 0:
+            most = f"more than {LARGEST['gyro']:,.0f} deg/s or {LARGEST['accel']:,.0f} g"
+            what = f"sample {self._beyond} (first is 0) is beyond anything that a unit reads: {most}."
+        elif self._degc >= 0:
+            what = f"temperature {self._degc} (first is 0) is beyond ±{LARGEST['temp']:,.0f} degC, which no unit has."
+        elif self._close >= 0:
+            what = f"sample {self._close} (first is 0) is less than a microsecond after the one before it."
+        else:
+            return None
+        return what, "Correct the units or remove such samples in the program that wrote the file."
+
     def trouble(self, path: Path) -> str:
         """Why the samples cannot be used, and what to do next; "" if they can."""
         if self._count and (self._least < 0 or self._greatest - self._least > _LONGEST_NS):
@@ -56,11 +82,8 @@ class SampleCheck:
                 f"{path}: the stamps of its samples are no times: they go from {self._least} to {self._greatest} ns"
                 " since 1970, and no recording is longer than ten years. `imutui check` looks at the file."
             )
-        if self._beyond >= 0:
-            return (
-                f"{path}: sample {self._beyond} (first is 0) is beyond anything that a unit reads: more than"
-                f" {_LARGEST:,.0f} rad/s or m/s². Remove such samples in the program that wrote the file."
-            )
+        if (told := self.beyond()) is not None:
+            return f"{path}: {told[0]} {told[1]}"
         if self._count and self.lacks.all():
             return f"{path} has no reading in any channel: all its samples are NaN."
         bad = self._no_number[~self.lacks & (self._no_number >= 0)]

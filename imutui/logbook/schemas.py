@@ -112,7 +112,7 @@ class UndecodableError(Exception):
     """Bytes are no message of the type that their topic has."""
 
 
-_MALFORMED = (struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError)
+_MALFORMED = (struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, RecursionError)
 """How bytes that are no such message fail in a decoder, whichever way it meets them first."""
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
+from imutui import outside_file
 from imutui.logbook import file_lock, mcap_format, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
 from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
@@ -67,7 +68,7 @@ def read(path: Path) -> Summary:
     `path`: any file: what is no log is said to be none.
     Raises OSError if it cannot be opened.
     """
-    with path.open("rb") as stream:
+    with outside_file.opened(path) as stream:
         status = path.stat()
         found = Summary(path, status.st_size, status.st_mtime)
         if status.st_size == 0 or not stream.read(len(MAGIC)).startswith(MAGIC):

@@ -106,8 +106,9 @@ class Article:
     sections: tuple[Section, ...]  # in order
 
     def figures(self) -> list[Figure]:
-        """All figures, in order."""
-        return [block for section in self.sections for block in section.blocks if isinstance(block, Figure)]
+        """All figures that show something, in order; one has no panel where every channel is set aside."""
+        blocks = (block for section in self.sections for block in section.blocks)
+        return [block for block in blocks if isinstance(block, Figure) and block.panels]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from imutui.plain_text import visible
 from imutui.report import figures
 from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Section, Subheading, Table
-from imutui.report.numbers import ORIGIN
+from imutui.report.numbers import NOTHING, ORIGIN
 
 STYLE = "\n" + Path(__file__).with_name("page.css").read_text()
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -86,7 +86,7 @@ def _block(block: Block, number: int) -> str:
             whole = f"<pre>{escape(said)}</pre>"
             return f"<details><summary>{text(folded)}</summary>{whole}</details>" if folded else whole
         case Figure():
-            return _figure(block, number)
+            return _figure(block, number) if block.panels else ""
 
 
 def _table(block: Table) -> str:
@@ -104,7 +104,8 @@ def _cells(block: Table, row: tuple[str, ...]) -> str:
 
 
 def _cell(cell: str, kind: str) -> str:
-    return f'<a href="{escape(cell)}">{escape(cell)}</a>' if kind == "link" else text(cell)
+    is_link = kind == "link" and cell != NOTHING
+    return f'<a href="{escape(cell)}">{escape(cell)}</a>' if is_link else text(cell)
 
 
 def _figure(block: Figure, number: int) -> str:

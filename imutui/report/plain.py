@@ -1,10 +1,11 @@
 """Blocks as lines of a width, for terminals: tables in columns whose cells go on below, all else as paragraphs."""
 
+import itertools
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from imutui.report import wrapping
-from imutui.report.blocks import Block, Figure, Items, Paragraph, Section, Subheading, Table
+from imutui.report.blocks import Block, Code, Facts, Figure, Items, Paragraph, Section, Subheading, Table
 
 _BETWEEN = 2
 _FIXED = ("code", "number", "bar")
@@ -34,9 +35,22 @@ def _block(block: Block, width: int, typed: Callable[[str], str]) -> list[str]:
             return [line for said in texts for line in wrapping.wrap(f"- {typed(said)}", width, "", "  ")]
         case Table():
             return [*_table(block, width, typed), *wrapping.wrap(typed(block.caption), width)]
+        case Facts(rows):
+            return list(_facts(rows, width, typed))
+        case Code(said, folded):
+            return [*wrapping.wrap(typed(folded), width), *said.splitlines()]
         case Figure():
             return []
-    raise TypeError(type(block).__name__)
+
+
+def _facts(rows: Sequence[tuple[str, str]], width: int, typed: Callable[[str], str]) -> Iterator[str]:
+    """Labels in one column, and their values beside them, which go on below."""
+    label_width = min(max((len(typed(label)) for label, _ in rows), default=0), width // 2)
+    for label, said in rows:
+        labels = textwrap.wrap(typed(label), label_width) or [""]
+        values = wrapping.wrap(typed(said), width - label_width - _BETWEEN)
+        for left, right in itertools.zip_longest(labels, values, fillvalue=""):
+            yield f"{left:<{label_width + _BETWEEN}}{right}".rstrip()
 
 
 def _table(table: Table, width: int, typed: Callable[[str], str]) -> Iterator[str]:

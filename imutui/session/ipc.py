@@ -15,6 +15,7 @@ import select
 import socket
 import socketserver
 import struct
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +26,7 @@ import platformdirs
 
 from filters.errors import InputError
 from imutui import defects
+from imutui.outside_file import can_be_written
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
 from imutui.session.snapshot import NO_SERIES
@@ -48,7 +50,8 @@ class NameTakenError(Exception):
 def folder() -> Path:
     """Folder of the sockets of acquisitions started from here, made if absent, closed to others."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    return _make_private(Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _cache_folder())
+    path = Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _cache_folder()
+    return _make_private(path if can_be_written(path) else _cache_folder())
 
 
 def folders() -> list[Path]:
@@ -59,14 +62,16 @@ def folders() -> list[Path]:
 
 
 def _cache_folder() -> Path:
-    """The folder that any environment of this user on this machine leads to."""
-    return Path(platformdirs.user_cache_dir("imutui")) / "run"
+    """Return the folder that any environment of this user leads to: in the temporary folder without a home."""
+    path = Path(platformdirs.user_cache_dir("imutui")) / "run"
+    if path.is_absolute() and can_be_written(path):
+        return path
+    return Path(tempfile.gettempdir()) / f"imutui-{os.getuid()}"
 
 
 def _make_private(path: Path) -> Path:
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    status = path.stat()
-    if status.st_uid != os.getuid():
+    if path.lstat().st_uid != os.getuid():
         raise PermissionError(f"{path} belongs to another user: set XDG_RUNTIME_DIR to a folder of your own")
     path.chmod(0o700)
     return path

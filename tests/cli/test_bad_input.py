@@ -170,6 +170,20 @@ def test_a_recording_that_cannot_be_imported_is_named_with_its_row(home: Path, c
     assert not (home / "out.mcap").exists()
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"t": np.arange(600) * 1e-9}, "less than a microsecond"),
+        ({"gyro": np.full((600, 3), 1e7)}, "beyond ±100,000 deg/s"),
+        ({"temp": np.full(600, -1e6)}, "beyond ±2,000 degC"),
+    ],
+)
+def test_what_no_command_would_read_is_not_imported(home: Path, changes: dict[str, Any], words: str) -> None:
+    rows = {"t": np.arange(600) / 20.0, "gyro": np.zeros((600, 3)), "accel": np.tile([0.0, 0.0, 1.0], (600, 1))}
+    np.savez(home / "x.npz", **(rows | changes))
+    assert words in error(run("import", "x.npz", "-o", "x.mcap"), 3)
+
+
 def test_the_advice_to_take_a_part_without_the_bad_rows_works(home: Path) -> None:
     """The error for a row that is not a number names --end; so --end must help."""
     (home / "a.npz").write_bytes(npz(accel=spoilt(arrays()["accel"], 30, np.nan)))
@@ -284,6 +298,46 @@ def test_a_file_that_is_no_log_is_called_so(home: Path, name: str) -> None:
     assert name in said
     assert "not an MCAP log: its first bytes are not an MCAP file's" in said
     assert "imutui import" in said
+
+
+PIPES = (
+    *("replay x.mcap", "trace x.mcap", "info x.mcap", "check x.mcap", "recover x.mcap -o o.mcap"),
+    *("export x.mcap --format csv -o o.csv", "apply x.mcap --effects x.mcap -o o.mcap", "note --log x.mcap warm"),
+    *("replay log.mcap --effects x.mcap", "trace log.mcap --holdout x.mcap", "import x.mcap -o o.mcap"),
+    *("import x.npz -o o.mcap", "import x.csv -o o.mcap", "virtual --from x.mcap", "virtual --scenario x.mcap"),
+    *(
+        "record --batch x.mcap",
+        "report x.mcap -o page",
+        "report --batch B7 x.mcap -o page",
+        "campaign --summary x.mcap",
+    ),
+    *("profile x.csv", "replay log.mcap --reference x.csv"),
+)
+"""What opens files, given a pipe in the place of each."""
+
+
+@pytest.mark.parametrize("line", PIPES)
+def test_a_pipe_that_nothing_writes_into_is_refused_and_not_waited_for(home: Path, log: bytes, line: str) -> None:
+    (home / "log.mcap").write_bytes(log)
+    for name in ("x.mcap", "x.npz", "x.csv"):
+        os.mkfifo(home / name)
+    done = run(*line.split())
+    assert done.returncode in (2, 3, 5), done
+    assert "pipe" in done.stderr or "no file" in done.stderr, done
+    assert "a defect of imutui" not in done.stderr
+
+
+def test_a_pipe_among_logs_is_one_row_of_a_journal_that_is_enough_for_a_summary(home: Path, log: bytes) -> None:
+    (home / "log.mcap").write_bytes(log)
+    os.mkfifo(home / "x.mcap")
+    done = imutui("campaign", ".", "-o", "results", "--workers", "1", check=None)
+    assert done.returncode == 1
+    assert "x.mcap: is a pipe, not a file" in done.stdout
+    assert "2 logs, 1 with an error" in done.stdout
+    document = imutui_json("campaign", "--summary", "results")
+    (home / "results" / "results.json").unlink()
+    assert imutui_json("campaign", "--summary", "results") == document | {"results": "results/rows.jsonl"}
+    assert imutui_json("campaign", "--summary", "results/rows.jsonl") == document | {"results": "results/rows.jsonl"}
 
 
 def test_an_imu_channel_of_any_topic_is_replayed(home: Path) -> None:

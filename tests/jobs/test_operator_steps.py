@@ -4,6 +4,7 @@ import itertools
 import math
 from pathlib import Path
 
+import numpy as np
 from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml, rate, sine
 
@@ -113,6 +114,19 @@ def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_p
     assert "segment 2: `kind` is 'spin'" in found["bad.toml"].error
     assert found["good.toml"].segments == 3
     assert not found["good.toml"].error
+
+
+def test_each_segment_is_looked_at_once_however_many_there_are() -> None:
+    """Rows of all segments, and not all rows for each segment."""
+    number = np.array([1, 0, 0, -1, 2, 2, 0])
+    rows = detectability._rows_of_segments(number, 4)
+    assert [own.tolist() for own in rows] == [np.flatnonzero(number == k).tolist() for k in range(4)]
+
+
+def test_samples_of_a_virtual_units_profile_are_refused_with_what_does_instead(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text('samples = "angles.csv"\n')
+    assert "here name the CSV file itself, whose heading is t,outer,middle,inner" in operator_steps.offer_of(path).error
 
 
 def test_a_file_that_is_not_there_and_a_trajectory_say_so(tmp_path: Path) -> None:

@@ -57,3 +57,22 @@ def test_ctrl_c_ends_all_processes_and_only_the_first_says_so(tmp_path: Path) ->
     assert out == "interrupted\n"
     assert err == ""
     wait_until(lambda: not alive(run.pid))
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+def test_a_command_that_is_killed_leaves_no_process_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """A service manager, or `timeout`, ends the command alone, and not its group."""
+    marks = [tmp_path / "a", tmp_path / "b"]
+    program = (
+        f"import sys; sys.path += {sys.path!r}; from pathlib import Path\n"
+        "from imutui.jobs.parallel import each\nfrom helpers import jobs_for_workers as jobs\n"
+        f"list(each(jobs.begun, [Path(p) for p in {[str(p) for p in marks]!r}]))\n"
+    )
+    with started([sys.executable, "-c", program], start_new_session=True) as run:
+        wait_until(lambda: any(mark.exists() for mark in marks))
+        os.kill(run.pid, number)
+        run.wait(LIMIT_S)
+        wait_until(lambda: not alive(run.pid))
+        err = run.communicate()[1]
+    assert run.returncode == code
+    assert number == signal.SIGKILL or err == ""

@@ -226,10 +226,10 @@ def test_a_sample_without_stamp_has_its_publish_time(tmp_path: Path) -> None:
             )
             data = with_frame(schemas.encode_imu(0, np.zeros(3), np.ones(3)), schemas.TYPES[schemas.IMU], frame)
             for k in range(3):
-                writer.add_message(channel, 7, data, START + k)
+                writer.add_message(channel, 7, data, START + 1000 * k)
             writer.finish()
         log = reader.read(tmp_path / "a.mcap")
-        assert log.stamp_ns.tolist() == [START, START + 1, START + 2]
+        assert log.stamp_ns.tolist() == [START, START + 1000, START + 2000]
         assert log.valid.all()
 
 

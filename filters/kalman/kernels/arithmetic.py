@@ -45,11 +45,6 @@ def inlined(function: Callable[..., Any]) -> Any:
     return numba.njit(inline="always", **_WITHIN)(function)
 
 
-def entry(function: Callable[..., Any]) -> Any:
-    """Compiler of functions that Python calls, kept on disk; numba notices a change of their own file alone."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=False)(function)
-
-
 radii = inlined(earth.radii)
 normal_gravity = compiled(earth.normal_gravity)
 

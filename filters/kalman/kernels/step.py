@@ -11,9 +11,10 @@ import numpy as np
 from numba.core import event
 
 from filters import earth
+from filters.compilation import cached_njit
 from filters.kalman import layout, settings, strapdown
 from filters.kalman.kernels import arithmetic, correction, extra_states, lanes
-from filters.kalman.kernels.arithmetic import LANES, PARTS, entry, inlined
+from filters.kalman.kernels.arithmetic import LANES, PARTS, inlined
 from filters.kalman.kernels.correction import correct, innovation
 from filters.kalman.kernels.extra_states import carry, drift, effect, gather, note_regressor, take_away
 from filters.kalman.kernels.lanes import predict
@@ -219,7 +220,7 @@ def _loop(sources: int) -> Callable[..., Any]:
 SOURCES = (earth, layout, settings, strapdown, arithmetic, correction, extra_states, lanes)
 """Modules whose functions and numbers are compiled into `advance`, besides this one."""
 
-advance = entry(_loop(zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in SOURCES))))
+advance = cached_njit(_loop(zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in SOURCES))))
 
 
 # ----------------------------------------------------------------------------------------------------------- progress

@@ -76,14 +76,20 @@ class BatchDocument(TypedDict):
     common: list[CommonField]
 
 
-def logs_of(batch: str, found: LogList) -> LogList:
-    """Those logs that say that they are of a batch.
+def logs_of(batch: str, found: LogList, say: Callable[[str], None]) -> LogList:
+    """Return the logs whose metadata name a batch.
 
-    Raises UnreadableLogError if none does; the message names the batches that there are.
+    `say`: reports each file that cannot be opened, which is left out.
+    Raises UnreadableLogError if no log names it; the message has the batches that there are.
     """
     own, others = [], set()
     for log in found.logs:
-        said = log_summary.read(Path(found.path(log))).session.get("batch", "")
+        path = found.path(log)
+        try:
+            said = log_summary.read(Path(path)).session.get("batch", "")
+        except OSError as error:
+            say(f"{path}: {error.strerror or error}. It is left out: which batch it is of cannot be read")
+            continue
         own += [log] if said == batch else []
         others |= {said} - {""}
     if own:

@@ -4,9 +4,6 @@ Each process is a pool of its own, so that one that is killed takes nothing with
 """
 
 import multiprocessing
-import os
-import signal
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -35,20 +32,21 @@ class Processes:
     def __call__(self, tasks: Iterator[Task], count: int) -> Iterator[tuple[Task, Row | None]]:
         """Rows as they are ready; a process whose log kills it is started anew, and the log tried once more."""
         pools: list[ProcessPoolExecutor] = []
-        try:
-            first = _pool()
-            pools.append(first)
-            # alone: what it compiles, if anything, the others find done
-            _submitted(first, one_log.prepare).result()
-            pools += [_pool() for _ in range(min(self._workers, count) - 1)]
-            yield from _fed(tasks, pools)
-        except BaseException:
-            for process in multiprocessing.active_children():
-                process.terminate()
-            raise
-        finally:
-            for pool in pools:
-                pool.shutdown(wait=True, cancel_futures=True)
+        with parallel.terminated_in_order():
+            try:
+                first = _pool()
+                pools.append(first)
+                # alone: what it compiles, if anything, the others find done
+                _submitted(first, one_log.prepare).result()
+                pools += [_pool() for _ in range(min(self._workers, count) - 1)]
+                yield from _fed(tasks, pools)
+            except BaseException:
+                for process in multiprocessing.active_children():
+                    process.terminate()
+                raise
+            finally:
+                for pool in pools:
+                    pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _fed(tasks: Iterator[Task], pools: list[ProcessPoolExecutor]) -> Iterator[tuple[Task, Row | None]]:
@@ -88,22 +86,9 @@ def _fed(tasks: Iterator[Task], pools: list[ProcessPoolExecutor]) -> Iterator[tu
 
 
 def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin)
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=parallel.end_with_parent)
 
 
 def _submitted(pool: ProcessPoolExecutor, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> Future[R]:
     with parallel.interrupts_held():  # by the process, which inherits it where this starts it
         return pool.submit(function, *arguments, **named)
-
-
-def _begin() -> None:
-    """In a process, before its first log: Ctrl+C is for whoever started it, with whom it ends, however that happens."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def end_with_parent() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=end_with_parent, name="parent's end", daemon=True).start()

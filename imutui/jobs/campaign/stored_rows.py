@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NotRequired, TypedDict, cast
 
 from filters.errors import InputError
+from imutui import outside_file
 from imutui.jobs import document_shape
 from imutui.jobs.campaign import rows
 from imutui.jobs.campaign.rows import ConvergedField, FindingField, HeadFields, NoiseField, Row, TemperatureField
@@ -38,7 +39,7 @@ class _RowsOfJournal(Mapping[str, Row]):
     """Rows by their log, each read when it is looked at."""
 
     def __init__(self, journal: Path, places: dict[str, tuple[int, int]]) -> None:
-        self._stream = journal.open("rb")
+        self._stream = outside_file.opened(journal)
         self._places = places
 
     def __getitem__(self, log: str) -> Row:
@@ -102,8 +103,6 @@ def of_document(path: Path) -> Part:
 
 def _content(path: Path) -> Any:
     """What a `results.json` holds; raises UnreadableLogError if it cannot be read, or is no JSON."""
-    from imutui import outside_file
-
     try:
         return outside_file.read_json(path, LONGEST_DOCUMENT)
     except OSError as error:
@@ -116,7 +115,7 @@ def lines(
     journal: Path, look: Callable[[bytes], dict[str, Any] | None]
 ) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
     """Place, length and record of each line; None for one that is neither row nor head."""
-    with journal.open("rb") as stream:
+    with outside_file.opened(journal) as stream:
         offset = 0
         while line := stream.readline(LONGEST_ROW):
             yield offset, len(line.rstrip(b"\n")), look(line)
@@ -171,19 +170,22 @@ class _Needed(TypedDict):
 
 
 def path_of(results: Path) -> Path:
-    """The file of rows of a campaign's folder; a file is itself."""
-    return results / DOCUMENT if results.is_dir() else results
+    """Return the file of rows of a campaign's folder: its journal where a run left nothing else; a file is itself."""
+    if not results.is_dir():
+        return results
+    only_journal = (results / JOURNAL).exists() and not (results / DOCUMENT).exists()
+    return results / (JOURNAL if only_journal else DOCUMENT)
 
 
 def rows_of(results: Path) -> list[Row]:
     """Rows of a campaign; fields that a summary does not read may lack.
 
-    `results`: the folder that a campaign wrote, or its `results.json`.
+    `results`: the folder that a campaign wrote, or its `results.json` or `rows.jsonl`.
     Raises UnreadableLogError if there is none, or it has no rows, or what stands there is of another shape; the message
       says where.
     """
     path = path_of(results)
-    content = _content(path)
+    content = {"rows": list(read(path.parent).rows.values())} if path.name == JOURNAL else _content(path)
     found = content.get("rows") if isinstance(content, dict) else None
     if not isinstance(found, list):
         raise UnreadableLogError(f"{path} is no result of a campaign: it has no list `rows`. {_HOW}")

@@ -15,6 +15,7 @@ from imutui.logbook import reader, schemas
 from imutui.logbook.export.formats import Block, Column, Table
 from imutui.logbook.mcap_stream import CHANNEL, Batch
 from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.plain_text import in_line
 
 _ROWS = 2**14
 _MOST_ELEMENTS = 256
@@ -94,7 +95,12 @@ def _typed(path: Path, channel: Channel, schema: Schema | None) -> _Topic:
         )
     if schemas.is_own(channel.topic, schema.name):
         return _Topic(path, channel.topic, schema.name, partial(schemas.decode, schema.name), Log(path))
-    decode = schemas.decoder_of(schema.name, schema.data.decode("utf-8", "replace"))
+    try:
+        decode = schemas.decoder_of(schema.name, schema.data.decode("utf-8", "replace"))
+    except schemas.UndecodableError as error:
+        raise UnreadableLogError(
+            f"{path}: {in_line(str(error))}, so {channel.topic} cannot be exported. `imutui info` lists other topics."
+        ) from error
     return _Topic(path, channel.topic, schema.name, decode, Log(path))
 
 

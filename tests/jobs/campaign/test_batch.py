@@ -19,7 +19,7 @@ from imutui.report import batch_report
 
 def result(folder: Path) -> BatchDocument:
     """Result of the batch whose logs are in a folder."""
-    found = batch.logs_of("B7", find([str(folder)]))
+    found = batch.logs_of("B7", find([str(folder)]), print)
     run(Campaign(found, CampaignSettings(), folder / "results"), many_logs.here)
     rows = stored_rows.read(folder / "results").rows
     return batch.result("B7", [rows[log] for log in found.logs], found.root, str(folder / "results"))
@@ -76,4 +76,4 @@ def test_a_log_that_is_cut_or_no_log_is_not_told(tmp_path: Path) -> None:
     assert outcomes(document) == {"U1": "not_told", "U2": "pass", "U3": "pass", "U4": "pass"}
     assert document["units"][0]["damage"]
     with pytest.raises(UnreadableLogError, match="There are logs of: B7"):
-        batch.logs_of("B8", find([str(tmp_path)]))
+        batch.logs_of("B8", find([str(tmp_path)]), print)

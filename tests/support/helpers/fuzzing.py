@@ -291,7 +291,7 @@ def _take_profile(path: Path) -> None:
         return
     profile = operator_steps.load(offer.file, offer.text)
     operator_steps.steps(profile)
-    dumps(operator_steps.document(profile, offer.name))
+    dumps(operator_steps.document(profile, offer.name, operator_steps.steps(profile)))
     reference_file.parse(path.name, path.read_bytes())
 
 
