@@ -15,7 +15,7 @@ import platformdirs
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
-from filters.state import PAPER_SITE
+from filters.state import PAPER_PLACE
 from imutui import outside_file, toml_text
 
 Value = str | int | float
@@ -40,9 +40,9 @@ DEFAULTS: dict[str, Value] = {
     "acquisition.rotate_mb": 0.0,  # 0: never
     "foxglove.port": 0,  # 0: no stream
     "foxglove.host": "127.0.0.1",  # of this computer only
-    "site.latitude_deg": -23.21132308,
-    "site.longitude_deg": -45.85917610,
-    "site.height_m": PAPER_SITE.height,
+    "site.latitude_deg": PAPER_PLACE[0],
+    "site.longitude_deg": PAPER_PLACE[1],
+    "site.height_m": PAPER_PLACE[2],
     "site.gravity_mps2": 0.0,  # 0: WGS-84 normal gravity at the site
     "filter.name": "spkf",
     "filter.reference": "level",

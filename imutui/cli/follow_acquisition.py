@@ -23,6 +23,7 @@ from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.tui.messages import lost, silence
 from imutui.verdict import sources
+from imutui.verdict.rules import SITE_NOT_STATED
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -106,6 +107,8 @@ def say_begun(plan: Plan, connection: Client) -> None:
     unsaid = not_said(seen["serial_number"], seen["firmware"])
     if unsaid is not None:
         say(unsaid)
+    if seen["filter"] is not None and not seen.get("site_stated", True):
+        say(SITE_NOT_STATED)
 
 
 def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:
