@@ -73,7 +73,8 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
         await see("tab '/dev/x' tab tab home shift+end delete '0.5' tab right → (x) polled | x, 0.5 Hz, polled")
-        await see("enter → gx, deg/s")
+        await see("enter → Where does the table stand?")
+        await see("'59.91,10.75,20' enter → gx, deg/s")
     assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
     assert [p.instrument for p in machine] == [""], "which unit it is, is asked"
 
@@ -202,7 +203,8 @@ async def test_a_unit_that_answered_is_offered_what_it_gives(
         await see("up tab tab tab home shift+end delete '120' → outside 0.1 to 100 Hz")
         await see("enter → The rate is outside 0.1 to 100 Hz.")
         assert machine == []
-        await see("home shift+end delete '7' enter → gx, deg/s")
+        await see("home shift+end delete '7' enter → Where does the table stand?")
+        await see("enter → gx, deg/s")
     (plan,) = machine
     assert (plan.port, plan.rate_hz, plan.explicit) == ("/dev/ttyUSB0", 7.0, ("rate_hz",))
 
