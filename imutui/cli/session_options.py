@@ -56,10 +56,10 @@ def gravity_of(config: Config) -> float | None:
 
 def session_from(config: Config, site: "Place | None") -> "SessionInfo":
     """Return the session of an imported recording, as far as configuration and flags state it."""
-    from imutui.logbook.session_info import SessionInfo
+    from imutui.logbook.session_info import FOREIGN
 
     ranges = [name for name in _RANGES if config.settings[_SETTINGS[name]].source != "default"]
-    info = SessionInfo(**_values(config, (*_OF_SESSION, *ranges)))
+    info = replace(FOREIGN, **_values(config, (*_OF_SESSION, *ranges)))
     return info.placed(site_of(config, site), gravity_of(config))
 
 

@@ -46,7 +46,7 @@ class SessionInfo:
     """One recording session. Every field is written as a string and read back; unknown ones are ignored."""
 
     # instrument, serial_number, firmware: what the unit said of itself, or what the recording's maker says
-    instrument: str = ""  # "" where it is not stated
+    instrument: str = "IMU400CD-200"  # "" where it is not stated
     serial_number: str = ""
     firmware: str = ""
     # configuration, own_mount: how the unit was configured when it was found, in words, and how its case's axes lie in
@@ -60,8 +60,8 @@ class SessionInfo:
     gyro_sign: str = "1,1,1"
     g_unit: float = STANDARD_GRAVITY  # m/s² of one g in readings
     # rate_range_dps, accel_range_g: full scale of the instrument's counts; 0 where it is not stated
-    rate_range_dps: float = 0.0
-    accel_range_g: float = 0.0
+    rate_range_dps: float = 200.0
+    accel_range_g: float = 4.0
     # mode, sampling: measurement mode; "stream" (averaged over each period), "polled", or "imported"
     mode: str = "scaled"
     sampling: str = "stream"
@@ -214,7 +214,7 @@ class SessionInfo:
                 low, high = _WITHIN.get(f.name, _NUMBERS)
                 if convert is not str and not low <= values[f.name] <= high:
                     raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
-        return replace(cls(), **values)
+        return replace(FOREIGN, **values)
 
     def identity(self) -> IdentityEntry:
         """Whose samples these are, and who recorded them, for a result."""
@@ -243,6 +243,10 @@ class SessionInfo:
             decisive["memory"] = self.memory
         text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0)
+"""What is known of a recording before its file states anything: no instrument, no ranges, no site."""
 
 
 def truth(text: str) -> bool:

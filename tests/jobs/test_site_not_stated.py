@@ -20,6 +20,7 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.export.samples import import_flags
 from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.session_info import FOREIGN
 from imutui.report import replay_report, replay_text
 from imutui.verdict import sources
 
@@ -199,6 +200,6 @@ def test_a_file_in_the_working_folder_states_it(home: Path) -> None:
 
 def test_an_export_does_not_state_what_its_log_did_not() -> None:
     """It names the flags that make the same log again."""
-    own = import_flags(SessionInfo())
+    own = import_flags(FOREIGN)
     assert not {"--site", "--gravity", "--instrument"} & set(own)
     assert {"--site", "--gravity"} < set(import_flags(SessionInfo(**stated())))
