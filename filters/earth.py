@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from filters.channels import STANDARD_GRAVITY
 from filters.types import Array
 
 # NIMA TR8350.2 (WGS-84), tables 3.1, 3.3 and 3.4
@@ -13,6 +14,8 @@ EARTH_RATE = 7.292115e-5
 GRAVITATIONAL_CONSTANT = 3.986004418e14
 EQUATORIAL_GRAVITY = 9.7803253359
 SOMIGLIANA = 0.00193185265241
+GRAVITY_SPREAD = 2.6e-3 * STANDARD_GRAVITY
+"""Standard deviation of normal gravity over the places where people live, m/s²: what is unknown without a site."""
 _M_RATIO = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_CONSTANT
 
 

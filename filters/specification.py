@@ -32,6 +32,9 @@ IMU440CA_200 = ImuSpec(
 )
 """Crossbow's data sheet 6020-0090-02 Rev A: noise as in Table 1, biases over temperature, bandwidths nominal."""
 
+NOT_KNOWN = ImuSpec(source="no data sheet")
+"""Of a unit of another kind, or one that is not stated: the filter expects Table 1's noise, and no limit holds."""
+
 _SPECIFICATIONS = {
     "IMU400": IMU400CD_200,
     "IMU440": IMU440CA_200,
@@ -42,8 +45,8 @@ _SPECIFICATIONS = {
 
 
 def of_model(model: str) -> ImuSpec:
-    """Specification of a model; Table 1's for one that is not known."""
-    return next((spec for name, spec in _SPECIFICATIONS.items() if model.upper().startswith(name)), IMU400CD_200)
+    """Return the specification of a model; `NOT_KNOWN` where there is none."""
+    return next((spec for name, spec in _SPECIFICATIONS.items() if model.upper().startswith(name)), NOT_KNOWN)
 
 
 def is_known(model: str) -> bool:

@@ -44,7 +44,10 @@ class Site:
         return cls(float(latitude), float(np.deg2rad(longitude_deg)), height, gravity)
 
 
-PAPER_SITE = Site.at(-23.21132308, 314.14082390 - 360.0, 641.203)
+Place = tuple[float, float, float]
+"""Latitude and longitude in degrees, height above the ellipsoid in metres."""
+PAPER_PLACE: Place = (-23.21132308, -45.85917610, 641.203)
+PAPER_SITE = Site.at(*PAPER_PLACE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import platformdirs
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
-from filters.state import PAPER_SITE
+from filters.state import PAPER_PLACE
 from imutui import outside_file, toml_text
 
 Value = str | int | float
@@ -41,9 +41,9 @@ DEFAULTS: dict[str, Value] = {
     "foxglove.port": 0,  # 0: no stream
     "foxglove.host": "127.0.0.1",  # of this computer only
     "foxglove.origins": "",  # of further pages that may read the stream, such as https://viewer.example.org
-    "site.latitude_deg": -23.21132308,
-    "site.longitude_deg": -45.85917610,
-    "site.height_m": PAPER_SITE.height,
+    "site.latitude_deg": PAPER_PLACE[0],
+    "site.longitude_deg": PAPER_PLACE[1],
+    "site.height_m": PAPER_PLACE[2],
     "site.gravity_mps2": 0.0,  # 0: WGS-84 normal gravity at the site
     "filter.name": "spkf",
     "filter.reference": "level",

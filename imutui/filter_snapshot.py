@@ -8,13 +8,18 @@ from typing import NotRequired, TypedDict
 
 
 class BiasSnapshot(TypedDict):
-    """A bias: three standard deviations, the data sheet's limit, change over 10 s, when it converged."""
+    """A bias: three standard deviations, the data sheet's limit, change over 10 s, when it converged.
+
+    `site_sd3` is the part of `sd3`, in quadrature, that comes from a site that is not stated. `limit` is None for a
+    unit whose data sheet is not known.
+    """
 
     name: str
     value: float | None
     sd3: float | None
+    site_sd3: NotRequired[float]
     unit: str
-    limit: float
+    limit: float | None
     change_10s: float | None
     converged_s: float | None
     observable: bool
@@ -102,8 +107,7 @@ class FilterSnapshot(TypedDict):
     """The filter; `t` of its last sample, `waiting` what it waits for, in words.
 
     From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
-    `own_limits` is whether limits of biases are of this kind of unit; those of the IMU400CD stand for unknown ones.
-    `limits_of` is where they are from.
+    `limits_of` is where the limits of biases are from.
     `causes` stand, `causes_gone` were told and withdrawn, the newest first.
     `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
     """
@@ -117,7 +121,6 @@ class FilterSnapshot(TypedDict):
     temperature_k_per_min: NotRequired[float | None]
     held_since: NotRequired[float | None]
     departure: NotRequired[str | None]
-    own_limits: NotRequired[bool]
     limits_of: NotRequired[str]
     biases: list[BiasSnapshot]
     nis: NisSnapshot

@@ -11,6 +11,7 @@ import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, ImuSpec
 from filters.kalman.consistency import TOLERANCE, Convergence
+from filters.specification import NOT_KNOWN
 from filters.types import Array
 
 _ALARM_FACTOR = 3.0
@@ -82,11 +83,12 @@ def of_residuals(
         out.append(f"accelerometers are off the reference by {size:.2f} g: {causes(reference)}")
     limits = np.array([spec.accel_bias_limit] * 3 + [spec.gyro_bias_limit] * 3)
     names = ("x accel", "y accel", "z accel", "x gyro", "y gyro", "z gyro")
+    most = "what the filter expects of a bias" if spec == NOT_KNOWN else f"the bias limit of {spec.source}"
     for i in np.flatnonzero(np.abs(apparent) > _ALARM_FACTOR * limits):
         if observable[i] and abs(apparent[i]) < 0.5 * STANDARD_GRAVITY:
             out.append(
-                f"{names[i]} (body axes) is off by {abs(apparent[i]) / limits[i]:.1f} times the bias limit of"
-                f" {spec.source}: tilt, scale, a moving table, or a faulty sensor"
+                f"{names[i]} (body axes) is off by {abs(apparent[i]) / limits[i]:.1f} times {most}: tilt, scale, a"
+                " moving table, or a faulty sensor"
             )
     return out
 

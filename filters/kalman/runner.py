@@ -50,6 +50,9 @@ class Estimator:
         self._departures = Departures()
         self.watch: ResidualWatch | None = None  # of a unit at rest
         self.reference: Reference | None = None
+        self.vertical = np.zeros(3)
+        """Mean of the vertical (down) over the run, body axes, shape (3,); shorter than 1 if the unit was turned."""
+        self._force_sum, self._force_count = np.zeros(3), 0
         self.aligning = alignment_of(settings)
         self.effects = settings.effects() if settings.effects is not None else None
         if self.effects is not None:
@@ -74,6 +77,7 @@ class Estimator:
 
         settings = self.settings
         nav, P0_sd = found.start()
+        self.vertical = np.array(nav.C_nb[2])
         self._P0_sd = np.concatenate([P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
         self._engine = ENGINES[settings.filter](settings, found.moving, self.every, self.effects)
         self._engine.start(nav, self._P0_sd)
@@ -353,6 +357,10 @@ class Estimator:
             if self.watch is not None and k > begin:
                 fed = slice(begin, k)
                 self.watch.add(samples.accel[fed], samples.gyro[fed], temperature[fed], samples.phi[fed])
+            if found is not None and found.moving and k > begin:
+                # one after the other, so that the sum does not depend on how many samples come at once
+                forces = np.vstack([self._force_sum, samples.accel[begin:k]])
+                self._force_sum, self._force_count = np.cumsum(forces, axis=0)[-1], self._force_count + k - begin
             if count:
                 yield engine.out[:count].copy()
 
@@ -367,6 +375,8 @@ class Estimator:
             if first == last:  # a block that lies in one segment
                 known = found.motion(np.array([self.monitor.end - 0.5 * seconds]))[0]
                 self._departures.add(int(first), seconds, residual, known[reference.RATE], known[reference.FORCE])
+        if self._force_count:
+            self.vertical = -self._force_sum / (self._force_count * self.settings.site.gravity)
         if self.watch is not None:
             self.watch.close(self.monitor.end, engine.extra()[0] if self.effects is not None else np.empty(0))
         mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]

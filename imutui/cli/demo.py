@@ -29,6 +29,7 @@ def command(
 
     Example: imutui demo --headless --seconds 60 --seed 7 --json
     """
+    from filters.state import PAPER_PLACE
     from imutui import config
     from imutui.cli.attach import has_screen
     from imutui.cli.follow_acquisition import follow
@@ -45,7 +46,7 @@ def command(
         _show(replace(shown, duration_s=seconds))
     plan = plan_from(
         settings,
-        None,
+        PAPER_PLACE,
         port="virtual",
         record=True,
         duration_s=60.0 if seconds is None else seconds,
@@ -53,7 +54,9 @@ def command(
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
         virtual=("--seed", str(seed)),
     )
-    follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
+    # the virtual unit stands there, whatever the user's configuration says of another place
+    plan = replace(plan, gravity=None)
+    follow(plan, json=json, add=lambda document: document | {"seed": seed, "truth": truth(seed)})
 
 
 def truth(seed: int) -> "StateFields":

@@ -24,6 +24,7 @@ from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.session.timebase import Timebase
 from imutui.tui.messages import lost, silence
 from imutui.verdict import rules, sources
+from imutui.verdict.rules import SITE_NOT_STATED
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -111,6 +112,8 @@ def say_begun(plan: Plan, connection: Client) -> None:
     why = Timebase.now().why_moved()  # by the clock of this computer, as the acquisition has it
     if why:
         say(why)
+    if seen["filter"] is not None and not seen.get("site_stated", True):
+        say(SITE_NOT_STATED)
 
 
 def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:

@@ -65,6 +65,7 @@ def command(
     from imutui import config
     from imutui.cli.session_options import session_from
     from imutui.logbook import import_reference, importer, power_on
+    from imutui.verdict.rules import SITE_NOT_STATED
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
@@ -101,6 +102,8 @@ def command(
         say(
             f"imutui: {file} has no readings of {channels} (NaN throughout): the log does without, and so does all else"
         )
+    if not info.site_stated:
+        say(f"imutui: {output}: {SITE_NOT_STATED}")
     for warning in (_bursts(recording, stamps), importer.check_gravity(recording, info)):
         if warning:
             say(f"imutui: warning: {warning}")

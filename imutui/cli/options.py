@@ -175,6 +175,8 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     if unusable:
         raise InputError(f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}")
     overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
+    if "gravity_mps2" in overrides:
+        overrides["site_stated"] = True
     if filter_name is not None:
         known = ALLOWED["filter.name"]
         if filter_name not in known:
@@ -186,20 +188,11 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:
-    """Latitude, longitude (degrees) and height (m) of "LAT,LON,H".
-
-    Raises InputError if the text does not read so.
-    """
+    """Return latitude, longitude (degrees) and height (m) of --site; raises InputError if it does not read so."""
     from filters.errors import InputError
+    from imutui.session.plan import parse_place
 
-    if text is None:
-        return None
     try:
-        latitude, longitude, height = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f'--site is "{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
-    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
-        raise InputError(f'--site is "{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
-    if not -1e3 < height < 1e5:
-        raise InputError(f'--site is "{text}": height must be metres above the ellipsoid, within -1000 to 100000')
-    return latitude, longitude, height
+        return None if text is None else parse_place(text)
+    except InputError as error:
+        raise InputError(f"--site is {error}") from None

@@ -15,6 +15,7 @@ from imutui.session.plan import Plan
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from filters.state import Place
     from imutui.logbook.session_info import SessionInfo
 
 
@@ -28,7 +29,9 @@ _RENAMED = {
 _OTHERS = ("paths.logs", "site.", "screen.")
 _SETTINGS = {_RENAMED.get(key, key.partition(".")[2]): key for key in DEFAULTS if not key.startswith(_OTHERS)}
 # fields of a plan that are the instrument's own where nobody chose
-_OF_INSTRUMENT = ("rate_hz", "baud", "accel_sign", "rate_range_dps", "accel_range_g")
+_RANGES = ("rate_range_dps", "accel_range_g")
+_OF_INSTRUMENT = ("rate_hz", "baud", "accel_sign", *_RANGES)
+_PLACE = ("site.latitude_deg", "site.longitude_deg", "site.height_m")
 # fields of an imported recording's session that the configuration tells
 _OF_SESSION = (
     *("accel_sign", "mount", "gyro_sign", "g_unit"),
@@ -40,32 +43,32 @@ def _values(config: Config, names: "Iterable[str]") -> dict[str, Any]:
     return {name: config.settings[_SETTINGS[name]].value for name in names}
 
 
-def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[float, float, float]:
-    """Latitude, longitude (degrees), height (m): the flag's, else the configuration's."""
-    return site or (
-        config.number("site.latitude_deg"),
-        config.number("site.longitude_deg"),
-        config.number("site.height_m"),
-    )
+def site_of(config: Config, site: "Place | None") -> "Place | None":
+    """Return latitude, longitude (degrees) and height (m) from the flag, else from the configuration.
+
+    None where neither states them: a height alone is no site.
+    """
+    if site is not None or all(config.settings[key].source == "default" for key in _PLACE[:2]):
+        return site
+    latitude, longitude, height = (config.number(key) for key in _PLACE)
+    return latitude, longitude, height
 
 
-def session_from(config: Config, site: tuple[float, float, float] | None) -> "SessionInfo":
-    """Session of an imported recording, as far as configuration and flags tell."""
-    from filters.state import Site
-    from imutui.logbook.session_info import SessionInfo
-
-    latitude, longitude, height = site_of(config, site)
-    gravity = Site.at(latitude, longitude, height, config.number("site.gravity_mps2") or None).gravity
-    return SessionInfo(
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        height_m=height,
-        gravity_mps2=gravity,
-        **_values(config, _OF_SESSION),
-    )
+def gravity_of(config: Config) -> float | None:
+    """Return the local gravity that the configuration states, m/s²; None where it is that of the site."""
+    return config.number("site.gravity_mps2") or None
 
 
-def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
+def session_from(config: Config, site: "Place | None") -> "SessionInfo":
+    """Return the session of an imported recording, as far as configuration and flags state it."""
+    from imutui.logbook.session_info import FOREIGN
+
+    ranges = [name for name in _RANGES if config.settings[_SETTINGS[name]].source != "default"]
+    info = replace(FOREIGN, **_values(config, (*_OF_SESSION, *ranges)))
+    return info.placed(site_of(config, site), gravity_of(config))
+
+
+def plan_from(config: Config, site: "Place | None", *, checked: bool = True, **fields: Any) -> Plan:
     """Plan of an acquisition from configuration, flags, and the fields that are no setting.
 
     `checked`: whether to refuse here what the filter could not run with. That loads the filters, which takes a second
@@ -76,7 +79,7 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
         explicit=tuple(name for name in _OF_INSTRUMENT if config.settings[_SETTINGS[name]].source != "default"),
         logs=str(Path(config.text("paths.logs")).resolve()),
         site=site_of(config, site),
-        gravity=config.number("site.gravity_mps2") or None,
+        gravity=gravity_of(config),
         **_values(config, _SETTINGS),
         **fields,
     )
@@ -130,13 +133,11 @@ def refuse(plan: Plan) -> list[str]:
 
     Raises InputError.
     """
-    from imutui.logbook.session_info import SessionInfo
     from imutui.session.metadata import check_live, effects_of, filter_of, motion_of, requested
 
     motion = motion_of(plan)
     filter_name = filter_of(plan, motion)
-    gravity = SessionInfo().gravity_mps2 if plan.gravity is None else plan.gravity
-    probe = replace(requested(plan), filter=filter_name, gravity_mps2=gravity)
+    probe = replace(requested(plan), filter=filter_name).placed(plan.site, plan.gravity)
     probe.axes()
     check_live(probe, motion, effects_of(plan, probe))
     if filter_name == plan.filter:

@@ -60,6 +60,7 @@ class SessionFields(TypedDict):
     longitude_deg: float | None
     height_m: float | None
     gravity_mps2: float | None
+    site_stated: bool
 
 
 class EventField(TypedDict):

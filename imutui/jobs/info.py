@@ -210,7 +210,9 @@ def _session(content: "Audit") -> dict[str, Any]:
         name: _number(session.get(name)) if shape is not str else session.get(name, "")
         for name, shape in get_type_hints(SessionFields).items()
     }
-    return told | {"kind": _kind(session)}
+    # zero says that a range is not stated
+    told |= {name: told[name] or None for name in ("rate_range_dps", "accel_range_g")}
+    return told | {"kind": _kind(session), "site_stated": session.get("site_stated") == "True"}
 
 
 def _kind(session: Mapping[str, str]) -> str:

@@ -339,7 +339,8 @@ class _EstimateSink:
 
     def take(self, rows: np.ndarray, estimator: Estimator) -> None:
         """Write rows of estimates."""
-        said = (estimator.observable, tuple(s is not None for s in estimator.monitor.convergence().since))
+        since = estimator.monitor.convergence().since
+        said = (estimator.observable, tuple(s is not None for s in since), tuple(estimator.vertical))
         if said != self._said or self._count >= _ROWS:
             self._write()
             self._said, self._verdict = said, BiasVerdicts.of(estimator, self._info)

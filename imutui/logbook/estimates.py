@@ -18,6 +18,7 @@ class BiasVerdicts:
 
     seen: tuple[bool, ...]  # whether it is observable
     converged: tuple[bool, ...]  # whether it has converged
+    site_sd_mg: tuple[float, ...] = (0.0, 0.0, 0.0)  # of the accelerometers, see `results.site_sd_mg`
 
     @classmethod
     def of(cls, estimator: Estimator, info: SessionInfo) -> "BiasVerdicts":
@@ -25,7 +26,8 @@ class BiasVerdicts:
         axes = info.axes()
         since = results.converged_since(estimator, axes, np.ones(6, bool))
         converged = tuple(s is not None for name in ("accel_bias", "gyro_bias") for s in since[name])
-        return cls(tuple(bool(s) for s in results.seen_axes(estimator, axes)), converged)
+        seen = tuple(bool(s) for s in results.seen_axes(estimator, axes))
+        return cls(seen, converged, tuple(results.site_sd_mg(estimator, info).tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,7 @@ def biases(rows: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> BiasEs
     nav = rows[:, layout.OUT_NAV : layout.OUT_NIS]
     sd = np.sqrt(np.diagonal(_covariance(rows), axis1=1, axis2=2))
     accel = axes.accel_to_instrument(nav[:, layout.NAV_BA : layout.NAV_BG]) / g_unit * 1e3
-    accel_sd = axes.sd_to_instrument(sd[:, state.ACCEL_BIAS]) / g_unit * 1e3
+    accel_sd = np.hypot(axes.sd_to_instrument(sd[:, state.ACCEL_BIAS]) / g_unit * 1e3, verdict.site_sd_mg)
     gyro = np.rad2deg(axes.gyro_to_instrument(nav[:, layout.NAV_BG :]))
     gyro_sd = np.rad2deg(axes.sd_to_instrument(sd[:, state.GYRO_BIAS]))
     accel[:, hidden[:3]] = accel_sd[:, hidden[:3]] = np.nan

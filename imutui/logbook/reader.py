@@ -24,7 +24,7 @@ from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.schemas import LogEvent, UndecodableError
-from imutui.logbook.session_info import METADATA, SessionInfo
+from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
 
 
 class UnreadableLogError(InputError):
@@ -50,7 +50,7 @@ class Log:
     """Content of a log."""
 
     path: Path  # where it lies
-    info: SessionInfo = field(default_factory=SessionInfo)  # its metadata; defaults where it has none
+    info: SessionInfo = FOREIGN  # its metadata
     own: bool = False  # whether imutui wrote it
     # sampling instants of the output samples, UTC, ns, int64, shape (N,)
     stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))

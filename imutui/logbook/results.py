@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NotRequired, TypeAlias, TypedDict
 import numpy as np
 
 import imutui
-from filters import attitude, state
+from filters import attitude, earth, specification, state
 from filters.health.finding import HealthEntry
 from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
@@ -189,6 +189,9 @@ class ResultDocument(TypedDict):
     unobservable: NotRequired[list[str]]
     final: NotRequired[StateFields]
     sd: NotRequired[SdFields]
+    site_stated: NotRequired[bool]
+    site_sd_mg: NotRequired[Annotated[list[float], 3]]
+    """What an unstated site adds, in quadrature, to `sd` of the accelerometer biases, instrument axes."""
     spread: NotRequired[SpreadFields | None]
     converged: NotRequired[bool]
     converged_s: NotRequired[dict[str, Three]]
@@ -246,14 +249,38 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, 
     }
 
 
+def site_sd_mg(estimator: "Estimator", info: SessionInfo) -> np.ndarray:
+    """Return what an unstated site adds to the uncertainty of the accelerometer biases.
+
+    A filter that assumes another gravity than the true one takes the difference for a bias of the accelerometers along
+    the vertical. Standard deviation σ_γ |v_i|, with the mean vertical v over the run. The filter does not know of it,
+    so it is added, in quadrature, wherever its standard deviations leave it.
+
+    Returns mg, instrument axes, shape (3,); zero where the site is stated.
+    """
+    if info.site_stated:
+        return np.zeros(3)
+    return info.axes().sd_to_instrument(np.abs(estimator.vertical)) * earth.GRAVITY_SPREAD / info.g_unit * 1e3
+
+
 def sd_fields(
-    P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True
+    P: np.ndarray,
+    nav: NavState,
+    axes: AxisMap,
+    g_unit: float,
+    seen: np.ndarray,
+    *,
+    site_mg: np.ndarray | float = 0.0,
+    placed: bool = True,
 ) -> SdFields:
-    """Standard deviations that go with `state_fields`, from a covariance (15, 15)."""
+    """Return the standard deviations that go with `state_fields`, from a covariance (15, 15).
+
+    `site_mg`: `site_sd_mg` of the run, added to the accelerometers' in quadrature.
+    """
     sd = np.sqrt(np.diag(P))
     J = attitude.rpy_jacobian(nav.C_nb)
     rpy = np.sqrt(np.diag(J @ P[state.ATTITUDE, state.ATTITUDE] @ J.T))
-    accel = axes.sd_to_instrument(sd[state.ACCEL_BIAS]) / g_unit * 1e3
+    accel = np.hypot(axes.sd_to_instrument(sd[state.ACCEL_BIAS]) / g_unit * 1e3, site_mg)
     return {
         "position_m": _where(sd[state.POSITION], np.full(3, placed)),
         "velocity_mps": _where(sd[state.VELOCITY], np.full(3, placed)),
@@ -323,6 +350,7 @@ def document(
     used = latest.t - begun
     # such a reference does not say where the unit is
     unplaced = PLACE if isinstance(estimator.reference, Turning) else ()
+    site_mg = site_sd_mg(estimator, info)
     return {
         "version": VERSION,
         "log": str(log.resolve()),
@@ -339,7 +367,9 @@ def document(
         "finished": finished,
         "unobservable": [*unplaced, *(name for name, s in zip(_NAMES, seen, strict=True) if not s)],
         "final": state_fields(nav, axes, g_unit, seen, placed=not unplaced),
-        "sd": sd_fields(P, nav, axes, g_unit, seen, placed=not unplaced),
+        "sd": sd_fields(P, nav, axes, g_unit, seen, site_mg=site_mg, placed=not unplaced),
+        "site_stated": info.site_stated,
+        "site_sd_mg": site_mg.tolist(),
         "spread": _spread(estimator, axes, g_unit, seen),
         "converged": estimator.converged and bool(reads.all()),
         "converged_s": converged_since(estimator, axes, reads),
@@ -411,10 +441,11 @@ def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFie
     if estimator.settings.unread:
         measured = np.where(estimator.settings.unread, np.nan, measured)
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
+    stated = np.full(3, 1.0 if spec != specification.NOT_KNOWN else np.nan)
     return {
         **_white(measured[3:], measured[:3], axes),
         "relative_sd": estimator.monitor.noise_relative_sd(),
-        "specification": _white(np.full(3, spec.gyro_arw), np.full(3, spec.accel_vrw), axes),
+        "specification": _white(stated * spec.gyro_arw, stated * spec.accel_vrw, axes),
         "used": {
             "source": source,
             **_white(np.array(used.gyro_arw), np.array(used.accel_vrw), axes),

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -13,7 +13,7 @@ from filters import specification
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
-from filters.state import PAPER_SITE, Site
+from filters.state import PAPER_PLACE, PAPER_SITE, Place, Site
 from filters.tracing.trace_document import IdentityEntry
 from imutui.plain_text import in_line
 
@@ -46,7 +46,7 @@ class SessionInfo:
     """One recording session. Every field is written as a string and read back; unknown ones are ignored."""
 
     # instrument, serial_number, firmware: what the unit said of itself, or what the recording's maker says
-    instrument: str = "IMU400CD-200"
+    instrument: str = "IMU400CD-200"  # "" where it is not stated
     serial_number: str = ""
     firmware: str = ""
     # configuration, own_mount: how the unit was configured when it was found, in words, and how its case's axes lie in
@@ -59,7 +59,7 @@ class SessionInfo:
     mount: str = "x,y,z"
     gyro_sign: str = "1,1,1"
     g_unit: float = STANDARD_GRAVITY  # m/s² of one g in readings
-    # rate_range_dps, accel_range_g: full scale of the instrument's counts
+    # rate_range_dps, accel_range_g: full scale of the instrument's counts; 0 where it is not stated
     rate_range_dps: float = 200.0
     accel_range_g: float = 4.0
     # mode, sampling: measurement mode; "stream" (averaged over each period), "polled", or "imported"
@@ -74,11 +74,12 @@ class SessionInfo:
     note: str = ""
     place: str = ""
     table: str = ""
-    # latitude_deg, longitude_deg, height_m, gravity_mps2: site
-    latitude_deg: float = float(np.rad2deg(PAPER_SITE.latitude))
-    longitude_deg: float = float(np.rad2deg(PAPER_SITE.longitude))
-    height_m: float = PAPER_SITE.height
+    # latitude_deg, longitude_deg, height_m, gravity_mps2: site; the default one where nobody stated another
+    latitude_deg: float = PAPER_PLACE[0]
+    longitude_deg: float = PAPER_PLACE[1]
+    height_m: float = PAPER_PLACE[2]
     gravity_mps2: float = PAPER_SITE.gravity
+    site_stated: bool = False  # whether an option, a setting or a form stated the site or its gravity
     # reference, filter, measurements, seed, kappa: see `filters.kalman.settings.Settings`
     reference: str = "level"
     filter: str = "spkf"
@@ -139,6 +140,22 @@ class SessionInfo:
             self.gravity_mps2,
         )
 
+    def placed(self, place: Place | None, gravity: float | None) -> "SessionInfo":
+        """Return the session at a site.
+
+        `place`: latitude, longitude (degrees) and height (m); None where it is not stated.
+        `gravity`: local gravity, m/s²; None takes WGS-84 normal gravity.
+        """
+        latitude, longitude, height = place or (self.latitude_deg, self.longitude_deg, self.height_m)
+        return replace(
+            self,
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            height_m=height,
+            gravity_mps2=Site.at(latitude, longitude, height, gravity).gravity,
+            site_stated=place is not None or gravity is not None,
+        )
+
     def settings(
         self,
         motion: "Profile | Trajectory | None" = None,
@@ -189,7 +206,7 @@ class SessionInfo:
         values: dict[str, Any] = {}
         for f in fields(cls):
             if f.name in strings:
-                convert = {int: int, float: float, str: str}[type(f.default)]
+                convert = _CONVERTERS[type(f.default)]
                 try:
                     values[f.name] = convert(strings[f.name])
                 except ValueError as error:
@@ -197,7 +214,7 @@ class SessionInfo:
                 low, high = _WITHIN.get(f.name, _NUMBERS)
                 if convert is not str and not low <= values[f.name] <= high:
                     raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
-        return replace(cls(), **values)
+        return replace(FOREIGN, **values)
 
     def identity(self) -> IdentityEntry:
         """Whose samples these are, and who recorded them, for a result."""
@@ -228,11 +245,21 @@ class SessionInfo:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0)
+"""What is known of a recording before its file states anything: no instrument, no ranges, no site."""
+
+
+def truth(text: str) -> bool:
+    """Return the truth value that `SessionInfo.strings` writes; raises ValueError for any other text."""
+    return bool(("False", "True").index(text))
+
+
+_CONVERTERS: dict[type, Callable[[str], Any]] = {bool: truth, int: int, float: float, str: str}
 _NUMBERS = (-1e18, 1e18)
 _WITHIN = {
     "g_unit": (1.0, 100.0),
-    "rate_range_dps": (1e-6, 1e6),
-    "accel_range_g": (1e-6, 1e6),
+    "rate_range_dps": (0.0, 1e6),
+    "accel_range_g": (0.0, 1e6),
     "rate_hz": (1e-6, 1e6),
     "latitude_deg": (-90.0, 90.0),
     "longitude_deg": (-360.0, 360.0),

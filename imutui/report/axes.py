@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters.channels import CHANNELS, DPS, MG
-from filters.specification import ImuSpec
+from filters.specification import NOT_KNOWN, ImuSpec
 from filters.types import Array
 from imutui.plain_text import in_line
 
@@ -98,12 +98,15 @@ def before_and_after(ax: "Axes", x: Sequence[float], before: Array, after: Array
 
 
 def white_noise_caption(specs: Iterable[ImuSpec]) -> str:
-    """What the grey lines of `allan` are."""
+    """Return what the grey lines of `allan` are."""
     each = dict.fromkeys(
         f"{spec.gyro_arw / DPS * 60.0:g} deg/√h of a gyro and {spec.accel_vrw * 60.0:g} m/s/√h of an accelerometer"
         f" ({spec.source})"
         for spec in specs
+        if spec != NOT_KNOWN
     )
+    if not each:
+        return "The white noise that this unit should have is not known."
     return f"The grey line is white noise of the specification, {'; '.join(each)}."
 
 
@@ -116,7 +119,8 @@ def allan(ax: "Axes", tau: Array, unit: str, specs: Iterable[ImuSpec], *curves: 
     """
     if tau.size:
         ends = np.array([tau.min(), tau.max()])
-        levels = {spec.gyro_arw / DPS if unit == "deg/s" else spec.accel_vrw / MG for spec in specs}
+        known = [spec for spec in specs if spec != NOT_KNOWN]
+        levels = {spec.gyro_arw / DPS if unit == "deg/s" else spec.accel_vrw / MG for spec in known}
         lines = [level / np.sqrt(ends) for level in sorted(levels)]
         for white in lines:
             ax.plot(ends, white, color=FLOOR, lw=1.0, label="specification")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from filters import specification
 from imutui.jobs.campaign.batch import BatchDocument, Outcome, UnitField, folder_of, is_the_tables
 from imutui.jobs.campaign.common_errors import CommonField
 from imutui.jobs.campaign.summary_document import LimitField
@@ -169,7 +170,8 @@ def sentence(one: CommonField, units: int) -> str:
 
 
 def _method(document: BatchDocument) -> Iterator[Block]:
-    sheets = dict.fromkeys(fleet_sentences.limits_of(unit["instrument"]) for unit in document["units"])
+    known = [unit["instrument"] for unit in document["units"] if specification.is_known(unit["instrument"])]
+    sheets = dict.fromkeys(map(fleet_sentences.limits_of, known)) or ["their data sheet, which is not known"]
     yield Paragraph(
         "A unit fails if a bias that has settled, or its white noise, is beyond the limit by three standard deviations,"
         f" of: {'; '.join(sheets)}; or if the verdict on its filter is RED. What all units, or three of four, show in"

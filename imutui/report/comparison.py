@@ -200,6 +200,8 @@ def _specified(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
             for triple, unit in ((limits["gyro_arw_deg_sqrt_h"], "deg/√h"), (limits["accel_vrw_mps_sqrt_h"], "m/s/√h"))
         )
         told.setdefault(f"{gyro} and {accel}", []).append(name.letter)
+    if [*told] == [f"{NOT_STATED} and {NOT_STATED}"]:
+        return "No data sheet of these units is known."
     if len(told) == 1:
         return f"The specification has {next(iter(told))}."
     each = "; ".join(f"{what} ({', '.join(own)})" for what, own in told.items())

@@ -56,7 +56,8 @@ def page(document: SummaryDocument, extent: Extent = PAGE) -> Page:
 
 
 def _article(group: GroupField, document: SummaryDocument, extent: Extent) -> Article:
-    source = specification.of_model(group["instrument"]).source
+    known = specification.is_known(group["instrument"])
+    source = specification.of_model(group["instrument"]).source if known else "their data sheet"
     sections = [
         Section("Fleet", tuple(_fleet(group, document, extent))),
         Section(f"Which units fail {source}", (_items(fleet_sentences.limits(group), extent),)),

@@ -59,7 +59,9 @@ def left_out(document: SummaryDocument) -> str:
 
 
 def limits(group: GroupField) -> list[str]:
-    """Which units fail Table 1."""
+    """Return which units fail the data sheet of their kind."""
+    if not specification.is_known(group["instrument"]):
+        return ["No unit is judged by limits: no data sheet of this kind of unit is known."]
     failed = [one for one in group["limits"] if one["verdict"] == "fails"]
     vague = [one for one in group["limits"] if one["quantity"] == "noise" and one["verdict"] == "not_told"]
     unsettled = [

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from imutui.jobs.documents import CheckDocument, EventField, InfoDocument, QualityFields, RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.report import effect_words, numbers, wrapping
+from imutui.report import effect_words, identity, numbers, wrapping
 from imutui.report.numbers import NOTHING
 
 _LABEL = 13
+_NO_INSTRUMENT = ("", "unknown")
 _MARKS = 50
 _TOPICS, _ADDED = 30, 5  # how many are shown
 _LONGEST = 240  # characters that are shown of one value; a file of another program may have millions
@@ -65,7 +66,8 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "file", f"{_size(d['bytes'])}, {state}"
     serial = f" #{d['serial_number']}" if d["serial_number"] else ""
     firmware = f", says {d['firmware']}" if d["firmware"] else ""
-    yield "instrument", f"{d['instrument']}{serial}{firmware}" if d["instrument"] else ""
+    stated = d["instrument"] not in _NO_INSTRUMENT
+    yield "instrument", f"{d['instrument'] if stated else identity.NOT_STATED}{serial}{firmware}"
     yield "found with", d["configuration"]
     yield "readings", f"{numbers.ORIGIN[d['kind']]}{': ' if d['source'] else ''}{d['source']}"
     yield "operator", d["operator"]
@@ -144,16 +146,17 @@ def _axes(d: InfoDocument) -> str:
     ranges = (
         f", ±{d['rate_range_dps']:g} deg/s, ±{d['accel_range_g']:g} g"
         if d["rate_range_dps"] and d["accel_range_g"]
-        else ""
+        else f", ranges {identity.NOT_STATED}"
     )
     return f"mount {d['mount']}, accelerometer sign {d['accel_sign']:+.0f}, gyro signs {d['gyro_sign']}{ranges}"
 
 
 def _site(d: InfoDocument) -> str:
     if None in (d["latitude_deg"], d["longitude_deg"], d["height_m"], d["gravity_mps2"]):
-        return ""
+        return identity.NOT_STATED
     where = f"{d['latitude_deg']:.6f}°, {d['longitude_deg']:.6f}°, {d['height_m']:.1f} m"
-    return f"{where}, gravity {d['gravity_mps2']:.5f} m/s²"
+    where += f", gravity {d['gravity_mps2']:.5f} m/s²"
+    return where if d["site_stated"] else f"{identity.NOT_STATED}; the default is assumed: {where}"
 
 
 def _quality(q: QualityFields) -> str:

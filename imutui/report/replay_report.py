@@ -24,6 +24,7 @@ from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, P
 from imutui.report.numbers import NOTHING
 from imutui.report.replay_text import DIGITS, converged, why_unseen
 from imutui.verdict import sources
+from imutui.verdict.rules import SITE_NOT_STATED
 from imutui.verdict.sources import ResultBias
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
     if d["alarms"]:
         yield Paragraph("ALARM: readings and model contradict each other.")
         yield Items(tuple(d["alarms"]))
+    if not d.get("site_stated", True):
+        yield Paragraph(f"{SITE_NOT_STATED[:1].upper()}{SITE_NOT_STATED[1:]}.")
     if "damage" in d:
         yield Paragraph(f"The file is damaged: {d['damage']}. This is the result of the part before the damage.")
     elif not d["finished"]:

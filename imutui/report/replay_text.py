@@ -8,6 +8,7 @@ from imutui.report import numbers, plain
 from imutui.report.blocks import Block, Column, Paragraph, Table
 from imutui.report.numbers import NOTHING
 from imutui.verdict import sources
+from imutui.verdict.rules import SITE_NOT_STATED
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -87,6 +88,8 @@ def _data(d: "ResultDocument") -> list[str]:
         white = f"gyro {_triple(used['gyro_arw_deg_sqrt_h'])} deg/√h"
         white += f", accel {_triple(used['accel_vrw_mps_sqrt_h'])} m/s/√h"
         out.append(f"noise used, by Allan deviation: {white}; drift of the biases: {walk}")
+    if not d.get("site_stated", True):
+        out.append(SITE_NOT_STATED)
     if d["rejected"]:
         out.append(f"{d['rejected']} updates left out as outliers")
     if d["gaps"]:

@@ -17,7 +17,6 @@ from filters.errors import InputError
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from filters.state import Site
 from imutui.instrument.host import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
@@ -74,9 +73,7 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
         source=identity.source,
         controller_identity=controller_identity,
     )
-    latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
-    site = Site.at(latitude, longitude, height, plan.gravity)
-    return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
+    return info.placed(plan.site, plan.gravity)
 
 
 def _model(plan: Plan, identity: Identity) -> str:

@@ -53,6 +53,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "serial_number": info.serial_number,
         "firmware": info.firmware,
         "kind": info.kind,
+        "site_stated": info.site_stated,
         "port": info.port,
         "ends_unwatched_s": plan.ends_unwatched_s,
         "baud": info.baud,
@@ -126,6 +127,7 @@ def _filter(live: LiveFilter, health: "list[HealthEntry]") -> FilterSnapshot:
     """The filter; until its first sample has been used, when its code may not be loaded yet, what its settings say."""
     info, estimator = live.info, live.estimator
     spec = specification.of_model(info.instrument) if estimator is None else estimator.settings.spec
+    has_sheet = specification.is_known(info.instrument)
     out: FilterSnapshot = {
         "name": info.filter,
         "reference": info.reference,
@@ -136,7 +138,6 @@ def _filter(live: LiveFilter, health: "list[HealthEntry]") -> FilterSnapshot:
         "temperature_k_per_min": None,
         "held_since": None,
         "departure": None,
-        "own_limits": specification.is_known(info.instrument),
         "limits_of": spec.source,
         "biases": [
             {
@@ -150,8 +151,8 @@ def _filter(live: LiveFilter, health: "list[HealthEntry]") -> FilterSnapshot:
                 "observable": True,
             }
             for kind, unit, limit in (
-                ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
-                ("accel", "mg", spec.accel_bias_limit / info.g_unit * 1e3),
+                ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit)) if has_sheet else None),
+                ("accel", "mg", spec.accel_bias_limit / info.g_unit * 1e3 if has_sheet else None),
             )
             for axis in "xyz"
         ],
@@ -206,10 +207,13 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo, h
     if latest is None:
         return
     state = results.state_fields(latest.belief.nav, axes, info.g_unit, seen)
-    sd = results.sd_fields(latest.belief.P, latest.belief.nav, axes, info.g_unit, seen)
+    site_mg = results.site_sd_mg(estimator, info)
+    sd = results.sd_fields(latest.belief.P, latest.belief.nav, axes, info.g_unit, seen, site_mg=site_mg)
     out["t"] = latest.t
     _values(out["biases"][:3], state["gyro_bias_dps"], sd["gyro_bias_dps"])
     _values(out["biases"][3:], state["accel_bias_mg"], sd["accel_bias_mg"])
+    for bias, share in zip(out["biases"][3:], site_mg.tolist(), strict=True):
+        bias["site_sd3"] = 3.0 * share
     for field in results.effect_fields(estimator):
         label, _, unit = field["name"].removesuffix(")").partition(" (")
         out["effects"].append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})

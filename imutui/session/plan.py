@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
+from filters.state import PAPER_PLACE as PAPER_PLACE
+from filters.state import Place
 from imutui import toml_text
 from imutui.instrument.instrument import Instrument as Instrument
 from imutui.instrument.names import DEFAULT
@@ -80,6 +82,22 @@ def _clean(record: "RecordingWish | Plan") -> None:
         object.__setattr__(record, name, one_line(text, limit))
 
 
+def parse_place(text: str) -> Place:
+    """Return latitude, longitude (degrees) and height (m) of "LAT,LON,H".
+
+    Raises InputError if the text does not read so; the message begins with the text.
+    """
+    try:
+        latitude, longitude, height = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f'"{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
+    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
+        raise InputError(f'"{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
+    if not -1e3 < height < 1e5:
+        raise InputError(f'"{text}": height must be metres above the ellipsoid, within -1000 to 100000')
+    return latitude, longitude, height
+
+
 def batch_of(name: str) -> str:
     """Batch of an acquisition that is called BATCH:UNIT; empty of one alone."""
     return name.partition(":")[0] if ":" in name else ""
@@ -133,7 +151,8 @@ class Plan:
     g_unit: float = STANDARD_GRAVITY
     rate_range_dps: float = INSTRUMENTS[DEFAULT].rate_range_dps
     accel_range_g: float = INSTRUMENTS[DEFAULT].accel_range_g
-    site: tuple[float, float, float] | None = None
+    # site, gravity: where the unit stands, and its local gravity, m/s²; both None where nobody stated the site
+    site: Place | None = None
     gravity: float | None = None
     measurements: str = "exact"
     seed: int = 0
@@ -290,4 +309,5 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
+        site=PAPER_PLACE,  # where the virtual unit stands, wherever the user does
     )

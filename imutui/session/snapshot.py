@@ -163,6 +163,7 @@ class Snapshot(TypedDict):
     serial_number: str
     firmware: str
     kind: str
+    site_stated: NotRequired[bool]
     port: str
     baud: int
     rate_hz: float

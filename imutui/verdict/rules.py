@@ -27,6 +27,11 @@ TOO_NOISY, CERTAIN_SD, KNOWN_SD = 1.3, 5.0, 0.2
 once it is known so well."""
 STEADY_K_PER_MIN = 0.1
 MOVES_SD = 0.5  # change over 10 s, in standard deviations, that is worth a word
+SITE_NOT_STATED = (
+    "the site is not stated: gravity is that of the default place, so the ± of the accelerometer along the vertical"
+    " includes 2.6 mg (1 sd) for gravity elsewhere. State it: --site LAT,LON,H where you record or import,"
+    " --set site.gravity_mps2=M_S2 where you replay"
+)
 BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 _NOTHING = "–"
 USE = "usable; unseen: effects of motion, slow ones: t"
@@ -71,8 +76,7 @@ class Standing:
     silent: str | None = None  # that the line is silent, in words, if it is
     waiting_profile: str | None = None  # that a table profile waits to be begun, in words, if one does
     over: bool = False  # whether no sample comes any more
-    own_limits: bool = True  # whether the limits of the biases are this unit's, and not another type's
-    limits_of: str = "Table 1"  # where they are from
+    limits_of: str = "Table 1"  # where the limits of the biases are from
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +123,10 @@ class Verdict:
 
     @property
     def todo_at_length(self) -> str:
-        """What to do, where there is room for all of it."""
-        return USE_AT_LENGTH if self.todo == USE else self.todo
+        """Return what to do, where there is room for all of it; what was not judged is not called looked at."""
+        unjudged = any(check.name == "limit" and check.level == "none" for check in self.checks)
+        at_length = USE_AT_LENGTH.replace(" limits,", "") if unjudged else USE_AT_LENGTH
+        return at_length if self.todo == USE else self.todo
 
     @property
     def short(self) -> str:
@@ -180,13 +186,14 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
     converged, rest = _named(checks, "converged"), _named(checks, "unexplained")
     nothing = "means over 10 s are as noise allows" if rest.level == "good" else f"the unexplained part is {rest.said}"
     done, *hidden = converged.said.split("; ")
-    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), USE, converged.brief, checks)
+    wide = [check.said for check in checks if check.name == "site"]
+    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden, *wide]), USE, converged.brief, checks)
 
 
 def _rules(standing: Standing) -> list[Check | None]:
     return [
         _alarms(standing),
-        _limits(standing.biases, standing.limits_of, own=standing.own_limits),
+        _limits(standing.biases, standing.limits_of),
         _nis(standing.nis),
         _converged(standing),
         _causes(standing.causes),
@@ -194,6 +201,7 @@ def _rules(standing: Standing) -> list[Check | None]:
         _noise(standing.noise),
         _temperature(standing.slope_k_per_min, over=standing.over),
         _confounded(standing.confounded),
+        _site(standing.biases),
     ]
 
 
@@ -234,20 +242,23 @@ def _alarms(standing: Standing) -> Check:
     return Check("bad", "alarms", f"{count}: {said}", count, "put that right first")
 
 
-def _limits(biases: Sequence[BiasSnapshot], source: str, *, own: bool) -> Check:
-    known = [(abs(bias["value"]), bias) for bias in biases if bias["observable"] and bias["value"] is not None]
+def _limits(biases: Sequence[BiasSnapshot], source: str) -> Check:
+    if all(bias["limit"] is None for bias in biases):
+        return Check("none", "limit", "not judged: the data sheet of this unit is not known")
+    known = [
+        (abs(bias["value"]), bias["limit"], bias)
+        for bias in biases
+        if bias["observable"] and bias["value"] is not None and bias["limit"] is not None
+    ]
     if not known:
         return Check("none", "limit", "no estimate yet")
-    size, worst = max(known, key=lambda one: one[0] / one[1]["limit"])
-    limit, sd3, unit = worst["limit"], worst["sd3"] or 0.0, worst["unit"]
+    size, limit, worst = max(known, key=lambda one: one[0] / one[1])
+    sd3, unit = worst["sd3"] or 0.0, worst["unit"]
     bias = f"{worst['name']} bias {bias_text(worst)} {unit} (3 sd)"
     allowed = f"{source}'s ±{limit:g} {unit}"
     if size <= limit:
         return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of {source}'s, the most")
     brief = f"{channel(worst['name'])} limit"
-    if not own:
-        todo = "compare it with this unit's own data sheet"
-        return Check("wait", "limit", f"{bias} is outside {allowed}, which is the IMU400CD's", brief, todo)
     if size - sd3 <= limit:
         return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
     todo = "check level, mounting, sign; else the sensor is out of spec"
@@ -305,11 +316,18 @@ def tolerance(unit: str) -> float:
     return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
 
 
+def filter_sd3(bias: BiasSnapshot) -> float | None:
+    """Return three standard deviations as the filter has them, by which convergence is judged: without the site's."""
+    sd3, of_site = bias["sd3"], bias.get("site_sd3", 0.0)
+    return sd3 if sd3 is None else math.sqrt(max(sd3**2 - of_site**2, 0.0))
+
+
 def moved_sd(bias: BiasSnapshot) -> float | None:
-    """Change over 10 s in standard deviations; None while one of them is not known."""
-    if bias["change_10s"] is None or not bias["sd3"]:
+    """Change over 10 s in standard deviations of the filter; None while one of them is not known."""
+    sd3 = filter_sd3(bias)
+    if bias["change_10s"] is None or not sd3:
         return None
-    return float(3.0 * bias["change_10s"] / bias["sd3"])
+    return float(3.0 * bias["change_10s"] / sd3)
 
 
 def channel(name: str) -> str:
@@ -345,11 +363,12 @@ def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, 
     """What the slowest bias lacks, and what helps."""
     worst = max(pending, key=_lack)
     name, unit, need, moved = worst["name"], worst["unit"], 3.0 * tolerance(worst["unit"]), moved_sd(worst)
-    if worst["sd3"] is None:
+    sd3 = filter_sd3(worst)
+    if sd3 is None:
         return f"{name}: no estimate yet", ""
-    if worst["sd3"] > need:
+    if sd3 > need:
         return (
-            f"{name}: 3 sd {worst['sd3']:.{BIAS_DECIMALS[unit]}f} {unit}, needs {need:g}",
+            f"{name}: 3 sd {sd3:.{BIAS_DECIMALS[unit]}f} {unit}, needs {need:g}",
             "keep to the reference and wait",
         )
     if moved is not None and abs(moved) >= MOVES_SD:
@@ -364,7 +383,8 @@ def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, 
 
 
 def _lack(bias: BiasSnapshot) -> tuple[float, float]:
-    sd = math.inf if bias["sd3"] is None else bias["sd3"] / 3.0 / tolerance(bias["unit"])
+    sd3 = filter_sd3(bias)
+    sd = math.inf if sd3 is None else sd3 / 3.0 / tolerance(bias["unit"])
     return max(sd, 1.0), abs(moved_sd(bias) or 0.0)
 
 
@@ -441,3 +461,13 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
     if not sentences:
         return None
     return Check("wait", "motion", sentences[0], "motion", "")
+
+
+def _site(biases: Sequence[BiasSnapshot]) -> Check | None:
+    """Return which ± are wide because the site is not stated; it decides nothing, since the filter is as good."""
+    least = 3.0 * ACCEL_TOLERANCE_MG
+    wide = [bias["name"] for bias in biases if bias["observable"] and bias.get("site_sd3", 0.0) > least]
+    if not wide:
+        return None
+    said = f"the ± of {' and '.join(wide)} is wide, as the site is not stated: --site LAT,LON,H"
+    return Check("none", "site", said)

@@ -38,7 +38,6 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         held_since=estimates.get("held_since"),
         failure=estimates["failure"],
         waiting=estimates["waiting"],
-        own_limits=estimates.get("own_limits", True),
         limits_of=estimates.get("limits_of", IMU400CD_200.source),
     )
 
@@ -87,7 +86,6 @@ def of_document(d: "ResultDocument") -> Verdict:
             causes=d.get("causes", ()),
             held_since=d.get("held_since_s"),
             over=True,
-            own_limits=_is_known(d),
             limits_of=specification_of(d).source,
         ),
         d["health"],
@@ -95,16 +93,19 @@ def of_document(d: "ResultDocument") -> Verdict:
 
 
 def specification_of(d: "ResultDocument") -> ImuSpec:
-    """Specification of the unit that a result is of; Table 1's for one that is not known."""
+    """Return the specification of the unit that a result is of; `NOT_KNOWN` of one that its log does not state."""
     identity = d.get("identity")
-    return IMU400CD_200 if identity is None else specification.of_model(identity["instrument"])
+    return specification.of_model("" if identity is None else identity["instrument"])
 
 
 def noise_stated(d: "ResultDocument") -> tuple[str, str]:
-    """White noise that the data sheet of a result's unit states, of gyros, deg/√h, and accelerometers, m/s/√h."""
+    """Return the white noise of the unit's data sheet in words: gyros, deg/√h, and accelerometers, m/s/√h.
+
+    Where no data sheet is known, it is what the filter expects instead.
+    """
     spec = specification_of(d)
-    of = spec.source.removesuffix(" data sheet")
-    return f"{of}: {spec.gyro_arw / DPS * 60.0:.3g}", f"{of}: {spec.accel_vrw * 60.0:.3g}"
+    of = "the filter expects" if spec == specification.NOT_KNOWN else f"{spec.source.removesuffix(' data sheet')}:"
+    return f"{of} {spec.gyro_arw / DPS * 60.0:.3g}", f"{of} {spec.accel_vrw * 60.0:.3g}"
 
 
 def noisiest(noise: "NoiseFields", reference: str) -> "NoiseSnapshot | None":
@@ -131,15 +132,11 @@ def noisiest(noise: "NoiseFields", reference: str) -> "NoiseSnapshot | None":
     return {"name": name, "ratio": ratios[name], "relative_sd": relative_sd}
 
 
-def bias_limits(spec: ImuSpec) -> dict[str, float]:
-    """Limits of biases by their unit, deg/s and mg."""
+def bias_limits(spec: ImuSpec) -> dict[str, float | None]:
+    """Return the limits of biases by their unit, deg/s and mg; None where no data sheet is known."""
+    if spec == specification.NOT_KNOWN:
+        return {"deg/s": None, "mg": None}
     return {"deg/s": round(spec.gyro_bias_limit / DPS, 9), "mg": round(spec.accel_bias_limit / MG, 9)}
-
-
-def _is_known(d: "ResultDocument") -> bool:
-    """Whether the limits are those of the unit, as far as its log says; one that says nothing may be of any type."""
-    identity = d.get("identity")
-    return identity is None or specification.is_known(identity["instrument"])
 
 
 def _unfiltered(alarms: list[str]) -> Verdict:
@@ -178,8 +175,10 @@ def biases(d: "ResultDocument") -> list[ResultBias]:
 
 def _snapshots(d: "ResultDocument") -> "list[BiasSnapshot]":
     limits = bias_limits(specification_of(d))
+    site = {"gyro_bias_dps": (0.0,) * 3, "accel_bias_mg": d.get("site_sd_mg", (0.0,) * 3)}
     return [
-        {"name": b.name, "value": b.value, "sd3": None if b.sd is None else 3.0 * b.sd, "unit": b.unit,
+        {"name": b.name, "value": b.value, "sd3": None if b.sd is None else 3.0 * b.sd,
+         "site_sd3": 3.0 * site[b.key][b.place], "unit": b.unit,
          "limit": limits[b.unit], "change_10s": None, "converged_s": b.converged_s, "observable": b.value is not None}
         for b in biases(d)
     ]  # fmt: skip

@@ -53,7 +53,7 @@ def record(
 ) -> Path:
     """A log of these samples, as an acquisition leaves it; its reference is that of the file attached, else level."""
     kind = "level" if attachment is None else attachment.kind
-    session = SessionInfo(**{"rate_hz": hz, "kind": "simulated", "reference": kind} | info)
+    session = SessionInfo(**{"rate_hz": hz, "kind": "simulated", "reference": kind, "site_stated": True} | info)
     return logs.of_samples(path, samples, session, attachment, marks)
 
 

@@ -145,14 +145,31 @@ def test_noise_as_expected_is_hardly_ever_called_too_much(times: float, least: i
     assert least <= called <= most
 
 
-def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() -> None:
+def test_a_unit_of_another_kind_is_not_judged_by_limits_of_this_one() -> None:
+    """Its data sheet is not known, which is said; live and replayed alike."""
     biases = snapshot()["biases"]
     biases[0] = {**biases[0], "value": 1.5}
-    of = snapshot(biases=biases, own_limits=False)
+    of = snapshot(biases=[{**one, "limit": None} for one in biases])
     other = document(of, identity={"instrument": "MPU-9150", "serial_number": "2"})
     for found in (rules.judge(sources.of_snapshot(of)), sources.of_document(other)):
-        assert found.word == "AMBER"
-    assert rules.judge(sources.of_snapshot({**of, "own_limits": True})).word == "RED"
+        assert found.word == "GREEN"
+        (limit,) = [check for check in found.checks if check.name == "limit"]
+        assert (limit.level, limit.said) == ("none", "not judged: the data sheet of this unit is not known")
+        assert "limits" not in found.todo_at_length
+    assert rules.judge(sources.of_snapshot({**of, "biases": biases})).word == "RED"
+
+
+def test_live_a_wide_vertical_is_said_and_does_not_keep_from_green() -> None:
+    """Three standard deviations of 7.8 mg because of the site are none of the filter's, which has 0.3 mg."""
+    biases = snapshot()["biases"]
+    biases[5] = {**biases[5], "sd3": 7.8058, "site_sd3": 7.8, "change_10s": 0.2}
+    found = rules.judge(sources.of_snapshot(snapshot(biases=biases)))
+    assert found.word == "GREEN"
+    assert "z accel is wide, as the site is not stated: --site LAT,LON,H" in found.reason
+    assert rules.filter_sd3(biases[5]) == pytest.approx(0.3, rel=0.01)
+    biases[5]["converged_s"] = None
+    waits = rules.judge(sources.of_snapshot(snapshot(biases=biases)))
+    assert "z accel moves 2.0 sd in 10 s" in waits.reason
 
 
 @pytest.mark.parametrize(
@@ -166,7 +183,7 @@ def test_a_unit_is_judged_by_the_limits_of_its_kind(model: str, word: str, sourc
     assert found.word == word
     limits = sources.bias_limits(specification.of_model(model))
     live = [{**row, "limit": limits[row["unit"]]} for row in biases]
-    shown = snapshot(biases=live, limits_of=specification.of_model(model).source, own_limits=True)
+    shown = snapshot(biases=live, limits_of=specification.of_model(model).source)
     seen = rules.judge(sources.of_snapshot(shown))
     assert seen.word == word
     assert any(f"{source}'s" in check.said for check in seen.checks if check.name == "limit")
@@ -223,7 +240,7 @@ def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
         name: sources.of_document(document(snapshot(biases=biases), identity={"instrument": name})).word
         for name in ("IMU400CD-200", "unknown", "ADIS16405")
     }
-    assert words == {"IMU400CD-200": "RED", "unknown": "AMBER", "ADIS16405": "AMBER"}
+    assert words == {"IMU400CD-200": "RED", "unknown": "GREEN", "ADIS16405": "GREEN"}
 
 
 def test_without_a_filter_only_an_alarm_is_judged() -> None:

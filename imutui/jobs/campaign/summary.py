@@ -262,8 +262,14 @@ def _limits(rows: Sequence[Row]) -> list[LimitField]:
 
 
 def limits_of(rows: Sequence[Row]) -> Iterator[LimitField]:
-    """What one unit fails, or is too near to tell; every row has a result."""
-    spec = specification.of_model(rows[0].get("instrument") or "")
+    """Yield what one unit fails, or is too near to tell; every row has a result.
+
+    Nothing is judged of a unit whose data sheet is not known.
+    """
+    model = rows[0].get("instrument") or ""
+    if not specification.is_known(model):
+        return
+    spec = specification.of_model(model)
     limits = {"deg/s": spec.gyro_bias_limit / DPS, "mg": spec.accel_bias_limit / MG}
     for told in fleet_values.channels(rows):
         yield from _bias(told.channel, told.unit, limits[told.unit], told.values)

@@ -83,9 +83,10 @@ def import_flags(info: SessionInfo) -> list[str]:
                                ("--gyro-sign", info.gyro_sign, DEFAULTS.gyro_sign)):  # fmt: skip
         flags += [flag, value] if value != usual else []
     site = ",".join(repr(value) for value in (info.latitude_deg, info.longitude_deg, info.height_m))
-    flags += ["--site", site, "--gravity", repr(info.gravity_mps2)]
+    flags += ["--site", site, "--gravity", repr(info.gravity_mps2)] if info.site_stated else []
     flags += ["--reference", info.reference] if info.reference not in _KNOWN_MOTION else []
-    return [*flags, "--instrument", info.instrument, "--kind", info.kind]
+    flags += ["--instrument", info.instrument] if info.instrument else []
+    return [*flags, "--kind", info.kind]
 
 
 def _about(known: Outline) -> dict[str, str]:

@@ -73,7 +73,7 @@ def _said(estimator: Estimator) -> list[object]:
         estimator.monitor.convergence().since,
         *(estimator.nis_sum, estimator.rejected, estimator.samples, estimator.taken, estimator.held_since),
         *(estimator.observable, estimator.gaps, estimator.alarms(), estimator.confounded()),
-        *(estimator.latest.belief.P, *estimator.extra()),
+        *(estimator.latest.belief.P, *estimator.extra(), estimator.vertical),
         *([] if estimator.watch is None else [estimator.watch.changes, estimator.watch.causes()]),
         *(() if moments is None else (moments.count, moments.mean, moments.covariance)),
     ]

@@ -2,6 +2,7 @@
 
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.fake_client import PATH, FakeClient
@@ -11,7 +12,7 @@ from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import SessionError
-from imutui.session.plan import Plan, demo
+from imutui.session.plan import PAPER_PLACE, Plan, demo
 from imutui.tui.pages.connect.form import ConnectForm
 
 FILE = PATH.rsplit("/", 1)[1]
@@ -36,7 +37,7 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
     async with opened(None, options={"logs": str(tmp_path)}) as see:
         await see("→ no serial port | press v for the DEMO | virtual, 133 Hz, stream")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
+    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path), site=PAPER_PLACE)]
 
 
 @pytest.mark.parametrize("asks", ["looks for ports", "looks in vain", "asks at a port"])
@@ -72,7 +73,8 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
         await see("tab '/dev/x' tab tab home shift+end delete '0.5' tab right → (x) polled | x, 0.5 Hz, polled")
-        await see("enter → gx, deg/s")
+        await see("enter → Where does the table stand?")
+        await see("'59.91,10.75,20' enter → gx, deg/s")
     assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
     assert [p.instrument for p in machine] == [""], "which unit it is, is asked"
 
@@ -81,7 +83,56 @@ async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: lis
     async with opened(None, options={"defaults": Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)}) as see:
         await see("→ virtual, 50 Hz")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
+    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1, site=PAPER_PLACE)]
+
+
+async def test_the_site_is_asked_for_once_where_a_filter_would_start_without_one(machine: list[Plan]) -> None:
+    async with opened(None) as see:
+        await see("→ virtual, 133 Hz")
+        await see("tab '/dev/x' enter → Where does the table stand? | ± 7.8 mg")
+        assert see.app.focused is not None
+        assert see.app.focused.id == "site"
+        assert not machine
+        await see("'91,0,0' enter → The site is \"91,0,0\": latitude")
+        assert not machine
+        await see("home shift+end delete '59.91,10.75,20' enter → gx, deg/s")
+    assert [plan.site for plan in machine] == [(59.91, 10.75, 20.0)]
+
+
+async def test_who_does_not_state_the_site_goes_on_without_it(machine: list[Plan]) -> None:
+    async with opened(None) as see:
+        await see("→ virtual, 133 Hz")
+        await see("tab '/dev/x' enter → Where does the table stand?")
+        await see("enter → gx, deg/s")
+    assert [(plan.site, plan.gravity) for plan in machine] == [(None, None)]
+
+
+@pytest.mark.parametrize("known", [{"site": (59.91, 10.75, 20.0)}, {"gravity": 9.819}, {"filter": "none"}])
+async def test_the_site_is_not_asked_for_where_it_is_known_or_needed_for_nothing(
+    machine: list[Plan], known: dict[str, Any]
+) -> None:
+    async with opened(None, options={"defaults": Plan("virtual", **known)}) as see:
+        await see("→ virtual, 133 Hz")
+        await see("tab '/dev/x' enter → gx, deg/s")
+    assert [{key: getattr(plan, key) for key in known} for plan in machine] == [known]
+
+
+async def test_a_virtual_unit_stands_where_it_stands_wherever_the_user_does(machine: list[Plan]) -> None:
+    there = Plan("virtual", site=(59.91, 10.75, 20.0), gravity=9.819)
+    async with opened(None, options={"defaults": there}) as see:
+        await see("→ virtual, 133 Hz")
+        await see("enter → gx, deg/s")
+    assert [(plan.site, plan.gravity) for plan in machine] == [(PAPER_PLACE, None)]
+
+
+async def test_what_is_connected_says_that_its_site_is_not_stated(machine: list[Plan]) -> None:
+    client = FakeClient()
+    client.changes |= {"site_stated": False}
+    async with opened(client) as see:
+        await see("1 → the site is not stated")
+        client.changes |= {"site_stated": True}
+        await see("→ reference level")
+        await see.until(lambda: "not stated" not in see.text())
 
 
 async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_path: Path) -> None:
@@ -152,7 +203,8 @@ async def test_a_unit_that_answered_is_offered_what_it_gives(
         await see("up tab tab tab home shift+end delete '120' → outside 0.1 to 100 Hz")
         await see("enter → The rate is outside 0.1 to 100 Hz.")
         assert machine == []
-        await see("home shift+end delete '7' enter → gx, deg/s")
+        await see("home shift+end delete '7' enter → Where does the table stand?")
+        await see("enter → gx, deg/s")
     (plan,) = machine
     assert (plan.port, plan.rate_hz, plan.explicit) == ("/dev/ttyUSB0", 7.0, ("rate_hz",))
 

@@ -73,3 +73,54 @@ def test_a_curve_goes_from_one_end_of_its_plot_to_the_other() -> None:
     lines = text_plot.of_curve([5.0, 6.0, 7.0], [0.0, 1.0, 2.0], "x", None, ("a", "b"), 5, look)
     rows = ["".join(text for text, _ in line)[history_cells.GUTTER :] for line in lines[1:-1]]
     assert [rows[0][-1] == " ", rows[-1][0] == " ", rows[0][:-12].isspace()] == [False, False, True]
+
+
+def test_each_bias_of_a_replay_is_drawn_below_its_own_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Column k of the course is bias k: here its estimate is k + 1 and its band ± 0.3."""
+    history = EstimateHistory(6)
+    for t in range(100):
+        history.add(float(t), np.arange(1.0, 7.0), np.full(6, 0.3))
+    seen: dict[str, Any] = {}
+    whole = text_plot.of_history
+
+    def spy(past: EstimateHistory, column: int, title: str, rows: int, look: PlotLook) -> Any:
+        seen[title] = (float(past.estimate(column)[0][0]), float(past.band(column)[1][0] - past.band(column)[0][0]))
+        return whole(past, column, title, rows, look)
+
+    monkeypatch.setattr(text_plot, "of_history", spy)
+    drawn("replay", {"course": history.rows(None, 1000)})
+    assert {title: value for title, (value, _) in seen.items()} == {
+        name: k + 1.0 for k, name in enumerate(result_plots.NAMES)
+    }
+    assert [width for _, width in seen.values()] == pytest.approx([0.6] * 6, abs=1e-5)
+
+
+def test_a_residual_before_stands_before_the_one_after() -> None:
+    """Before is large, after small, on one scale: before fills its plot, after one row."""
+    curve = {"x": [0.0, 1.0, 2.0, 3.0], "before": [-4.0, 4.0, -4.0, 4.0], "after": [0.1, 0.1, 0.1, 0.1]}
+    document = {**traces.nothing().document, "curves": [{"run": "a", "heldout": False, "channels": {
+        "gy": {"residual": curve}}}]}  # fmt: skip
+    lines = drawn("trace", document, width=60)
+    at = [next(k for k, line in enumerate(lines) if f"gy, deg/s: {name}" in line) for name in ("before", "after")]
+    blocks = lines[at[0] + 1 : at[1]], lines[at[1] + 1 :]
+    rows = [sum(bool(line[history_cells.GUTTER :].strip("⠀ ")) for line in block[:-1]) for block in blocks]
+    assert at[0] < at[1]
+    assert rows[0] > rows[1]
+
+
+def test_a_driver_s_band_in_text_is_three_standard_deviations_as_its_heading_says() -> None:
+    look = PlotLook(60, GLYPHS["braille"], shades=True)
+    curve = {
+        "driver": "temperature",
+        "x": [0.0, 10.0],
+        "y": [1.0, 1.0],
+        "sd": [0.1, 0.1],
+        "unit": "degC",
+        "y_unit": "mg",
+    }
+    document: Any = {"findings": [{"channels": ["ax"], "label": "follows", "driver_curve": curve}]}
+    lines = ["".join(text for text, _ in line) for line in result_plots.of_trace(document, look)]
+    assert lines[0].startswith("Error over what drives it, ± 3 sd")
+    high, low = (float(line[: history_cells.GUTTER - 1].strip(" ┤│")) for line in (lines[2], lines[6]))
+    assert high >= 1.3 > high - 0.15
+    assert low <= 0.7 < low + 0.15

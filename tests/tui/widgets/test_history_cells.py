@@ -127,3 +127,29 @@ def test_a_pause_is_marked_and_no_line_drawn_across_it(glyphs: Glyphs) -> None:
     assert marks[[20, 21]].any()
     assert marks[[29, 30]].any()
     assert marks[49:52].any()
+
+
+def test_rows_of_the_plot_are_the_estimate_and_three_standard_deviations() -> None:
+    """What is drawn in a cell is what the scale at its left says: estimate 0.5, band 0.5 ± 0.3, levels 0 and ± 1."""
+    history = EstimateHistory(1)
+    for k in range(600):
+        history.add(float(k), np.full(1, 0.5), np.full(1, 0.3))
+    curve = history_cells.envelope(history, 0, 600.0, 120)
+    np.testing.assert_allclose([curve.band.low, curve.band.high], [[0.2] * 120, [0.8] * 120], rtol=1e-6)
+    np.testing.assert_allclose([curve.estimate.low, curve.estimate.high], [[0.5] * 120] * 2)
+    assert history_cells.extent(curve, "auto", 1.0) == pytest.approx((0.2, 0.8))
+    limits, rows = (-1.05, 1.05), 21  # a row is a tenth
+    made = history_cells.cells(curve, limits, [0.0, 1.0, -1.0], rows, GLYPHS["braille"], shades=True)
+    middle = 30
+    assert np.flatnonzero(made.shows[:, middle] == history_cells.ESTIMATE).tolist() == [5]
+    shaded = np.flatnonzero(made.shaded[:, middle])
+    assert abs(shaded.min() - 2) <= 1
+    assert abs(shaded.max() - 8) <= 1
+    assert np.flatnonzero((made.shows == history_cells.LINE).any(axis=1)).tolist() == [0, 10, 20]
+    inner = history_cells.labels((-1.5, 1.5), 1.0, 31)
+    assert [k for k, label in enumerate(inner) if label.strip(" ┤│") in ("+1", "0", "-1")] == [5, 15, 25]
+    assert [inner[k].strip(" ┤") for k in (5, 15, 25)] == ["+1", "0", "-1"]
+
+
+def test_a_unit_without_a_data_sheet_has_no_gauge() -> None:
+    assert gauge(5.0, None, 0.1) == "▕·····│·····▏"

@@ -18,7 +18,7 @@ from textual.widgets.option_list import Option
 
 from filters.errors import InputError
 from imutui.session import client as session
-from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Instrument, Plan, of_model
+from imutui.session.plan import MAX_RATE_HZ, PAPER_PLACE, VIRTUAL_PORT, Instrument, Plan, of_model, parse_place
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -43,6 +43,7 @@ class ConnectForm(Vertical):
         self._looking = False
         self._answers: dict[str, str] = {}
         self._models: dict[str, str] = {}
+        self._has_gravity = self._asked_site = False
 
     def compose(self) -> ComposeResult:
         yield Static(id="lead")
@@ -64,6 +65,9 @@ class ConnectForm(Vertical):
                 yield Label(name)
                 yield Radio(values, id=name)
         with Horizontal(classes="row"):
+            yield Label("site")
+            yield Input(id="site", placeholder="LAT,LON,H of the table in degrees and metres", compact=True)
+        with Horizontal(classes="row"):
             yield Label("mode")
             yield Static(id="mode")
         with Horizontal(classes="row", id="go"):
@@ -80,13 +84,15 @@ class ConnectForm(Vertical):
             self.query_one("#port", Input).value = plan.port
         self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
         self.query_one("#controller", Input).value = plan.controller
+        self.query_one("#site", Input).value = "" if plan.site is None else ",".join(map(repr, plan.site))
+        self._has_gravity = plan.gravity is not None
         for name in _CHOSEN:
             self.query_one(f"#{name}", Radio).choose(getattr(plan, name), plan.reference_file[0])
 
-    def say_error(self, error: str) -> None:
+    def say_error(self, error: str, title: str = "Could not connect.") -> None:
         """Say why it could not connect in place of the lead; the lead again if it is empty."""
         self.set_class(bool(error), "-failed")
-        body = Content.assemble(("Could not connect.  ", "bold $text-error"), error) if error else Content("")
+        body = Content.assemble((f"{title}  ", "bold $text-error"), error) if error else Content("")
         self.query_one("#error-text", Static).update(body)
 
     def _say_rate(self) -> None:
@@ -258,8 +264,27 @@ class ConnectForm(Vertical):
             self.query_one("#rate").focus()
             return
         chosen = {name: self._value(name) for name in _CHOSEN}
+        try:
+            site = self._site(choice)
+        except InputError as error:
+            self.say_error(f"The site is {error}.")
+            self.query_one("#site").focus()
+            return
+        if not (site["site"] or self._has_gravity or self._asked_site or chosen["filter"] == "none"):
+            self._asked_site = True
+            self.say_error(text.ASK_SITE, "Where does the table stand?")
+            self.query_one("#site").focus()
+            return
         controller = self.query_one("#controller", Input).value.strip()
-        self.post_message(requests.Start({"port": choice.value, "rate_hz": rate, "controller": controller, **chosen}))
+        asked = {"port": choice.value, "rate_hz": rate, "controller": controller}
+        self.post_message(requests.Start({**asked, **site, **chosen}))
+
+    def _site(self, choice: text.Choice) -> dict[str, object]:
+        """Return what the plan has for the site; raises InputError if what is typed does not read as one."""
+        if choice.value == VIRTUAL_PORT:  # where that unit stands, wherever the user does
+            return {"site": PAPER_PLACE, "gravity": None}
+        typed = self.query_one("#site", Input).value.strip()
+        return {"site": parse_place(typed) if typed else None}
 
 
 class Radio(Widget, can_focus=True):

@@ -50,7 +50,6 @@ class ConnectPage(Page):
     .row > Button { width: auto; }
     #rate-verdict, #summary { width: 1fr; padding: 0 2; }
     #mode { width: 1fr; }
-    #form > #go { margin-top: 1; }
     ConnectPage Notice { dock: bottom; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [

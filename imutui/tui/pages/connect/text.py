@@ -18,6 +18,10 @@ ABOUT = (
 SAMPLINGS = {"stream": "every packet, or means of them", "polled": "one packet asked for each period"}
 FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
 REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
+ASK_SITE = (
+    "Gravity depends on it, and with it the bias of the accelerometer along the vertical:"
+    " type LAT,LON,H at site. Without it (Enter again) that bias is known to ± 7.8 mg (3 sd) only."
+)
 WAITING = """\
 Waiting for {target}: {seconds:.0f} s of at most 30 s.
 
@@ -158,6 +162,8 @@ def connected(now: Snapshot) -> StyledText:
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:
         estimates += f" from {reference['file']}"
+    if filter_ and not now.get("site_stated", True):
+        estimates += "; the site is not stated, so the ± of the vertical accelerometer is wide"
     if now["effects"]:
         estimates += f", with {formatting.plural(len(now['effects']), 'effect')} found before"
     rows = [

@@ -36,6 +36,7 @@ class BiasPlotSettings:
     hint: str
     chosen: bool
     observable: bool
+    banded: bool = True  # whether it has a band of 3 sd, and a zero to be seen from
 
 
 class BiasPlot(PlotWidget):
@@ -110,16 +111,16 @@ class BiasPlot(PlotWidget):
         if envelope is None or extent is None:
             return [head, *self._empty(settings, rows, width), *tail]
         limits = self._range = raster.keep_range(self._range, *extent)
-        return [head, *self._plot(envelope, limits, settings.limit, rows), *tail]
+        return [head, *self._plot(envelope, limits, settings, rows), *tail]
 
     @property
     def _shades(self) -> bool:
         """Whether the terminal has a colour between its background and its text."""
         return not (self.app.no_color or self.app.native_ansi_color or self.glyphs.name == "ascii")
 
-    def _plot(self, envelope: BiasEnvelope, limits: Limits, limit: float | None, rows: int) -> list[Line]:
-        levels = [] if limit is None else [0.0, limit, -limit]
-        shades = self._shades and limit is not None
+    def _plot(self, envelope: BiasEnvelope, limits: Limits, settings: BiasPlotSettings, rows: int) -> list[Line]:
+        limit, shades = settings.limit, self._shades and settings.banded
+        levels = [] if not settings.banded else [0.0] if limit is None else [0.0, limit, -limit]
         made = history_cells.cells(envelope, limits, levels, rows, self.glyphs, shades=shades)
         labels = history_cells.labels(limits, limit, rows)
         return [
@@ -142,7 +143,7 @@ class BiasPlot(PlotWidget):
         limits = "no limits known" if settings.limit is None else "scale: limits"
         scale = {"auto": "", "whole run": "scale: whole run", "limits": limits}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
-        band = "" if settings.limit is None else "± 3 sd shaded" if self._shades else "± 3 sd edged"
+        band = "" if not settings.banded else "± 3 sd shaded" if self._shades else "± 3 sd edged"
         parts = ((settings.hint, band, scale, since, axis), (settings.hint, scale, since, axis), (scale, since, axis))
         rights = [", ".join(part for part in right if part) for right in (*parts, (since, axis), (axis,), ())]
         style = "chosen" if settings.chosen else "title"

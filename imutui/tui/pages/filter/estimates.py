@@ -311,7 +311,7 @@ class BiasTable(TextLines):
     def _row(self, index: int, bias: BiasSnapshot) -> Content:
         unit, limit, value, sd3 = bias["unit"], bias["limit"], bias["value"], bias["sd3"]
         decimals = formatting.BIAS_DECIMALS[unit]
-        outside = value is not None and abs(value) > limit
+        outside = value is not None and limit is not None and abs(value) > limit
         pending = bias["observable"] and bias["converged_s"] is None
         moved = moved_sd(bias)
         in_sd = (
@@ -322,7 +322,7 @@ class BiasTable(TextLines):
             (formatting.aligned(value, 9, decimals, 4), "bold"),
             self._cell(f" ±{formatting.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
             (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
-            self._cell(f" ±{limit:g}", 5),
+            self._cell(f" ±{formatting.NOTHING if limit is None else format(limit, 'g')}", 5),
             _moved(bias["change_10s"], decimals),
             f"{in_sd:>7} ",
             (f"{convergence(bias):<12}", _style(pending, bias["observable"])),

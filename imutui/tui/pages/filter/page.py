@@ -27,7 +27,9 @@ from imutui.tui.pages.filter.text import explanation
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
-_TEMPERATURE = BiasPlotSettings("temperature", "°C", None, 0, "whole run", "", chosen=False, observable=True)
+_TEMPERATURE = BiasPlotSettings(
+    "temperature", "°C", None, 0, "whole run", "", chosen=False, observable=True, banded=False
+)
 # side by side: gyro and accelerometer of one axis
 _ORDER = (0, 3, 1, 4, 2, 5)
 

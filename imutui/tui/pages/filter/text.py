@@ -84,15 +84,15 @@ def effect_text(effect: EffectSnapshot) -> str:
 CELLS = 11
 
 
-def gauge(value: float | None, limit: float, sd3: float | None = None) -> str:
+def gauge(value: float | None, limit: float | None, sd3: float | None = None) -> str:
     """Bar from zero in the middle to the value; ░ where three standard deviations reach; ▲ at the end beyond a limit.
 
-    `limit`: of the data sheet, at both ends.
+    `limit`: of the data sheet, at both ends; None for a unit without one, whose bar stays empty.
     `sd3`: three standard deviations; None for not known.
     """
     middle = CELLS // 2
     cells = ["·"] * CELLS
-    if value is not None:
+    if value is not None and limit is not None:
         if sd3 is not None:
             low, high = _cell(value - sd3, limit), _cell(value + sd3, limit)
             cells[middle + low : middle + high + 1] = "░" * (high - low + 1)

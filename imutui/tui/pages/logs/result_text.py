@@ -15,7 +15,7 @@ from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_plot import PlotLook
 from imutui.verdict import sources
-from imutui.verdict.rules import nis_meaning
+from imutui.verdict.rules import SITE_NOT_STATED, nis_meaning
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -82,7 +82,7 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
 def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
     spec = sources.specification_of(d)
-    limits = sources.bias_limits(spec)
+    limits, source = sources.bias_limits(spec), spec.source.partition(" data")[0]
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     lines = [
@@ -91,8 +91,7 @@ def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
         f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}",
         *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
         "",
-        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {spec.source.partition(' data')[0]:>8}"
-        f" {'of limit':>9}   converged",
+        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {source:>8} {'of limit':>9}   converged",
     ]
     final, sds, since = d["final"], d["sd"], d["converged_s"]
     for kind, values, sd, unit, converged in (
@@ -104,17 +103,19 @@ def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
     return wrapped("\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)]), width)
 
 
-def _bias(name: str, value: float | None, sd: float | None, unit: str, limit: float, since: float | None) -> str:
+def _bias(name: str, value: float | None, sd: float | None, unit: str, limit: float | None, since: float | None) -> str:
     if value is None or sd is None:
         return (
             f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  not observable with this reference"
         )
     decimals = formatting.BIAS_DECIMALS[unit]
     when = f"at {since:.1f} s" if since is not None else "not yet"
-    share = f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
+    allowed = share = formatting.NOTHING
+    if limit is not None:
+        allowed, share = f"±{limit:g}", f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
     return (
         f"{name:<8} {formatting.number(value, 9, decimals)} {formatting.number(3.0 * sd, 8, decimals)} {unit:<6}"
-        f"  {f'±{limit:g}':>8} {share:>9}   {when}"
+        f"  {allowed:>8} {share:>9}   {when}"
     )
 
 
@@ -147,6 +148,8 @@ def _data(d: "ResultDocument") -> list[str]:
         f" {formatting.plural(d['bad_checksums'], 'bad checksum')},"
         f" {formatting.plural(len(gaps), 'gap')}, {formatting.plural(d['rejected'], 'outlier')} left out",
     ]
+    if not d.get("site_stated", True):
+        lines.append(f"  {SITE_NOT_STATED}")
     longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_GAPS]
     lines += [f"  gap of {gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest]
     if len(gaps) > _GAPS:
