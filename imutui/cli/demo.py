@@ -33,7 +33,7 @@ def command(
     from imutui.cli.attach import has_screen
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
-    from imutui.session.plan import DEMO_RATE_HZ, demo
+    from imutui.session.plan import DEMO_RATE_HZ, STEADY, demo
 
     if not headless and not has_screen():
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
@@ -51,7 +51,7 @@ def command(
         duration_s=60.0 if seconds is None else seconds,
         note="demo",
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
-        virtual=("--seed", str(seed)),
+        virtual=("--seed", str(seed), "--scenario", str(STEADY)),
     )
     follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
 
