@@ -17,7 +17,7 @@ from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
 MORE = " also: n note  p profile  c cancel it  s stop  S start  2-5 its pages  d detach"
 TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
 ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
-_NAME, _PLACE, _WIDE, _SEVERAL = 9, 30, 112, 2
+_NAME, _SERIAL, _PLACE, _WIDE, _SEVERAL = 9, 10, 22, 112, 2
 _STYLES = {"good": "$text-success", "wait": "$text-warning", "bad": "$text-error", "none": "dim"}
 NOTE_HINT = "Enter takes it, for all units that are meant; Esc: not yet."
 EXCHANGE = "s stops it, and S then starts the unit that is there"
@@ -39,15 +39,22 @@ class Wrong(NamedTuple):
 
 def heading(width: int) -> str:
     """Names of the columns; x, y and z stand above the marks of gyros and accelerometers."""
-    place = f" {'port':<{_PLACE}}" if width >= _WIDE else ""
+    place = f" {'serial':<{_SERIAL}} {'port':<{_PLACE}}" if width >= _WIDE else ""
     return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<7} what is wrong"
 
 
-def row(unit: UnitView, chosen: bool, width: int) -> StyledText:
+def rows(units: Sequence[UnitView], chosen: Collection[str], width: int) -> list[StyledText]:
+    """Units in a line each; no two names read the same."""
+    names = formatting.apart([label(unit) for unit in units], _NAME)
+    return [_row(unit, name, unit.name in chosen, width) for unit, name in zip(units, names, strict=True)]
+
+
+def _row(unit: UnitView, name: str, chosen: bool, width: int) -> StyledText:
     """A unit in a line: name, rate, losses, whether it records, a mark a bias, temperature, verdict, what is wrong."""
     now, found = unit.now, wrong(unit)
-    start = f" {'x' if chosen else ' '} {formatting.shorten(label(unit), _NAME):<{_NAME}}"
+    start = f" {'x' if chosen else ' '} {name:<{_NAME}}"
     if width >= _WIDE:
+        start += f" {formatting.shorten(unit.serial_number or formatting.NOTHING, _SERIAL):<{_SERIAL}}"
         start += f" {formatting.port_name(now['port'] if now else _port(unit), _PLACE):<{_PLACE}}"
     rate = formatting.number(now["measured_hz"] if now else None, 5, 1)
     lost = formatting.clipped(messages.lost(now).replace(" to ", "-") if now else formatting.NOTHING, 5)
@@ -79,9 +86,8 @@ def common(units: Sequence[UnitView]) -> str:
 
 
 def label(unit: UnitView) -> str:
-    """What a unit is called: its name in the batch's file, or its serial number where that is a mere number."""
-    name = unit.name.partition(":")[2] or unit.name
-    return unit.serial_number if unit.serial_number and name.isdecimal() else name
+    """Name of a unit in its batch."""
+    return unit.name.partition(":")[2] or unit.name
 
 
 def _port(unit: UnitView) -> str:
