@@ -130,7 +130,7 @@ class LogsPage(Page):
     async def _look(self) -> None:
         folder = self.folder
         found = await in_thread(lambda: self._recordings.find(folder))
-        if not self.query("#logs-lead"):  # the page is still being made, or is going
+        if not self.query("#logs-more"):  # the page is still being made, or is going
             if self.is_running:
                 self.call_later(self._look)
             return

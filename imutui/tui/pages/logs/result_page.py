@@ -96,7 +96,7 @@ class ResultPage(Page):
         super().on_screen_resume()
         if self._left:
             self.say(AGAIN)
-            self.app.pop_screen()
+            self.call_later(self.action_leave)  # behind what is said
 
     def action_elsewhere(self) -> None:
         self.say(ELSEWHERE, "wait")
