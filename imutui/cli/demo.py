@@ -20,6 +20,7 @@ def command(
     seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
     rate: Rate = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
+    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     json: Json = False,
 ) -> None:
     """Run the main job on a virtual instrument.
@@ -51,7 +52,8 @@ def command(
         duration_s=60.0 if seconds is None else seconds,
         note="demo",
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
-        virtual=("--seed", str(seed), "--scenario", str(STEADY)),
+        speed=speed,
+        virtual=("--seed", str(seed), "--scenario", str(STEADY), "--speed", str(speed)),
     )
     follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
 
