@@ -17,7 +17,7 @@ from imutui.verdict.rules import RANK, SIGNS, TRACE_KEY, WORDS
 MORE = " also: n note  p profile  c cancel it  s stop  S start  2-5 its pages  d detach"
 TRACE = "Enter goes to the unit; there, t on 4 Filter traces its recording"
 ALL = "A key counts for all units, or for those that x has chosen. Enter goes to one."
-_NAME, _SERIAL, _PLACE, _WIDE, _SEVERAL = 9, 10, 22, 112, 2
+_NAME, _PLACE, _WIDE, _SEVERAL = 9, 30, 112, 2
 _STYLES = {"good": "$text-success", "wait": "$text-warning", "bad": "$text-error", "none": "dim"}
 NOTE_HINT = "Enter takes it, for all units that are meant; Esc: not yet."
 EXCHANGE = "s stops it, and S then starts the unit that is there"
@@ -39,7 +39,7 @@ class Wrong(NamedTuple):
 
 def heading(width: int) -> str:
     """Names of the columns; x, y and z stand above the marks of gyros and accelerometers."""
-    place = f" {'serial':<{_SERIAL}} {'port':<{_PLACE}}" if width >= _WIDE else ""
+    place = f" {'port':<{_PLACE}}" if width >= _WIDE else ""
     return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<7} what is wrong"
 
 
@@ -54,7 +54,6 @@ def _row(unit: UnitView, name: str, chosen: bool, width: int) -> StyledText:
     now, found = unit.now, wrong(unit)
     start = f" {'x' if chosen else ' '} {name:<{_NAME}}"
     if width >= _WIDE:
-        start += f" {formatting.shorten(unit.serial_number or formatting.NOTHING, _SERIAL):<{_SERIAL}}"
         start += f" {formatting.port_name(now['port'] if now else _port(unit), _PLACE):<{_PLACE}}"
     rate = formatting.number(now["measured_hz"] if now else None, 5, 1)
     lost = formatting.clipped(messages.lost(now).replace(" to ", "-") if now else formatting.NOTHING, 5)
@@ -86,8 +85,9 @@ def common(units: Sequence[UnitView]) -> str:
 
 
 def label(unit: UnitView) -> str:
-    """Name of a unit in its batch."""
-    return unit.name.partition(":")[2] or unit.name
+    """Name of a unit in its batch, with its serial number where the name is a mere number."""
+    name = unit.name.partition(":")[2] or unit.name
+    return f"{name} {unit.serial_number}" if name.isdecimal() and unit.serial_number not in ("", name) else name
 
 
 def _port(unit: UnitView) -> str:
