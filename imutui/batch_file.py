@@ -37,6 +37,8 @@ from imutui.instrument.names import NAMES, VIRTUAL_PORT
 from imutui.toml_text import Table, tables_of
 
 _TEXTS = ("filter", "note", "operator", "table", "place", "profile")
+COMMON = ("rate", *_TEXTS)
+"""Keys at the top of the file, which are for all units."""
 _OF_UNIT = ("port", "serial", "name", "instrument", "mount", "effects")
 _WORD = re.compile(r"[\w-][\w.-]*")
 _FIND = "`imutui devices --probe` lists the units that answer, with port and serial number"
@@ -99,7 +101,7 @@ def read(path: Path) -> Batch:
 
 def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
     """Text of a batch's file, with a comment for each unit."""
-    head = [(key, getattr(batch, key)) for key in ("rate", *_TEXTS)]
+    head = [(key, getattr(batch, key)) for key in COMMON]
     lines = [f"{key} = {toml_text.value(value)}" for key, value in head if value is not None]
     for unit, said in zip(batch.units, about or ("",) * len(batch.units), strict=True):
         lines += ["", *([f"# {said}"] if said else []), "[[unit]]"]
@@ -109,7 +111,7 @@ def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
 
 
 def _batch(document: dict[str, Any], path: Path) -> Batch:
-    top = Table(document, ("rate", *_TEXTS, "unit"), "a batch", where="")
+    top = Table(document, (*COMMON, "unit"), "a batch", where="")
     tables = tables_of(document, "unit")
     if not tables:
         raise InputError(f"it has no [[unit]]. {_FIND}")

@@ -77,6 +77,7 @@ FLOORS = {
     "imutui.verdict": {
         "filters.channels",
         "filters.health.finding",
+        "filters.effects.plain_names",
         "filters.specification",
         "imutui.filter_snapshot",
         "imutui.logbook.results",

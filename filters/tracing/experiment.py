@@ -237,7 +237,7 @@ def _sentence(options: Sequence[EvaluatedMotion], unseparated: Sequence[str]) ->
     """What to do; without a chamber too, if that will do as well; or that nothing will."""
     best = options[0]
     if not best.separated:
-        nearest = f"nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.candidate.instruction}"
+        nearest = f"nearest comes {best.expected:.1f} sd apart of {SEPARATES:.0f}: {best.candidate.instruction}"
         return f"nothing known separates them; {nearest}"
     text = best.candidate.instruction
     if unseparated:
@@ -245,4 +245,4 @@ def _sentence(options: Sequence[EvaluatedMotion], unseparated: Sequence[str]) ->
     plain = next((o for o in options if not o.candidate.chamber), best)
     if plain is best or not set(plain.separated) >= set(best.separated):
         return text
-    return f"{text}; or, without a chamber: {plain.candidate.instruction} (d = {plain.expected:.0f})"
+    return f"{text}; or, without a chamber: {plain.candidate.instruction} ({plain.expected:.0f} sd apart)"

@@ -20,6 +20,7 @@ def command(
     seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
     rate: Rate = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
+    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     json: Json = False,
 ) -> None:
     """Run the main job on a virtual instrument.
@@ -34,7 +35,7 @@ def command(
     from imutui.cli.attach import has_screen
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
-    from imutui.session.plan import DEMO_RATE_HZ, demo
+    from imutui.session.plan import DEMO_RATE_HZ, STEADY, demo
 
     if not headless and not has_screen():
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
@@ -52,7 +53,8 @@ def command(
         duration_s=60.0 if seconds is None else seconds,
         note="demo",
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
-        virtual=("--seed", str(seed)),
+        speed=speed,
+        virtual=("--seed", str(seed), "--scenario", str(STEADY), "--speed", str(speed)),
     )
     # the virtual unit stands there, whatever the user's configuration says of another place
     plan = replace(plan, gravity=None)

@@ -38,7 +38,7 @@ from imutui.cli.exit_codes import (
 from imutui.cli.follow_acquisition import HungUpError, TerminatedError
 from imutui.cli.session_options import refuse
 from imutui.command_line import command
-from imutui.plain_text import in_line
+from imutui.plain_text import in_line, one_line
 from imutui.session import batch as batches
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
@@ -274,11 +274,20 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
     """Record the units of a batch's file that are chosen and do not run yet, and exit.
 
     `name`, `port`: units that are chosen, with commas between them, None for all; where the one that is chosen is now.
-    `given`: keys of the file that the command line says, which is in `base`.
+    `given`: fields of `base` that the command line states. They win over the file, and over what the batch began with.
     """
-    unsaid: dict[str, Any] = dict.fromkeys(given)
-    batch = replace(batch_file.read(path), **unsaid)
-    plans = batches.plans(batch, base)
+    batch = batch_file.read(path)
+    first = batches.asked_of(batch.name) if batch.name in batches.running() else None
+    if first is None:
+        keys = [_KEYS.get(field, field) for field in given]
+        unstated: dict[str, Any] = dict.fromkeys(key for key in keys if key in batch_file.COMMON)
+        batch = replace(batch, **unstated)
+        common = batches.base_of(batch, base)
+    else:
+        own: dict[str, Any] = {field: getattr(base, field) for field in given}
+        chosen = [field for field in base.explicit if field in given]
+        common = replace(first, **own, explicit=(*first.explicit, *chosen))
+    plans = batches.plans(batch, common)
     remarks = dict[str, None]()
     for number, plan in enumerate(plans, 1):
         try:
@@ -300,7 +309,37 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
     if port is not None:
         asked = [replace(plan, port=port) for plan in asked]
     say_if_not_kept()
+    if first is not None:
+        say(f"{', '.join(plan.name for plan in asked)}: as the batch began, {_in_words(common)}")
+        for field in given:
+            if field != "reference_file" and getattr(common, field) != getattr(first, field):
+                flag = _FLAGS.get(field, field).replace("_", "-")
+                said, others = (_value(getattr(plan, field)) for plan in (common, first))
+                say(f"--{flag} {said} is of this command; the batch began with {others}")
     for remark in remarks:
         say(remark)
-    batches.begin(batch)
-    follow(batch, base, asked, json=json)
+    batches.begin(batch, first or common)
+    follow(batch, common, asked, json=json)
+
+
+_KEYS = {"rate_hz": "rate", "reference": "profile"}
+"""Keys of a batch's file for fields of a plan, where their names differ."""
+_FLAGS = {"rate_hz": "rate", "duration_s": "duration"}
+"""Options for fields of a plan, where their names differ."""
+_LONGEST_VALUE = 60
+
+
+def _in_words(plan: Plan) -> str:
+    """What a plan asks of all units of a batch."""
+    parts = [f"{plan.rate_hz:g} Hz", plan.sampling, f"filter {plan.filter}"]
+    parts.append(f"reference {plan.reference_file[0] or plan.reference}")
+    texts = ("note", "operator", "place", "table")
+    parts += [f'{key} "{value}"' for key in texts if (value := getattr(plan, key))]
+    if plan.duration_s is not None:
+        parts.append(f"for {plan.duration_s:g} s")
+    return ", ".join(parts)
+
+
+def _value(value: object) -> str:
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return one_line(text, _LONGEST_VALUE) if value not in (None, "") else "none"

@@ -124,7 +124,8 @@ def command(
     each, so that each replays by itself. `imutui service` has it run without anybody.
 
     Of a batch each unit has its own acquisition, named BATCH:UNIT, and its own log: one that fails keeps no other from
-    its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on.
+    its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on. What
+    the first command asked holds for a unit that joins, unless its own command says otherwise.
 
     With --controller a profile with align = "marks" runs by itself, once somebody has said that the table may move:
     each segment begins when the table is there. The recording ends with the profile, or with --duration; the table is
@@ -193,9 +194,30 @@ def command(
     if batch is not None:
         from imutui.cli import follow_batch
 
-        said = {"rate": rate, "filter": filter_name, "operator": operator, "table": table, "place": place}
-        said |= {"note": note or None, "profile": reference}
-        follow_batch.record(batch, name, port, plan, [key for key in said if said[key] is not None], json=json)
+        given: dict[str, object] = {
+            "rate_hz": rate,
+            "sampling": sampling,
+            "baud": baud,
+            "duration_s": duration,
+            "instrument": instrument,
+            "filter": filter_name,
+            "reference": reference,
+            "reference_file": reference,
+            "effects": effects,
+            "note": note or None,
+            "operator": operator,
+            "place": place,
+            "table": table,
+            "rotate_minutes": rotate_minutes,
+            "rotate_mb": rotate_mb,
+            "unattended": unattended or None,
+            "accel_sign": accel_sign,
+            "mount": mount,
+            "gyro_sign": gyro_sign,
+            "site": site,
+            "gravity": gravity,
+        }
+        follow_batch.record(batch, name, port, plan, [key for key in given if given[key] is not None], json=json)
     check_stream(plan)
     if controller is not None and kind == "profile":
         plan = may_move(plan)

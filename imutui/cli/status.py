@@ -1,5 +1,7 @@
 """`imutui status`."""
 
+import shutil
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -36,9 +38,27 @@ def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> Non
             client.attach(name)  # says what runs instead
         answers = [one for one in ask(running if name is None else [name]) if one.missing != ENDED]
     documents = [_document(one) for one in answers]
-    answer(documents, lambda: "\n".join(map(_text, answers)) or "no acquisition is running", json=json)
+    answer(documents, lambda: _wrapped("\n".join(map(_text, answers))) or "no acquisition is running", json=json)
     if any(one.missing in (SILENT, ENDED) for one in answers):
         raise typer.Exit(INSTRUMENT)
+
+
+def _wrapped(text: str) -> str:
+    """Lines that fit a terminal; whole where a program or a file takes them."""
+    if not sys.stdout.isatty():
+        return text
+    return "\n".join(_wrap(line, shutil.get_terminal_size((80, 24)).columns) for line in text.splitlines())
+
+
+def _wrap(line: str, width: int) -> str:
+    """A line wrapped at words, and a path that is longer than a line behind its slashes."""
+    from imutui.report import wrapping
+    from imutui.tui import formatting
+
+    indent = line[: len(line) - len(line.lstrip())]
+    more = f"{indent}    "
+    made = wrapping.wrap(line.strip(), width, indent, more)
+    return "\n".join(formatting.folded(one, width, more) for one in made)
 
 
 def _document(answer: "Answer") -> Mapping[str, object]:

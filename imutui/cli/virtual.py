@@ -58,7 +58,9 @@ def command(
     serial_number: Annotated[
         int | None,
         typer.Option(
-            "--serial-number", help="Serial number that it reports (9911750; of a file *.raw the recorded unit's)."
+            "--serial-number",
+            help="Serial number that it reports (9911750 + the seed; without seed and scenario it follows from --link;"
+            " of a file *.raw the recorded unit's).",
         ),
     ] = None,
     controller: Annotated[
@@ -87,7 +89,8 @@ def command(
     With a recording and a scenario, the scenario's motion, temperature and effects are added to what was recorded:
     such readings are called simulated. A file *.raw is a stream that an IMU381 sent: it is played byte for byte, from
     its beginning each time that a host asks for its rate. With --controller the unit stands on a table that
-    `imutui table` and others turn; its URL is the second line on stdout. Ctrl+C ends it.
+    `imutui table` and others turn; its URL is the second line on stdout. Units of different seeds, or without seeds of
+    different links, have different serial numbers. Ctrl+C ends it.
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
@@ -129,7 +132,7 @@ def command(
     else:
         added = None if spoil is None else load(spoil)
         on_table = None if table is None else partial(table.under, log=lambda text: say(f"table: {text}"))
-        asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added, on_table)
+        asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added, on_table, link)
         made = UNITS[instrument or instrument_of(from_)](asked, serial_number)
     if made.source:
         say(f"imutui: {made.source}")

@@ -166,6 +166,7 @@ class Asked:
     spoil: ErrorFunction | None = None  # what to add besides
     # makes the table under command that a unit of this scenario stands on
     table: Callable[[Scenario], OnTable] | None = None
+    link: Path | None = None  # symbolic link to its port, as it was typed
 
 
 def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None = None) -> UnitOnTheLine:

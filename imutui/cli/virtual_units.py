@@ -1,5 +1,7 @@
 """Which virtual unit `imutui virtual` runs: an IMU400CD, an IMU381, or a recorded stream of one, byte for byte."""
 
+import os
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,9 @@ from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual_instrument import VirtualInstrument
 
 SERIAL_NUMBER = 9911750
+"""Serial number of a virtual unit of the seed 0; that of seed N is N higher."""
+_OF_LINKS = range(10_000_000, 100_000_000)
+"""Serial numbers of virtual units that only their link tells apart."""
 
 _IMU381 = "IMU381ZA-200"
 _IMU381_LOOP_HZ = 100
@@ -65,7 +70,7 @@ class VirtualSetting:
 def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU400CD-200."""
     made = on_the_line(asked)
-    options = made.options(SERIAL_NUMBER if serial_number is None else serial_number)
+    options = made.options(serial_number_of(asked, made.seed) if serial_number is None else serial_number)
     unit = imu400cd.VirtualUnit(made.readings, options, made.seed)
     return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
 
@@ -76,7 +81,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     it = made.personality
     text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
     options = UnitOptions(
-        serial_number=SERIAL_NUMBER if serial_number is None else serial_number,
+        serial_number=serial_number_of(asked, made.seed) if serial_number is None else serial_number,
         text=f"{text} from {made.source}" if made.source else text,
         reply_delay_s=it.reply_delay,
         clock_skew_ppm=it.clock_skew_ppm,
@@ -85,11 +90,21 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
 
 
+def serial_number_of(asked: Asked, seed: int) -> int:
+    """Serial number of a virtual unit, the same each time that the same unit is asked for.
+
+    The seed makes the unit, so it makes the number. Without a seed and a scenario the link tells units apart.
+    """
+    if asked.link is None or asked.seed is not None or asked.scenario is not None:
+        return (SERIAL_NUMBER + seed) % 2**32
+    return _OF_LINKS[zlib.crc32(os.fsencode(asked.link)) % len(_OF_LINKS)]
+
+
 UNITS: dict[str, Callable[[Asked, int | None], VirtualSetting]] = {
     names.IMU400CD: imu400cd_unit,
     names.IMU381: imu381_unit,
 }
-"""What makes the virtual unit of each instrument: from what is asked, and a serial number other than the usual one."""
+"""What makes the virtual unit of each instrument, from what is asked and, if one is given, a serial number."""
 
 
 def instrument_of(recording: Path | None) -> str:

@@ -71,6 +71,14 @@ def _units(document: BatchDocument, *, is_page: bool) -> Iterator[Block]:
                 NOTHING if unit["verdict"] is None else f"{folder_of(unit)}/{INDEX}",
             ]
     yield Table(tuple(columns), tuple(map(tuple, rows)))
+    for serial in dict.fromkeys(unit["serial_number"] for unit in units):
+        several = [unit["name"] for unit in units if serial and unit["serial_number"] == serial]
+        if len(several) > 1:
+            yield Paragraph(
+                f"{len(several)} units have the same serial number, {serial}: {', '.join(several)}. They are told apart"
+                " by their names in the batch, and by recordings that overlap in time. Give each unit a number of its"
+                " own before the next batch."
+            )
     if _count(units, "table"):
         yield Paragraph(
             "table: nothing is against the unit but what all units share. Put that right, and record it again."

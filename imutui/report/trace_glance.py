@@ -21,7 +21,7 @@ _STATUS = {
 }
 METRICS = {
     "e10": "10 s means",
-    "nis": "√(NIS/dof)",
+    "nis": "innovation / its sd",
     "drift_10s": "drift in 10 s",
     "drift_60s": "drift in 60 s",
     "bias_prediction": "bias 60 s on",
@@ -194,5 +194,5 @@ def _separate(d: TraceDocument, places: Places) -> tuple[str, list[FindingEntry]
     motion = made.get("motion") or f"a run of {duration(made['duration_s'])}"
     if made["d_expected"] < SEPARATES:
         return "stays open", pairs, f"{what} {motion}"
-    enough = f"(d = {made['d_expected']:.0f}, {SEPARATES:.0f} is enough)"
-    return "run experiment", pairs, f"{what} To tell {enough}: {motion}. {places.experiment}"
+    apart = f"{made['d_expected']:.0f} sd apart are expected, {SEPARATES:.0f} are enough"
+    return "run experiment", pairs, f"{what} To tell ({apart}): {motion}. {places.experiment}"

@@ -18,14 +18,15 @@ _IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")  # paramete
 _FEW = 3
 _CERTAIN = 1000.0  # odds from which on they need not be told
 _RULE = (
-    "± is one standard deviation. A cause joins where its score, beside drift too, is above 9; of a channel that"
-    " drifts, a step, or what channels share, needs more than 30. A slow effect joins where its odds over drift"
-    " alone are 9:1. It leaves where its score falls below 4.5, because others explain it."
+    '± is one standard deviation. "Fits better by" is what the likelihood gains (2 ln) less what the parameters and'
+    " their choice cost. A cause joins above 9, beside drift too; of a channel that drifts, a step, or what channels"
+    " share, needs more than 30. A slow effect joins where its odds over drift alone are 9:1. A cause leaves below 4.5,"
+    " because others explain it."
 )
 _RULE_BY_HAND = (
     "± is one standard deviation. Scale factors, cross-axis terms and the gyros' sensitivity to specific force join as"
-    " groups, where the gain of a group is above its price; each leaves where its own score is below 4.5. What goes"
-    " beyond them (an accelerometer's square, cube, asymmetry) needs more than 9. The gyros' biases are always in."
+    " groups, where the gain of a group is above its price; each leaves where it fits better by less than 4.5. What"
+    " goes beyond them (an accelerometer's square, cube, asymmetry) needs more than 9. The gyros' biases are always in."
 )
 _CARRIES_OVER = (
     "Each power-on was fitted by itself; what differs beyond the standard deviations of the fits is the power-on's. The"
@@ -35,6 +36,11 @@ _CARRIES_OVER = (
 _NO_ERROR = (
     "None was measured: after the first minute, in which the bias is taken, or in folds of a shorter run, too little is"
     " left."
+)
+_ERRORS = (
+    'The floor is what white noise alone gives; n is the number of windows. "Innovation / its sd" is the root mean'
+    " square of what the filter did not foresee over the standard deviation that it stated, √(NIS/dof): 1 is right,"
+    " above 1 the filter is too sure."
 )
 _AVERAGED = "Where forms are averaged, the figures are those of the likeliest one, and the average joins the filter."
 
@@ -111,14 +117,14 @@ def _causes(d: TraceDocument, places: Places) -> Table:
     columns = (
         Column("Channel", "code"),
         Column("Cause, its parameters, or what else fits"),
-        Column("Value ± sd, or score"),
+        Column("Value ± sd, and how well it fits"),
     )
     return Table(columns, tuple(row for rows in groups for row in rows), caption)
 
 
 def _findings(d: TraceDocument) -> Iterator[list[Row]]:
     for f in d.get("findings", []):
-        told = [f"score {f['score']:.0f}"]
+        told = [_fits(f["score"])]
         if (known := f.get("odds")) is not None and known < _CERTAIN:
             told.append(odds(known))
         confirmed = f.get("confirmed")
@@ -163,9 +169,14 @@ def _rivals(rivals: Sequence[RivalEntry]) -> list[Row]:
     made = []
     for r in rivals:
         label = plain_names.named(str(r.get("label", plain_names.effect(r["effect"]))), r["effect"])
-        told = f"score {r['score_difference']:+.0f}" if r.get("score_difference") is not None else ""
+        told = _fits(r["score_difference"]) if r.get("score_difference") is not None else ""
         made.append(("", f"or: {label}", told if r.get("weight") is None else f"weight {share(r['weight'])}"))
     return made
+
+
+def _fits(score: float) -> str:
+    """A score in words: how much better or worse the readings fit."""
+    return f"fits {'worse' if score < 0 else 'better'} by {abs(score):.0f}"
 
 
 def _refuted(d: TraceDocument) -> Iterator[list[Row]]:
@@ -253,7 +264,7 @@ def _weak(d: TraceDocument) -> Table:
         parameters = _parameters(x.get("params", []))
         sizes = [value if len(parameters) == 1 else f"{name} {value}" for _, name, value in parameters]
         known = f", {odds(x['odds'])}" if "odds" in x else ""
-        told = [f"score {x['score']:.0f}{known}" + (f": {x['why']}" if x.get("why") else "")]
+        told = [f"{_fits(x['score'])}{known}" + (f": {x['why']}" if x.get("why") else "")]
         if x.get("limit") is not None and x.get("params"):
             unit = x["params"][0]["unit"].removeprefix("1")
             told.append(f"{x['limit']:.2g} {unit}".rstrip() + " would be used")
@@ -283,7 +294,7 @@ def _errors(d: TraceDocument) -> Table:
     )
     columns = (Column("Error of"), Column("Channel", "code"), *(Column(text, "number") for text in (
         "Before", "After", "95 % of it", "Floor")), Column("Unit"), Column("n", "number"))  # fmt: skip
-    return Table(columns, rows, "The floor is what white noise alone gives; n is the number of windows.")
+    return Table(columns, rows, _ERRORS)
 
 
 def _limits(d: TraceDocument) -> Table:

@@ -37,7 +37,7 @@ from imutui.session.ipc import NameTakenError
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.metadata import motion_of
-from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
+from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan, batch_of
 from imutui.session.preloaded import LOADING, PLAN_LIMIT
 from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
@@ -98,7 +98,7 @@ def main(text: str) -> int:
                 name, turner = stack.enter_context(_virtual(plan))
             table = stack.enter_context(_table(plan)) if plan.controller else None
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
-            return _acquire(plan, port, stream, turner, table, stands)
+            return _acquire(plan, port, stack, stream, turner, table, stands)
     except NameTakenError:
         own = () if plan.name == "default" else ("--name", plan.name)
         return _refuse(
@@ -152,6 +152,7 @@ def _table(plan: Plan) -> Iterator[CommandedTable]:
 def _acquire(
     plan: Plan,
     port: Port,
+    stack: contextlib.ExitStack,
     stream: LiveStream | None,
     turner: TableTurner | None,
     table: CommandedTable | None,
@@ -171,6 +172,7 @@ def _acquire(
             if plan.port != VIRTUAL_PORT and was_asked:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
+        stack.enter_context(_own_serial(plan, identity.serial_number))
         engine = Engine(plan, host, identity, stream, turner, table, stands)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
@@ -217,6 +219,26 @@ def _serve(plan: Plan, engine: Engine) -> None:
     # the server's own end would take it up to half a second more, and nobody finds it any longer
     ipc.socket_path(plan.name).unlink(missing_ok=True)
     server.wait_idle(_LAST_REPLIES_S)
+
+
+@contextlib.contextmanager
+def _own_serial(plan: Plan, serial_number: str) -> Iterator[None]:
+    """Hold the unit's serial number within its batch.
+
+    Raises InstrumentError if another unit of the batch has it: their recordings could not be told apart.
+    """
+    batch = batch_of(plan.name)
+    if not batch or not serial_number:
+        yield
+        return
+    with ipc.claimed_serial(batch, serial_number, plan.name) as holder:
+        if holder is not None:
+            raise InstrumentError(
+                f'the units "{holder}" and "{plan.name}" (at {plan.port}) have the same serial number, {serial_number}.'
+                f' "{holder}" goes on. Check that each port leads to a unit of its own; a virtual unit takes another'
+                " --seed or --serial-number."
+            )
+        yield
 
 
 def carry_out(engine: Engine, request: Request) -> Reply:

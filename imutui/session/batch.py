@@ -18,7 +18,9 @@ from typing import Any, TypeVar
 from filters.errors import InputError
 from imutui import batch_file
 from imutui.batch_file import Batch, BatchError, Unit
+from imutui.command_line import command
 from imutui.instrument.names import DEFAULT, VIRTUAL_PORT
+from imutui.logbook import atomic_file
 from imutui.session import client, end_report, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
 from imutui.session.end_report import EndReport
@@ -27,7 +29,7 @@ from imutui.session.preloaded import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
-_SUFFIX = ".batch"
+_SUFFIX, _ASKED = ".batch", ".asked"
 _AT_ONCE = 32
 _STARTING = max(4, os.cpu_count() or 1)
 R = TypeVar("R")
@@ -59,40 +61,52 @@ def acquisition_of(batch: str, unit: str) -> str:
     return unit if batch_of(unit) == batch else f"{batch}:{unit}"
 
 
-def plans(batch: Batch, base: Plan) -> list[Plan]:
-    """Plans of the units' acquisitions, in their order; one that is known by its serial number has no port yet.
+def base_of(batch: Batch, base: Plan) -> Plan:
+    """Plan that all units of a batch have in common.
 
-    `base`: what the file does not say.
-    Raises BatchError with file, unit and key if a plan cannot be, or a file that it names can't be read.
+    `base`: what the file does not state.
+    Raises BatchError if the file names a profile that cannot be read.
     """
-    from imutui.logbook import effects_file, import_reference
+    from imutui.logbook import import_reference
 
-    said = {key: getattr(batch, key) for key in ("filter", "note", "operator", "table", "place")}
-    common = {key: value for key, value in said.items() if value is not None}
-    which, found = "", []
+    stated = {key: getattr(batch, key) for key in ("filter", "note", "operator", "table", "place")}
+    common: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    if batch.rate is not None:
+        common |= {"rate_hz": batch.rate, "explicit": (*base.explicit, "rate_hz")}
     try:
-        if batch.rate is not None:
-            common |= {"rate_hz": batch.rate, "explicit": (*base.explicit, "rate_hz")}
         if batch.profile is not None:
             file = import_reference.from_text(batch.profile)
             if file is None:
                 raise InputError(f'`profile` is "{batch.profile}", no .toml or .csv file nor a ready-made profile')
             name = import_reference.name_of(batch.profile)
             common |= {"reference": file.kind, "reference_file": (name, file.content.decode("utf-8-sig"))}
+        return replace(base, **common, foxglove_port=0)  # a stream is of one
+    except InputError as error:
+        raise batch.wrong(str(error)) from error
+
+
+def plans(batch: Batch, base: Plan) -> list[Plan]:
+    """Plans of the units' acquisitions, in their order; one that is known by its serial number has no port yet.
+
+    `base`: what `base_of` returned.
+    Raises BatchError with file, unit and key if a plan cannot be, or a file that it names can't be read.
+    """
+    from imutui.logbook import effects_file
+
+    which, found = "", []
+    try:
         for number, unit in enumerate(batch.units, 1):
             which = f"[[unit]] {number}: "
             own: dict[str, Any] = {"name": acquisition_of(batch.name, unit.name), "port": unit.port}
             if unit.instrument or unit.port == VIRTUAL_PORT:
                 own["instrument"] = unit.instrument or DEFAULT
             if unit.port == VIRTUAL_PORT:
-                # units of a batch are told apart by their serial numbers
-                own_number = ("--seed", str(number), "--serial-number", str(number))
-                own["virtual"] = ("--instrument", own["instrument"], *own_number)
+                own["virtual"] = ("--instrument", own["instrument"], "--seed", str(number))
             if unit.mount:
                 own["mount"] = unit.mount
             if unit.effects:
                 own["effects"] = effects_file.from_file(Path(unit.effects)).decode("utf-8-sig")
-            found.append(replace(base, **(common | own), foxglove_port=0))  # a stream is of one
+            found.append(replace(base, **own))
     except InputError as error:
         raise batch.wrong(f"{which}{error}") from error
     return found
@@ -174,12 +188,31 @@ def _start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError],
             one.give_up()
 
 
-def begin(batch: Batch) -> None:
-    """Have viewers find the file of a batch, from now on."""
-    link = ipc.folder() / f"{batch.name}{_SUFFIX}"
+def begin(batch: Batch, base: Plan) -> None:
+    """Have viewers find the file of a batch, and keep what is asked of all its units for those that join later.
+
+    `base`: what `base_of` returned.
+    """
+    link, asked = (ipc.folder() / f"{batch.name}{suffix}" for suffix in (_SUFFIX, _ASKED))
     part = link.with_name(f"{link.name}.{secrets.token_hex(4)}.part")
     part.symlink_to(batch.path.resolve())
     part.replace(link)
+    atomic_file.write(asked, base.dumps(), overwrite=True)
+
+
+def asked_of(name: str) -> Plan | None:
+    """Plan that the units of the batch had in common when it was begun last; None if there is none.
+
+    Raises SessionError if another version of this program wrote it.
+    """
+    texts = [folder / f"{name}{_ASKED}" for folder in ipc.folders()]
+    text = next((path for path in texts if path.exists()), None)
+    try:
+        return None if text is None else Plan.loads(text.read_text(encoding="utf-8"))
+    except (KeyError, TypeError, ValueError) as error:
+        stop = command("stop", "--batch", name)
+        said = f"another version of imutui started the batch {name}: `{stop}`, then start all of it"
+        raise SessionError(said) from error
 
 
 def file_of(name: str) -> Path | None:

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
+from urllib.parse import quote
 
 import platformdirs
 
@@ -41,6 +42,7 @@ _SOON_OVER = ("stop", "stop_recording", "mark", "describe")
 _FULL = f"{MAX_VIEWERS} viewers are connected already, which is the most; close one"
 _QUEUE_FULL_S = 0.01
 _LINK_SUFFIX = ".elsewhere"
+_SERIAL_SUFFIX, _LONGEST_UNIT = ".serial", 1000
 
 
 class NameTakenError(Exception):
@@ -134,6 +136,36 @@ def lock(name: str) -> int:
         else:
             _link_from_cache()
             return descriptor
+
+
+@contextlib.contextmanager
+def claimed_serial(batch: str, serial_number: str, unit: str) -> Iterator[str | None]:
+    """Hold a serial number within a batch; the kernel gives it back however the process ends.
+
+    Yields None, or the name of the unit that holds the number already.
+    """
+    path = folder() / f"{batch}.{quote(serial_number, safe='')}{_SERIAL_SUFFIX}"
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield _holder(descriptor)
+        else:
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, unit.encode(), 0)
+            yield None
+            os.ftruncate(descriptor, 0)
+    finally:
+        os.close(descriptor)
+
+
+def _holder(descriptor: int) -> str:
+    """Name of the unit that holds a serial number; a holder writes it just after it took the lock."""
+    deadline = time.monotonic() + _LOOKERS_S
+    while not (holder := os.pread(descriptor, _LONGEST_UNIT, 0)) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return holder.decode() or "another unit"
 
 
 def is_locked(path: Path) -> bool:

@@ -292,6 +292,7 @@ class Plan:
 
 
 DEMO_RATE_HZ = 20.0
+STEADY = Path(__file__).with_name("steady.toml")  # scenario of the headless demo
 DEMO = "demo"  # name and note of the demo's acquisition
 
 

@@ -1,7 +1,9 @@
 """Numbers and names as text of fixed width, so that digits do not dance. Pure functions."""
 
+import itertools
 import math
 import re
+from collections.abc import Callable, Sequence
 
 from imutui.verdict.rules import BIAS_DECIMALS as BIAS_DECIMALS
 
@@ -90,6 +92,41 @@ def shorten(text: str, width: int) -> str:
         return text[:width]
     head = (width - 1) // 2
     return text[:head] + "…" + text[len(text) - (width - 1 - head) :]
+
+
+def apart(texts: Sequence[str], width: int) -> list[str]:
+    """Texts of at most `width` characters, as `shorten` makes them; different texts stay different.
+
+    Of texts that would read the same the end is left out, or the beginning, or both, so that what differs stays.
+    """
+    made = {text: shorten(text, width) for text in dict.fromkeys(texts)}
+    alike: dict[str, list[str]] = {}
+    for text, short in made.items():
+        alike.setdefault(short, []).append(text)
+    for group in alike.values():
+        if len(group) > 1:
+            made |= _apart(group, width, {made[text] for text in made if text not in group})
+    return [made[text] for text in texts]
+
+
+def _apart(group: list[str], width: int, taken: set[str]) -> dict[str, str]:
+    """Texts of a group in the first form in which all of them differ, from those that are taken too."""
+    differ = next(n for n, signs in enumerate(itertools.zip_longest(*group)) if len(set(signs)) > 1)
+    room = max(width - 2, 1)
+    forms: list[Callable[[str], str]] = [
+        lambda text: f"…{text[len(text) - width + 1 :]}",
+        lambda text: clipped(text, width),
+        lambda text: f"…{text[differ : differ + room]}…",
+    ]
+    for form in forms:
+        made = {text: form(text) for text in group}
+        if len({*made.values()} | taken) == len(group) + len(taken):
+            return made
+    numbered: dict[str, str] = {}
+    for text in group:
+        several = (f"{text[: width - len(str(n)) - 1]}~{n}" for n in itertools.count(1))
+        numbered[text] = next(form for form in several if form not in taken and form not in numbered.values())
+    return numbered
 
 
 def shorten_path(path: str, width: int) -> str:

@@ -12,22 +12,26 @@ from imutui.verdict.rules import STEADY_K_PER_MIN
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-WARM_UP_S = 15 * 60.0
+TREND_KNOWN_S = 30.0
+"""Time until the filter knows how the temperature changes."""
 KILLED = "Its process was killed or broke down: it is gone, and has left no word of its end."
 
 
-def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
+def temperature(seconds: float | None, slope_k_per_min: float | None) -> tuple[str, str]:
+    """Whether the temperature is steady, by the slope and the limit of the verdict: word, and what it follows from.
+
+    `seconds`: age of the acquisition.
+    """
     if seconds is None:
-        return ""
-    moves = slope_k_per_min is not None and abs(slope_k_per_min) > STEADY_K_PER_MIN
-    word = "warming" if seconds < WARM_UP_S else "unsteady" if moves else "steady"
-    slope = f"{slope_k_per_min:+.2f}" if slope_k_per_min is not None else formatting.NOTHING
-    wait = {
-        "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {STEADY_K_PER_MIN:g} K/min",
-        "unsteady": f"wait until it is below {STEADY_K_PER_MIN:g} K/min",
-    }.get(word, "biases will hold")
-    return f"{word}  on for {formatting.minutes(seconds)}  T {slope} K/min  {wait}"
+        return "", ""
+    limit = f"±{STEADY_K_PER_MIN:g} K/min"
+    if slope_k_per_min is None:
+        word, said = "T –", f"its trend is known after {TREND_KNOWN_S:.0f} s"
+    elif abs(slope_k_per_min) <= STEADY_K_PER_MIN:
+        word, said = "T steady", f"{slope_k_per_min:+.2f} K/min, within {limit}"
+    else:
+        word, said = "T moves", f"{slope_k_per_min:+.2f} K/min: wait until it is within {limit}"
+    return word, f"{said}  on for {formatting.minutes(seconds)}"
 
 
 def silence_limit_s(rate_hz: float | None) -> float:

@@ -9,14 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from filters.effects import plain_names
 from filters.health.finding import ADVICE, HealthEntry
-from imutui.filter_snapshot import (
-    BiasSnapshot,
-    CauseSnapshot,
-    NisSnapshot,
-    NoiseSnapshot,
-    RemainderSnapshot,
-)
+from imutui.filter_snapshot import BiasSnapshot, CauseSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -416,7 +411,7 @@ def _causes(causes: Sequence[CauseSnapshot]) -> Check:
     if not large:
         said = "none larger than a bias may be uncertain by" if showing else "none shows"
         return Check("good", "effects", said)
-    brief = f"{large[0]['channel']} {large[0]['effect'].replace('_', ' ')}"
+    brief = f"{large[0]['channel']} {plain_names.short(large[0]['effect'])}"
     return Check("wait", "effects", large[0]["text"], brief, TRACE_KEY)
 
 

@@ -163,10 +163,10 @@ def _caption_of_causes(d: Any) -> str:
 def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None:
     norm = {**traces.whole_document()["error"][0], "metric": "gravity_norm", "channel": None, "unit": "mg"}
     by_hand = traced(runs=[{**RUN, "reference": "turned"}], error=[norm], curves=[])
-    assert f"own score is below {choice.KEEP}. " in _caption_of_causes(by_hand)
+    assert f"it fits better by less than {choice.KEEP}. " in _caption_of_causes(by_hand)
     assert f"needs more than {choice.ACCEPT:g}. " in _caption_of_causes(by_hand)
-    assert f"is above {selection.ACCEPT:g};" in _caption_of_causes(traced())
-    assert f"falls below {selection.KEEP}," in _caption_of_causes(traced())
+    assert f"A cause joins above {selection.ACCEPT:g}, " in _caption_of_causes(traced())
+    assert f"A cause leaves below {selection.KEEP}," in _caption_of_causes(traced())
     sections = {section.title: section.blocks for section in trace_report.article(by_hand).sections}
     (table,) = [block for block in sections["Errors"] if isinstance(block, Table)]
     assert table.rows[0][0] == "size of gravity"

@@ -221,14 +221,47 @@ def test_marks_and_notes_go_to_all_or_to_those_that_are_chosen(home: Path) -> No
     assert marks == {"ten-units:1": ["at all", "lost"], "ten-units:left": ["at all", "at left", "left too"]}
 
 
-def test_asked_again_it_starts_what_does_not_run(home: Path) -> None:
-    with two_units(home), recording(home, TEXT, "--name", "1", names=("1",)) as record:
-        with started(command_line("record", "--batch", str(table(home)))) as second:
+def test_asked_again_it_starts_what_does_not_run_as_the_first_command_asked(home: Path) -> None:
+    """What only the first command stated holds for the unit that joins; what the second command states is its own."""
+    text = "[[unit]]" + TEXT.partition("[[unit]]")[2]
+    first = ("--rate", "20", "--note", "first lot", "--operator", "ana", "--filter", "none", "--sampling", "polled")
+    with two_units(home), recording(home, text, "--name", "1", *first, names=("1",)) as record:
+        line = command_line("record", "--batch", str(table(home, text)), "--operator", "eva")
+        with (home / "second.txt").open("w") as said, started(line, stderr=said) as second:
             wait_until(lambda: samples("left") > 5 and "ten-units:left runs, too" in record.said())
-            assert "runs already" in imutui("record", "--batch", table(home), check=4).stderr
+            assert "runs already" in imutui("record", "--batch", table(home, text), check=4).stderr
             second.kill()
         record.process.send_signal(signal.SIGINT)
-        assert set(record.ended(130)) == {"ten-units:1", "ten-units:left"}
+        ends = record.ended(130)
+    assert set(ends) == {"ten-units:1", "ten-units:left"}
+    joined = (home / "second.txt").read_text()
+    assert 'ten-units:left: as the batch began, 20 Hz, polled, filter none, reference level, note "first lot"' in joined
+    assert "--operator eva is of this command; the batch began with ana" in joined
+    infos = [log_of(ends[f"ten-units:{name}"]).info for name in ("1", "left")]
+    assert {(info.note, info.rate_hz, info.sampling, info.filter) for info in infos} == {
+        ("first lot", 20.0, "polled", "none")
+    }
+    assert [info.operator for info in infos] == ["ana", "eva"]
+
+
+def test_equal_serial_numbers_in_one_batch_are_refused_by_both_names_and_the_others_go_on(home: Path) -> None:
+    same = VirtualUut(Still(), UutOptions(text="IMU381ZA-200 VIRTUAL SIM", serial_number=41))
+    text = TEXT + '[[unit]]\nport = "{home}/three"\n'
+    with (
+        two_units(home),
+        served(same, link=home / "three"),
+        recording(home, text, "--duration", "2", names=("left",)) as record,
+    ):
+        ends = record.ended(4)
+    refused = [name for name, end in ends.items() if end["error"]]
+    assert refused in (["ten-units:1"], ["ten-units:3"])  # whichever came second
+    said = str(ends[refused[0]]["error"])
+    assert '"ten-units:1"' in said
+    assert '"ten-units:3"' in said
+    assert "the same serial number, 41" in said
+    assert f"--name {refused[0].partition(':')[2]}`, with --port" in record.said()
+    assert all(log_of(end).finished for name, end in ends.items() if name not in refused)
+    assert len(list((home / "logs").glob("*.mcap"))) == 2
 
 
 def test_one_profile_serves_all_each_with_its_mounting(home: Path) -> None:
@@ -253,7 +286,7 @@ def test_one_profile_serves_all_each_with_its_mounting(home: Path) -> None:
     ("text", "code", "said"),
     [
         ("[[unit]]\n", 3, "[[unit]] 1 has no `port` or `serial`"),
-        ('rate = 500.0\n[[unit]]\nport = "{home}/one"\n', 3, "[[unit]] 1: `rate` is 500 Hz"),
+        ('rate = 500.0\n[[unit]]\nport = "{home}/one"\n', 3, "ten units.toml: `rate` is 500 Hz"),
         ('profile = "none.toml"\n[[unit]]\nport = "{home}/one"\n', 3, "none.toml: No such file"),
         ('profile = "level"\n[[unit]]\nport = "{home}/one"\n', 3, '`profile` is "level", no'),
         (TEXT + '[[unit]]\nport = "/a"\neffects = "none.toml"\n', 3, "[[unit]] 3: --effects {home}/none.toml: No such"),

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import termios
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import pytest
 from helpers.commands import imutui, imutui_json
 from helpers.places import own_places
-from helpers.processes import end_owner, wait_until
+from helpers.processes import command_line, end_owner, wait_until
 from helpers.units import Still, served, virtual
 
 from imutui.instrument.uut.unit import VirtualUnit
@@ -51,6 +53,21 @@ def test_one_status_lists_all(two: dict[str, Client]) -> None:
     assert all(state["free_bytes"] and state["recording"]["path"] for state in document)
     assert [state["name"] for state in imutui_json("status", "--name", "b")] == ["b"]
     assert "Running: a, b." in imutui("status", "--name", "c", check=4).stderr
+
+
+def test_lines_of_status_fit_a_terminal(two: dict[str, Client]) -> None:
+    """A path that is longer than a line is broken behind a slash, so that it can be put together again."""
+    del two
+    master, slave = os.openpty()
+    termios.tcsetwinsize(slave, (24, 80))
+    done = subprocess.run(command_line("status"), stdout=slave, env={**os.environ, "COLUMNS": "80"}, check=True)
+    os.close(slave)
+    said = os.read(master, 1 << 16).decode()
+    os.close(master)
+    assert done.returncode == 0
+    assert max(map(len, said.splitlines())) <= 80
+    assert "b (pid" in said
+    assert said.count(".mcap") == 2
 
 
 @pytest.mark.parametrize("line", [["stop"], ["mark", "door"], ["attach"]])

@@ -1,6 +1,8 @@
 """Numbers and names as text, and the signs that a terminal has."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from imutui.tui import formatting
 from imutui.tui.terminal import glyphs
@@ -71,6 +73,21 @@ def test_a_shortened_path_keeps_the_files_name() -> None:
     assert formatting.shorten_path(path, 60) == "/tmp/pytest-of-ana/…/imu400cd_9911750_20261121T104307Z.mcap"
     assert formatting.shorten_path(path, 20) == formatting.shorten(path.rpartition("/")[2], 20)
     assert formatting.shorten_path("a.mcap", 20) == "a.mcap"
+
+
+@given(st.lists(st.text("0123abT_", min_size=1, max_size=40), unique=True, max_size=8), st.integers(8, 30))
+def test_different_names_stay_different_however_little_room_there_is(names: list[str], width: int) -> None:
+    shown = formatting.apart(names, width)
+    assert len(set(shown)) == len(names)
+    assert max(map(len, shown), default=0) <= width
+    assert all(short == name for short, name in zip(shown, names, strict=True) if len(name) <= width)
+
+
+def test_what_differs_in_names_stays() -> None:
+    times = [f"9911750_20261127T08{minute}12Z_demo" for minute in (14, 15)]
+    assert formatting.apart(times, 13) == ["…081412Z_demo", "…081512Z_demo"]
+    middle = [f"imu400cd_9911750_{day}_the_same_long_note" for day in ("monday", "tuesday")]
+    assert [name for name, day in zip(formatting.apart(middle, 13), ("mon", "tue"), strict=True) if day in name]
 
 
 def test_a_long_path_is_broken_behind_separators() -> None:

@@ -19,15 +19,6 @@ def test_silence_is_judged_by_the_packet_rate() -> None:
     assert messages.silence({**silent, "sampling": "polled", "silent_s": 31.0}) is not None
 
 
-def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
-    assert messages.warm_up(180.0, 0.42) == (
-        "warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min"
-    )
-    assert messages.warm_up(3600.0, 0.01) == "steady  on for 1 h 00 min  T +0.01 K/min  biases will hold"
-    assert messages.warm_up(3600.0, -0.5).startswith("unsteady  on for 1 h 00 min  T -0.50 K/min  wait until")
-    assert messages.warm_up(None, None) == ""
-
-
 def test_who_begins_a_file_is_told_of_the_profile_that_the_filter_goes_by() -> None:
     told = [
         messages.recording_to("/logs/x.mcap", None if reference is None else {"reference": reference})

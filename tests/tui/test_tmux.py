@@ -101,7 +101,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     choose_virtual_at_20_hz(terminal)
     live = terminal.wait_for("SIMULATED", "gx", "deg/s", "asked 20", "not recording", "? help")
     assert all(len(line) <= 80 for line in live.splitlines())
-    assert "K/min" in live or "warming" in live
+    assert "K/min" in live or "its trend is known" in live
 
     terminal.see("r", "A note for this recording")
     terminal.see("Enter", "● REC", "imu400cd_9911750_", "flush")

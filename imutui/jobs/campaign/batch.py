@@ -5,8 +5,11 @@ taken off its biases before. A unit against which there is nothing but what all 
 recorded again.
 """
 
+import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Literal, TypedDict, get_args
 
@@ -26,6 +29,7 @@ from imutui.logbook import summary as log_summary
 from imutui.logbook.reader import UnreadableLogError
 
 VERSION = 1
+_OVERLAP_S = 1.0  # time that two recordings have in common before they are of two units
 _WORST = ("RED", "AMBER", "OFF", "GREEN")
 _TILTS = ("tilt", "gravity")
 
@@ -36,6 +40,7 @@ Outcome = Literal["fail", "table", "not_told", "pass"]
 class UnitField(TypedDict):
     """A unit of a batch.
 
+    `name` tells it apart from all others: it is `unit`, its name in the batch, and its serial number.
     `limits` are those of its sheet that it fails by itself or is too near to tell; `shared_limits` those that it fails
     with what all units share. `common` are numbers of common errors that it has, from 0. `by_itself` names axes of
     the table along which it moves by itself while there is something that all share. `verdict` is the filter's, of its
@@ -43,6 +48,7 @@ class UnitField(TypedDict):
     """
 
     name: str
+    unit: str
     serial_number: str
     instrument: str
     kind: Kind
@@ -110,10 +116,7 @@ def result(
     `rows`: of its logs.
     `root`: folder that their names are relative to.
     """
-    of_units: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda row: (row["start_utc"] or "", row["log"])):
-        of_units.setdefault(row["serial_number"] or Path(row["log"]).stem, []).append(row)
-    of_units = dict(sorted(of_units.items()))
+    of_units = _by_unit(rows)
     paths = {name: [Path(root) / row["log"] for row in own if row["error"] is None] for name, own in of_units.items()}
     period = unit_at_rest.row_period([path for own in paths.values() for path in own])
     at_rest = []
@@ -135,6 +138,38 @@ def result(
         "units": sorted(units, key=lambda unit: get_args(Outcome).index(unit["outcome"])),
         "common": common,
     }
+
+
+def _by_unit(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows of each unit by what it is called; recordings that overlap in time are of several units."""
+    found: dict[str, list[Row]] = {}
+    for row in sorted(rows, key=lambda row: (row["start_utc"] or "", row["log"])):
+        name = _name(row)
+        several = (name if number == 1 else f"{name} ({number})" for number in itertools.count(1))
+        free = next(one for one in several if not any(_overlap(row, other) for other in found.get(one, ())))
+        found.setdefault(free, []).append(row)
+    return dict(sorted(found.items()))
+
+
+def _name(row: Row) -> str:
+    """Name of a unit in its batch and its serial number; name of the log where that states neither."""
+    return " ".join(dict.fromkeys(filter(None, (row.get("unit"), row["serial_number"])))) or Path(row["log"]).stem
+
+
+def _overlap(a: Row, b: Row) -> bool:
+    """Whether two recordings ran at the same time; a copy of a recording is the same one."""
+    if a["log_sha256"] == b["log_sha256"]:
+        return False
+    (begin, end), (other_begin, other_end) = _span(a), _span(b)
+    return begin < other_end - _OVERLAP_S and other_begin < end - _OVERLAP_S
+
+
+def _span(row: Row) -> tuple[float, float]:
+    """Begin and end of a recording, s since 1970; NaN, which overlaps nothing, where they are not known."""
+    if row["start_utc"] is None or row["duration_s"] is None:
+        return math.nan, math.nan
+    begin = datetime.fromisoformat(row["start_utc"]).timestamp()
+    return begin, begin + row["duration_s"]
 
 
 _Limits = tuple[list[LimitField], list[LimitField]]
@@ -204,6 +239,7 @@ def _unit(
     moved = any(is_the_tables(common[number]) and common[number]["kind"] not in _TILTS for number in own)
     made: UnitField = {
         "name": name,
+        "unit": rows[0].get("unit") or "",
         "serial_number": rows[0]["serial_number"],
         "instrument": rows[0]["instrument"],
         "kind": rows[0]["kind"],  # type: ignore[typeddict-item]

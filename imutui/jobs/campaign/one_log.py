@@ -186,6 +186,7 @@ def _row(task: Task, found: Replayed) -> Row:
         # an import's stamps begin when its file was last changed
         "start_utc": None if info.sampling == "imported" else utc_text(found.first_ns),
         "batch": info.batch or None,
+        "unit": (info.batch and info.acquisition.partition(":")[2]) or None,
         "power_on": power_on.power_on_id(info, d["log_sha256"] or ""),
         "temperature_degc": found.temperature and dict(zip(("mean", "min", "max"), found.temperature, strict=True)),
         "nis": {key: same["nis"][key] for key in NisField.__annotations__},

@@ -4,6 +4,7 @@ A row holds numbers and words, never arrays of samples. Two runs over the same l
 run, give rows that are equal in all fields but `TIMINGS`.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, NotRequired, TypedDict
 
 from filters.health.finding import HealthEntry
@@ -131,7 +132,9 @@ class Row(TypedDict):
     alarms: list[str]
     health: list[HealthEntry]
     verdict: VerdictField | None
-    batch: NotRequired[str | None]  # which batch its unit was recorded in; None for none
+    # batch, unit: which batch its unit was recorded in, and the unit's name there; None for none
+    batch: NotRequired[str | None]
+    unit: NotRequired[str | None]
     findings: NotRequired[list[FindingField] | None]  # with a trace only; None where the log cannot be traced
     trace_error: NotRequired[str | None]  # with a trace only: why the log could not be traced
     wall_s: float
@@ -144,6 +147,25 @@ def is_fine(row: Row) -> bool:
     """Whether `imutui replay`, and `imutui trace` where it was asked for, would end with 0 on this log."""
     whole = row["finished"] is True and row["damage"] is None and row.get("trace_error") is None
     return row["error"] is None and whole and row["verdict"] is not None and row["verdict"]["passes"]
+
+
+def told_apart(rows: Sequence[Row]) -> list[Row]:
+    """Rows in which one serial number is of one unit.
+
+    Units of one batch may state one serial number under several names: their rows get the batch and the name behind
+    the number. All other rows stay as they are.
+    """
+    names: dict[tuple[str, str], set[str]] = {}
+    for row in rows:
+        if row.get("batch") and row.get("unit"):
+            names.setdefault((row.get("serial_number") or "", row["batch"] or ""), set()).add(row["unit"] or "")
+    shared = {serial for (serial, _), units in names.items() if serial and len(units) > 1}
+    return [
+        {**row, "serial_number": f"{row['serial_number']} {row['batch']}:{row['unit']}"}
+        if row.get("serial_number") in shared and row.get("batch") and row.get("unit")
+        else row
+        for row in rows
+    ]
 
 
 class SettingsFields(TypedDict):

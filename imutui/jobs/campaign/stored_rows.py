@@ -158,6 +158,8 @@ class _Needed(TypedDict):
     kind: NotRequired[str]
     instrument: NotRequired[str]
     serial_number: NotRequired[str]
+    batch: NotRequired[str | None]
+    unit: NotRequired[str | None]
     start_utc: NotRequired[str | None]
     power_on: NotRequired[str | None]
     temperature_degc: NotRequired[TemperatureField | None]

@@ -11,7 +11,7 @@ from filters.channels import CHANNELS, DPS, MG
 from filters.fleet import components, readings
 from imutui.jobs.campaign import fleet_values, summary_channels
 from imutui.jobs.campaign.fleet_values import BiasValue
-from imutui.jobs.campaign.rows import FindingField, Row
+from imutui.jobs.campaign.rows import FindingField, Row, told_apart
 from imutui.jobs.campaign.summary_document import (
     EffectField,
     ErrorField,
@@ -36,6 +36,7 @@ def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
 
     `rows`: of `stored_rows.rows_of`, at least one.
     """
+    rows = told_apart(rows)
     good = [row for row in rows if not row.get("error") and row["final"] is not None]
     bad = [row for row in rows if row.get("error") or row["final"] is None]
     groups: dict[tuple[int, str], list[Row]] = {}

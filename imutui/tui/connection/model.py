@@ -130,6 +130,9 @@ class ConnectionModel:
             self._take_history(piece)
         slope = self._series.slope_per_minute(TEMPERATURE)
         self._slope = self._temperature.slope_per_minute(0) if slope is None else slope
+        if (estimates := snapshot["filter"]) is not None:
+            # pages show the slope that the verdict goes by
+            self._slope = estimates.get("temperature_k_per_min", self._slope)
         self._take_biases(snapshot, gathers=history is None)
         verdict = judge(snapshot["filter"], snapshot["health"], self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not

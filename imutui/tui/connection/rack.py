@@ -94,14 +94,15 @@ class Rack:
     def start(self, units: Collection[str], base: Plan) -> dict[str, Client | SessionError]:
         """Start units of the batch's file that do not run; returns the client of each, or why it did not start.
 
-        `base`: what the file does not say. Raises SessionError if there is no such file any more, and BatchError if
-        it can't be used.
+        What the batch was begun with holds for them. `base`: what the file does not state, for a batch that no
+        command began. Raises SessionError if the file is gone, and BatchError if it can't be used.
         """
         path = batch.file_of(self.name)
         if path is None:
             raise SessionError(f"the file of the batch {self.name} is not there any more")
         read = batch_file.read(path)
-        plans = [plan for plan in batch.plans(read, replace(base, record=True)) if plan.name in units]
+        common = batch.asked_of(self.name) or batch.base_of(read, replace(base, record=True))
+        plans = [plan for plan in batch.plans(read, common) if plan.name in units]
         replies: dict[str, Client | SessionError] = {}
         batch.start(read, plans, lambda plan, outcome: replies.update({plan.name: outcome}))
         for reply in replies.values():

@@ -8,7 +8,7 @@ from helpers import batches, many_logs
 from helpers.batches import Error, along
 
 from filters.types import Array
-from imutui.jobs.campaign import batch, stored_rows
+from imutui.jobs.campaign import batch, stored_rows, summary
 from imutui.jobs.campaign.batch import BatchDocument
 from imutui.jobs.campaign.log_list import find
 from imutui.jobs.campaign.one_log import CampaignSettings
@@ -40,6 +40,24 @@ def test_units_without_fault_pass(tmp_path: Path) -> None:
     assert document["common"] == []
     assert batch.is_fine(document)
     assert "Nothing: no step, drift, tilt or tone" in batch_report.text(document, 80)
+
+
+def test_units_of_one_serial_number_that_ran_at_one_time_are_several_units(tmp_path: Path) -> None:
+    """Names tell them apart; where the names are equal as well, time does. A copy of a log is no further unit."""
+    logs = batches.batch(tmp_path, count=3, seconds=40.0, names=("left", "right", "right"))
+    (tmp_path / "copy.mcap").write_bytes(logs[0].read_bytes())
+    document = result(tmp_path)
+    units = {unit["name"]: (unit["unit"], unit["serial_number"], unit["logs"]) for unit in document["units"]}
+    assert units == {
+        "left 9911750": ("left", "9911750", ["copy.mcap", "u1.mcap"]),
+        "right 9911750": ("right", "9911750", ["u2.mcap"]),
+        "right 9911750 (2)": ("right", "9911750", ["u3.mcap"]),
+    }
+    assert len({batch.folder_of(unit) for unit in document["units"]}) == 3
+    words = " ".join(batch_report.text(document, 80).split())
+    assert "3 units have the same serial number, 9911750: " in words
+    (group,) = summary.summary(stored_rows.rows_of(tmp_path / "results"), "results")["groups"]
+    assert [unit["serial_number"] for unit in group["units"]] == ["9911750 B7:left", "9911750 B7:right"]
 
 
 def test_a_tilt_of_the_table_is_taken_off_before_units_are_judged(tmp_path: Path) -> None:

@@ -38,12 +38,14 @@ def batch(
     common: Error = nothing,
     own: Mapping[int, Error] | None = None,
     mounts: tuple[str, ...] = ("x,y,z",),
+    names: tuple[str, ...] = (),
 ) -> list[Path]:
     """Finished logs of units `U1`, `U2`, … of the batch "B7".
 
     `common`: error of all units.
     `own`: errors of single units, by their number from 0.
     `mounts`: how units are mounted, in turn.
+    `names`: the units' names in the batch. All units then have the serial number 9911750.
     """
     made = []
     for k in range(count):
@@ -53,5 +55,7 @@ def batch(
         info = SessionInfo(
             rate_hz=HZ, kind="simulated", serial_number=f"U{k + 1}", batch="B7", mount=mounts[k % len(mounts)]
         )
+        if names:
+            info = replace(info, serial_number="9911750", acquisition=f"B7:{names[k]}")
         made.append(logs.of_samples(folder / f"u{k + 1}.mcap", samples, info))
     return made

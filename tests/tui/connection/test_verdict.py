@@ -4,11 +4,13 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from helpers.fake_client import bias, estimates
+from helpers.fake_client import FakeClient, bias, estimates
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imutui.tui import messages
 from imutui.tui.connection import verdict
+from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.connection.verdict import HOLD_S, Debounce, judge
 from imutui.tui.pages.filter.estimates import two_lines
 from imutui.verdict import rules
@@ -41,6 +43,27 @@ def test_all_converged_and_nothing_unexplained_is_green() -> None:
     assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; means over 10 s are as noise allows")
     assert "reading − bias" in found.todo_at_length
     assert found.short == "filter ● GREEN 6 of 6"
+
+
+@pytest.mark.parametrize("slope", [None, 0.0, 0.1, -0.1, 0.101, 0.42, -0.5])
+def test_the_live_page_calls_the_temperature_steady_when_the_badge_does(slope: float | None) -> None:
+    """However long the unit is on: page and badge go by one slope and one limit."""
+    (check,) = [check for check in judge(settled(), slope).checks if check.name == "temperature"]
+    word, said = messages.temperature(32.0, slope)
+    assert (word == "T steady") == (check.level == "good")
+    assert said.endswith("on for 32 s")
+    assert messages.temperature(None, None) == ("", "")
+
+
+def test_pages_show_the_slope_of_the_filter_that_is_judged() -> None:
+    """The readings of the last minute may say otherwise than the filter, which knows the whole run."""
+    model = ConnectionModel()
+    now = FakeClient().snapshot(0)
+    model.take({**now, "filter": settled(temperature_k_per_min=0.02)})
+    view = model.view()
+    assert view.slope_k_per_min == 0.02
+    assert view.verdict is not None
+    assert view.verdict.word == "GREEN"
 
 
 def test_green_says_what_it_has_not_looked_for() -> None:

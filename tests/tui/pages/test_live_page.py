@@ -33,7 +33,7 @@ async def test_a_tall_terminal_has_room_for_six_lanes() -> None:
 
 async def test_what_a_unit_says_of_itself_stands_beside_what_was_lost() -> None:
     async with opened() as see:
-        await see("→ bad sums 0")
+        await see("→ bad checksums 0")
         assert "BIT" not in see.text()
         see.client.changes["status"] = "0x0002 (hardware error)"
-        await see("→ bad sums 0  BIT 0x0002 (hardware error)")
+        await see("→ bad checksums 0  BIT 0x0002 (hardware error)")

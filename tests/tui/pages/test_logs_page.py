@@ -256,7 +256,12 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
         assert all(len(line) <= size[0] for line in screen.splitlines())
         await see("w → a_effects.toml")
         await see("x → wrote a_experiment.toml | Enter takes it | what to do")
-        await see("6 →")
+        # who comes from another page has asked for the recordings
+        await see("6 → also: c check | a.mcap")
+        assert not isinstance(see.app.screen, ResultPage)
+        see.app.push_screen(ResultPage(made))
+        await see.shows("8.41 → 1.01  █░░░")
+        await see("t → This result has nothing for that key. | t traces.")
         await see("e → loaded gy: bias follows temperature")
         assert isinstance(see.app.screen, ResultPage)
         assert "5 Table guides through it" in " ".join(see.app.screen.as_text().split())

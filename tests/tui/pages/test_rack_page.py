@@ -17,7 +17,7 @@ def batch(monkeypatch: pytest.MonkeyPatch) -> Batch:
 
 def row(screen: str, serial: str) -> str:
     """Line of a unit."""
-    return next(line for line in screen.splitlines() if line[3:].startswith(serial))
+    return next(line for line in screen.splitlines() if serial in line[3:13])
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
@@ -31,7 +31,7 @@ async def test_the_bad_axis_is_found_from_the_page_alone(batch: Batch, size: tup
         assert " ●●●  ●●●  2" in row(screen, "9900001")
         assert "  ● GREEN" in row(screen, "9900001")
         lines = (await see(f"w → worst first | {BAD_AXIS} | t on 4 Filter traces its recording")).splitlines()
-        assert [line[3:10] for line in lines[5:9]] == ["9900003", "9900001", "9900002", "9900004"]
+        assert [line[3:12].strip() for line in lines[5:9]] == ["3 9900003", "1 9900001", "2 9900002", "4 9900004"]
         await see("w home → all 6 biases converged")
 
 
@@ -53,7 +53,7 @@ async def test_starting_asks_for_a_note_where_there_is_none_and_finishing_asks(b
     async with batch.opened() as see:
         await see("r → A note for the recordings")
         await see("'lot 9' enter → ● REC 4 of 4")
-        await see("r → Finish the files? | 4 units: 9900001, 9900002")
+        await see("r → Finish the files? | 4 units: 1 9900001, 2")
         await see("escape → ● REC 4 of 4")
         await see("r f → finished: 4 units | not recording")
     assert {unit.wish.note for unit in batch.units.values() if unit.wish} == {"lot 9"}
@@ -144,7 +144,7 @@ async def test_quitting_asks_what_becomes_of_all_units(batch: Batch, key: str, s
 
 async def test_s_stops_a_unit_after_asking(batch: Batch) -> None:
     async with batch.opened() as see:
-        await see("j s → Stop these units? | 1 unit: 9900002")
+        await see("j s → Stop these units? | 1 unit: 2 9900002")
         await see("s → stopped: 1 unit | × ENDED")
     assert batch.asked() == [[], ["stop"], [], []]
 

@@ -13,7 +13,7 @@ FIRST STEPS
   recorded. With one: 1, choose its port, Enter; then r records.
   4 Filter   wait for "all 6 biases converged". In the demo that takes half
              a minute, the first time on a machine two; AMBER then says that
-             its unit still warms up
+             that its y gyro oscillates, which t on 6 Logs traces
   r          finishes the file; 3 Record says where it is
   6 Logs     choose the file, t traces it: which physical effect moves
              what the bias does not explain, and how large. Two minutes of
@@ -76,6 +76,10 @@ ON THE LIVE PAGE
   s        scroll, sweep (cheap on a slow link), or numbers only
   counts   what the instrument sent;  value  the same in deg/s, mg and °C
   mean, sd over the last 10 s; min and max show single spikes
+  trend    means over the span of the plots as a small line a channel;
+           level while they move no more than noise does
+  T        steady within ±0.1 K/min, as the badge has it; else the text
+           says what to wait for
   plots    every lane has its own scale. A spike is never hidden: each dot
            column spans the lowest to the highest of its samples
   Ctrl+B   a line with what drawing costs: frames, bytes, processor time
@@ -123,6 +127,15 @@ ON THE LOGS PAGE
   t        trace the file under the cursor, or those chosen with x; one
            file is one power-on. The result page says what was found;
            there, w writes the effects, e loads them into the live filter
+  × floor  error of 10 s means over what white noise alone makes of it:
+           1 is the best there is
+  fits better by   what the likelihood gains (2 ln) less what the
+           parameters and their choice cost; a cause joins above 9. A
+           rival "fits worse by" so much, or the runs are on its side
+  sd apart how far two causes would read from each other in a run that
+           the result proposes; 5 are enough
+  innovation / its sd   what the filter did not foresee over the standard
+           deviation that it stated: 1 is right, above 1 it is too sure
   x        choose for a trace;  n note, R another name, D delete. A log's
            own files go with it, and D asks first
   e        load found effects into the live filter

@@ -49,7 +49,8 @@ class ChannelTable(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         span = view.shown["statistics_s"] if view.shown is not None else _STATISTICS_S
         rows = {channel["name"]: channel for channel in view.shown["channels"]} if view.shown is not None else {}
-        head = f"      counts     value           mean      sd       min       max  {span:.0f} s"
+        head = f"{'counts':>12}{'value':>10}{f'{span:.0f} s:  mean':>17}{'sd':>8}{'min':>10}{'max':>10}"
+        head += f"  trend {self.span:.0f} s"
         lines = [self.line((head.ljust(width), "bold underline"))]
         trends = trend_lines(view, self.span, self.glyphs)
         for i, (name, unit) in enumerate(zip(CHANNEL_NAMES, CHANNEL_UNITS, strict=True)):
@@ -105,5 +106,4 @@ def _trend(mean: raster.Floats, sd: float, glyphs: Glyphs) -> str:
 
 def _slope(view: View) -> str:
     """How fast the temperature moves."""
-    slope = view.series.slope_per_minute(TEMPERATURE)
-    return f"  {formatting.number(slope, 5, 2, sign=True)} K/min"
+    return f"  {formatting.number(view.slope_k_per_min, 5, 2, sign=True)} K/min"

@@ -13,7 +13,6 @@ from textual.widget import Widget
 from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting, messages
 from imutui.tui.connection.model import View
-from imutui.tui.connection.packet_series import TEMPERATURE
 from imutui.tui.pages.analysis.page import AnalysisPage
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.live.channels import CHANNEL_NAMES, CHANNEL_UNITS, ChannelTable
@@ -152,10 +151,9 @@ class StateLines(TextLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         now = view.now
-        warm = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
-        word, _, rest = warm.partition(" ")
+        word, rest = messages.temperature(now["since_start_s"] if now else None, view.slope_k_per_min)
         link = Content("") if now is None else self._link(now)
-        lines = self._showing(view) or self.line(" ", (word, "bold"), " ", rest), link, self._recording(view, width)
+        lines = self._showing(view) or self.line(" ", (word, "bold"), "  ", rest), link, self._recording(view, width)
         return [line.truncate(width) for line in lines]
 
     def _showing(self, view: View) -> Content | None:
@@ -175,7 +173,7 @@ class StateLines(TextLines):
             f" {rates}  ",
             (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
             "  ",
-            (f"bad sums {bad}", "bold $text-warning" if bad else ""),
+            (f"bad checksums {bad}", "bold $text-warning" if bad else ""),
             (f"  BIT {status}" if (status := now.get("status")) else "", "bold $text-warning"),
         )
 

@@ -104,7 +104,7 @@ class EffectsDialog(Dialog[EffectsFile | str | None]):
         yield WrappedText("", id="about", classes="text")
 
     def on_mount(self) -> None:
-        names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
+        names = [f" {name}" for name in formatting.apart([file.path.name for file in self._files], _NAME)]
         self.query_one(OptionRows).fill(
             [Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]]
         )

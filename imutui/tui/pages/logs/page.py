@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from imutui.tui.pages.logs.result_text import Outcome
 
 _LOOK_EVERY_S = 3.0
-_MORE = " also: c check  v recover  n note  R rename  D delete  e load effects  o open"
+_MORE = " also: c check  v recover  n note  R rename  D delete  e effects  o open  l last"
 
 
 class LogsPage(Page):
@@ -59,6 +59,7 @@ class LogsPage(Page):
         Binding("R,f2", "rename", "rename", key_display="R", show=False, tooltip="Another name, for its own files too"),
         Binding("D,delete", "delete", "delete", key_display="D", show=False, tooltip="Delete it, after asking"),
         Binding("e", "effects", "effects", show=False, tooltip="Load found effects into the live filter"),
+        Binding("l", "last", "last result", show=False, tooltip="The result that was shown last"),
         Binding("o", "open", "open", show=False, tooltip="Another folder or file"),
         Binding("escape", "back", "back", show=False),
     ]
@@ -129,7 +130,7 @@ class LogsPage(Page):
     async def _look(self) -> None:
         folder = self.folder
         found = await in_thread(lambda: self._recordings.find(folder))
-        if not self.query("#logs-lead"):  # the page is still being made, or is going
+        if not self.query("#logs-more"):  # the page is still being made, or is going
             if self.is_running:
                 self.call_later(self._look)
             return
@@ -145,7 +146,7 @@ class LogsPage(Page):
         line = f" {left}".ljust(width - len(right) - 2) + right
         self.query_one("#logs-lead", Static).update(Content.styled(glyphs(line), "bold"))
         self.query_one("#logs-columns", Static).update(Content(glyphs(text.heading(width - 1))))
-        rows = [text.row(brief, brief.path in shown.chosen, width - 1) for brief in shown.briefs or []]
+        rows = text.rows(shown.briefs or [], shown.chosen, width - 1)
         self._rows.fill([Content(glyphs(row)) for row in rows])
         number = shown.row_of(cursor)
         if number is not None:
@@ -273,6 +274,12 @@ class LogsPage(Page):
         self.app.push_screen(ResultPage(outcome, self._results))
         self._results = [*self._results[-8:], outcome]
         return True
+
+    def action_last(self) -> None:
+        if not self._results:
+            self.say("no result yet: t traces, p replays, c checks a recording", "wait")
+            return
+        self.app.push_screen(ResultPage(self._results[-1], self._results[:-1]))
 
     def action_effects(self) -> None:
         self._effects.choose(self.folder)

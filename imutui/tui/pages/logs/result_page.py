@@ -30,6 +30,8 @@ from imutui.tui.widgets.text_plot import PlotLook
 _WIDEST = 110
 _WIDEST_PLOTS = 150
 _MOST = 9
+ELSEWHERE = "This result has nothing for that key. Esc goes back to the recordings: there x chooses, t traces."
+AGAIN = "l shows the last result again"
 
 
 class ResultPage(Page):
@@ -54,9 +56,14 @@ class ResultPage(Page):
         Binding("p", "plots", "plots", show=False, tooltip="To the plots, and back to the text"),
         Binding("c", "compare", "compare", show=False, tooltip="Another result of the same kind beside this one"),
         Binding("escape", "leave", "back", show=False),
-        Binding("j", "scroll('down')", show=False),
-        Binding("k", "scroll('up')", show=False),
-        Binding("space", "scroll('page_down')", show=False),
+        Binding("down,j", "scroll('down')", show=False),
+        Binding("up,k", "scroll('up')", show=False),
+        Binding("pagedown,space", "scroll('page_down')", show=False),
+        Binding("pageup", "scroll('page_up')", show=False),
+        Binding("home", "scroll('home')", show=False),
+        Binding("end", "scroll('end')", show=False),
+        # what else a key of the list does, and what this result has not
+        Binding("x,t,i,v,n,o,l,R,D,w,e,s,p,c,left,right,enter,delete", "elsewhere", show=False),
     ]
 
     def __init__(self, outcome: Outcome, others: Sequence[Outcome] = ()) -> None:
@@ -64,6 +71,7 @@ class ResultPage(Page):
         self.outcome = outcome
         self._others = [other for other in others if other.kind == outcome.kind and other is not outcome]
         self._begin_of_plots = 0
+        self._left = False  # whether another page was in front meanwhile
 
     def body(self) -> Iterable[Widget]:
         offered = (("plots", "p plots  "), ("compare", "c compare  "))
@@ -78,6 +86,20 @@ class ResultPage(Page):
     def on_mount(self) -> None:
         super().on_mount()
         self._write()
+
+    def on_screen_suspend(self) -> None:
+        super().on_screen_suspend()
+        self._left = self._left or self.app.current_mode != "logs"
+
+    def on_screen_resume(self) -> None:
+        """Give way to the list when the operator comes from another page: a result is shown where it is asked for."""
+        super().on_screen_resume()
+        if self._left:
+            self.say(AGAIN)
+            self.call_later(self.action_leave)  # behind what is said
+
+    def action_elsewhere(self) -> None:
+        self.say(ELSEWHERE, "wait")
 
     def on_resize(self, event: events.Resize) -> None:
         super().on_resize(event)
@@ -136,7 +158,10 @@ class ResultPage(Page):
             name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
             self.say(name, "wait")
             return
-        names = [formatting.shorten(made.title, 46) + comparison.length(made.kind, made.document) for made in others]
+        titles = formatting.apart([made.title for made in others], 46)
+        names = [
+            title + comparison.length(made.kind, made.document) for title, made in zip(titles, others, strict=True)
+        ]
         answers = [Answer(str(n), str(n), name) for n, name in enumerate(names, 1)]
         chosen = await self.app.push_screen_wait(
             ChoiceDialog("Compare with", "B is the result that you choose, A the one that is shown.", answers)

@@ -77,9 +77,10 @@ def _residuals(d: "TraceDocument", look: PlotLook) -> list[Line]:
     changed: list[Line] = []
     unchanged: list[tuple[str, _Course]] = []
     runs = d.get("curves", [])
-    for run in runs:
+    names = formatting.apart([run["run"] for run in runs], _RUN_NAME)
+    for run, name in zip(runs, names, strict=True):
         held = ", held out" if run["heldout"] else ""
-        of_run = f", {formatting.shorten(run['run'], _RUN_NAME)}{held}" if len(runs) > 1 else held
+        of_run = f", {name}{held}" if len(runs) > 1 else held
         for channel, curves in run["channels"].items():
             curve = curves["residual"]
             title = f"{channel}, {'deg/s' if channel.startswith('g') else 'mg'}"
@@ -87,7 +88,7 @@ def _residuals(d: "TraceDocument", look: PlotLook) -> list[Line]:
                 unchanged.append((f"{title}: unchanged{of_run}", _Course(curve["x"], curve["before"], _limits(curve))))
             elif curve["x"]:
                 both = (("before", curve["before"]), ("after", curve["after"]))
-                items = [(f"{title}: {name}{of_run}", _Course(curve["x"], y, _limits(curve))) for name, y in both]
+                items = [(f"{title}: {when}{of_run}", _Course(curve["x"], y, _limits(curve))) for when, y in both]
                 changed += _grid(items, look, _course)
     lines = [*changed, *_grid(unchanged, look, _course)]
     heading = _heading(look, "Residuals over time: what the readings have beyond the reference")

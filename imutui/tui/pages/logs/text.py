@@ -34,9 +34,14 @@ def heading(width: int) -> str:
     return f"   {'name':<{name}} {columns}{more}".rstrip()
 
 
-def row(brief: Brief, chosen: bool, width: int) -> str:
+def rows(briefs: Sequence[Brief], chosen: Collection[Path], width: int) -> list[str]:
+    """Recordings in a line each; no two names read the same."""
+    names = formatting.apart([short(brief.path) for brief in briefs], _name_width(width))
+    return [_row(brief, name, brief.path in chosen, width) for brief, name in zip(briefs, names, strict=True)]
+
+
+def _row(brief: Brief, name: str, chosen: bool, width: int) -> str:
     """A recording in a line: name, start, length, rate, origin, state, unit; size and note if there is room."""
-    name = formatting.shorten(short(brief.path), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
     length = "–" if brief.seconds is None else formatting.clock(brief.seconds)
     rate = "–" if brief.rate_hz is None else f"{brief.rate_hz:.4g}"

@@ -159,7 +159,7 @@ class RackPage(Page):
         lines = [first, line(self._step.then), *([line((common, _LOUD))] if (common := text.common(units)) else [])]
         self.query_one("#step", Static).update(Content("\n").join(lines))
         self.query_one("#columns", Static).update(line(text.heading(width).ljust(width)))
-        self._rows.fill([line(*text.row(unit, unit.name in self._chosen, width - 1)) for unit in self._shown])
+        self._rows.fill([line(*row) for row in text.rows(self._shown, self._chosen, width - 1)])
         at = next((n for n, unit in enumerate(self._shown) if here is not None and unit.name == here.name), None)
         if at is not None and self._rows.highlighted != at:
             self._rows.highlighted = at

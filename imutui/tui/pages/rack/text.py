@@ -43,10 +43,16 @@ def heading(width: int) -> str:
     return f"   {'unit':<{_NAME}}{place} {'Hz':>5}  lost rec gxyz axyz   °C  {'verdict':<7} what is wrong"
 
 
-def row(unit: UnitView, chosen: bool, width: int) -> StyledText:
+def rows(units: Sequence[UnitView], chosen: Collection[str], width: int) -> list[StyledText]:
+    """Units in a line each; no two names read the same."""
+    names = formatting.apart([label(unit) for unit in units], _NAME)
+    return [_row(unit, name, unit.name in chosen, width) for unit, name in zip(units, names, strict=True)]
+
+
+def _row(unit: UnitView, name: str, chosen: bool, width: int) -> StyledText:
     """A unit in a line: name, rate, losses, whether it records, a mark a bias, temperature, verdict, what is wrong."""
     now, found = unit.now, wrong(unit)
-    start = f" {'x' if chosen else ' '} {formatting.shorten(label(unit), _NAME):<{_NAME}}"
+    start = f" {'x' if chosen else ' '} {name:<{_NAME}}"
     if width >= _WIDE:
         start += f" {formatting.port_name(now['port'] if now else _port(unit), _PLACE):<{_PLACE}}"
     rate = formatting.number(now["measured_hz"] if now else None, 5, 1)
@@ -79,9 +85,9 @@ def common(units: Sequence[UnitView]) -> str:
 
 
 def label(unit: UnitView) -> str:
-    """What a unit is called: its name in the batch's file, or its serial number where that is a mere number."""
+    """Name of a unit in its batch, with its serial number where the name is a mere number."""
     name = unit.name.partition(":")[2] or unit.name
-    return unit.serial_number if unit.serial_number and name.isdecimal() else name
+    return f"{name} {unit.serial_number}" if name.isdecimal() and unit.serial_number not in ("", name) else name
 
 
 def _port(unit: UnitView) -> str:
