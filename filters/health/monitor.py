@@ -295,8 +295,8 @@ class HealthMonitor:
 
     def _compared(self, of_sheet: Array, beside: Array | None) -> str:
         """Noise over that of the channels `beside`, or over the data sheet's where there are none."""
-        spec = self._expected.spec.source
-        of = f"of its data sheet ({spec})" if self._expected.stated else f"that the filter assumes ({spec})"
+        expected = self._expected
+        of = f"of its data sheet ({expected.spec.source})" if expected.stated else "that the filter assumes"
         ratio = float(of_sheet[0])
         if beside is not None:
             ratio, of = float(np.exp(np.mean(np.log(beside)))), "of the others of its kind"

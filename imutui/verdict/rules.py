@@ -129,7 +129,7 @@ class Verdict:
         return f"filter {self.badge} {self.brief}".rstrip()
 
 
-def judge(standing: Standing | None, health: Sequence[HealthEntry]) -> Verdict:
+def judge(standing: Standing | None, health: Sequence[HealthEntry] = ()) -> Verdict:
     """Return the verdict on a unit's channels and on its filter.
 
     `standing`: None for an acquisition or a log without a filter.

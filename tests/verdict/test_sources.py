@@ -244,7 +244,7 @@ def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
 
 
 def test_without_a_filter_only_an_alarm_is_judged() -> None:
-    alone: Any = {"log": "/logs/a.mcap", "samples": 7, "alarms": []}
+    alone: Any = {"log": "/logs/a.mcap", "samples": 7, "alarms": [], "health": []}
     assert sources.of_document(alone).passes
     stopped = sources.of_document({**alone, "alarms": ["the filter stopped, recording goes on: no reference"]})
     assert (stopped.word, stopped.passes) == ("RED", False)

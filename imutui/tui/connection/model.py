@@ -134,7 +134,7 @@ class ConnectionModel:
             # pages show the slope that the verdict goes by
             self._slope = estimates.get("temperature_k_per_min", self._slope)
         self._take_biases(snapshot, gathers=history is None)
-        verdict = judge(snapshot["filter"], snapshot["health"], self._slope, stale(snapshot), waiting_profile(snapshot))
+        verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot), snapshot["health"])
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 

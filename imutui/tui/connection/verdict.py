@@ -37,10 +37,10 @@ def waiting_profile(snapshot: Snapshot) -> str | None:
 
 def judge(
     estimates: FilterSnapshot | None,
-    health: Sequence[HealthEntry],
     slope_k_per_min: float | None = None,
     silent: str | None = None,
     waiting_profile: str | None = None,
+    health: Sequence[HealthEntry] = (),
 ) -> Verdict:
     """The verdict on the filter of a snapshot; the rest as in `imutui.verdict.rules.Standing`."""
     if estimates is None:

@@ -146,7 +146,7 @@ class FakeClient:
             "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "baud": 38400, "rate_hz": 20.0,
             "sampling": "stream", "measured_hz": 20.001, "packet_hz": 133.31, "packets": count, "lost_packets": 0,
             "lost_packets_max": 0,
-            "bad_checksums": 0, "discarded_bytes": 0,
+            "bad_checksums": 0, "discarded_bytes": 0, "health": [],
             "advice": {"losses": "check the cable", "silence": "check power and cable"}, "silent_s": 0.005,
             "zeroing": False, "reconnecting": None, "since_start_s": 192.0 + seconds,
             "utc": "2026-11-21T10:43:07Z",

@@ -311,7 +311,7 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
         "converged_s": {"gyro_bias": [9.8, None, None], "accel_bias": [None, None, None]},
         "nis": {"mean": 9.1, "dof": 9, "band95": [8.9, 9.2], "is_test": True, "why": ""},
         "noise": {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3},
-        "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "rejected": 0,
+        "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "health": [], "rejected": 0,
         "alarms": ["gz moves", "gy too"], "confounded": [],
     }  # fmt: skip
     said = result_text.replayed((), document, 100)
