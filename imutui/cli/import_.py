@@ -84,7 +84,7 @@ def command(
     }
     settings = config.load().with_flags(flags)
     info = session_from(settings, parse_site(site))
-    info = replace(info, instrument=instrument or "unknown", kind=kind)
+    info = replace(info, instrument=instrument, kind=kind)
     # refuse what cannot be before a long file is read
     info.axes()
     info.settings()

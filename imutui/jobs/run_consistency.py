@@ -35,7 +35,6 @@ _SWAYS = 0.05 * STANDARD_GRAVITY
 _QUANTILES = 2.563
 _JUDGED_S = 300.0
 _THERMAL_K = 0.5
-_NOT_STATED = ("", "unknown")
 
 
 # ------------------------------------------------------------------------------------------- logs beside one another
@@ -55,7 +54,7 @@ def check_together(reads: Sequence[LoggedRun]) -> None:
             ("instrument", a.instrument, b.instrument),
             ("serial number", a.serial_number, b.serial_number),
         ):
-            if one != two and one not in _NOT_STATED and two not in _NOT_STATED:
+            if one and two and one != two:
                 raise InputError(
                     f"{where} are of different units ({what} {one} and {two}). A trace is of one unit: trace each"
                     " unit's logs by themselves."

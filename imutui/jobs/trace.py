@@ -129,6 +129,8 @@ def _traced(
     find = _trace_turned if by_hand else _trace_known
     found, own_notes = find(fitted, held, options.asked, options.seed, progress)
     notes += own_notes
+    if by_hand and not all(read.info.site_stated for read in reads):
+        notes.append(_SITE_NOT_STATED)
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     entries = [_run(read, heldout=read is held) for read in reads]
     notes += [f"{entry['id']}: {fault['said']}" for entry in entries for fault in entry["health"]]
@@ -300,6 +302,11 @@ def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
 # A unit that was turned by hand is traced from readings alone, since the motion is not known.
 
 _TURNED = "turned"
+_SITE_NOT_STATED = (
+    "the site is not stated: gravity is that of the default place, which may be off by 0.26 % (1 sd). Scale factors of"
+    " accelerometers are relative to it, and so is the size of gravity; ratios of the three, their misalignments and"
+    " biases are not affected. State it: --site LAT,LON,H where you record or import"
+)
 
 
 def _is_turned(reads: Sequence[LoggedRun]) -> bool:

@@ -17,7 +17,6 @@ from imutui.logbook.session_info import SessionInfo, parse_signs
 
 _ID = 16
 _LONGEST_S = 3.2e8
-_NOT_STATED = ("", "unknown")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +97,7 @@ def _differences(a: SessionInfo, b: SessionInfo) -> list[tuple[str, str, str, st
     if a.g_unit != b.g_unit:
         cure = f"Set g_unit = {a.g_unit!r} under [instrument] in imutui.toml"
         found.append(("g unit", cure, f"{a.g_unit!r} m/s²", f"{b.g_unit!r} m/s²"))
-    if a.instrument != b.instrument and not {a.instrument, b.instrument} & set(_NOT_STATED):
+    if a.instrument and b.instrument and a.instrument != b.instrument:
         found.append(("instrument", f'Say --instrument "{a.instrument}"', f'"{a.instrument}"', f'"{b.instrument}"'))
     return found
 
@@ -129,7 +128,7 @@ def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[Ses
             f"its t begins at {t[0]:.3f} s, not after {before.path.name} ends ({before.last_s:.3f} s on that log's"
             " clock): it is placed one period after that log's end"
         )
-    known = before.info.instrument if info.instrument in _NOT_STATED else info.instrument
+    known = info.instrument or before.info.instrument
     return (
         replace(continued(info, before.info, before.path, before.sha256, before.first_ns), instrument=known),
         first_ns,

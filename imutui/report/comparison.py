@@ -70,7 +70,7 @@ def _told(logs: Sequence[LogFacts]) -> tuple[str, str, str, str]:
 
 def _unit(log: LogFacts) -> str:
     said = log.identity
-    if said is None or (said["instrument"] in ("", "unknown") and not said["serial_number"]):
+    if said is None or not (said["instrument"] or said["serial_number"]):
         return NOT_STATED
     return f"{said['instrument']} {said['serial_number']}".strip()
 

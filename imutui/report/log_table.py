@@ -55,8 +55,7 @@ def _cells(log: Brief, *, year: bool) -> list[str]:
 
 def unit(instrument: str, serial_number: str) -> str:
     """Model and serial number, without the version that follows a model's name: "IMU400CD 9911750"."""
-    known = "" if instrument == "unknown" else instrument
-    model = known.partition("-")[0] if known.startswith("IMU") else known
+    model = instrument.partition("-")[0] if instrument.startswith("IMU") else instrument
     return in_line(f"{model} {serial_number}".strip())
 
 

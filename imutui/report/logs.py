@@ -10,7 +10,6 @@ from imutui.report import effect_words, identity, numbers, wrapping
 from imutui.report.numbers import NOTHING
 
 _LABEL = 13
-_NO_INSTRUMENT = ("", "unknown")
 _MARKS = 50
 _TOPICS, _ADDED = 30, 5  # how many are shown
 _LONGEST = 240  # characters that are shown of one value; a file of another program may have millions
@@ -66,7 +65,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "file", f"{_size(d['bytes'])}, {state}"
     serial = f" #{d['serial_number']}" if d["serial_number"] else ""
     firmware = f", says {d['firmware']}" if d["firmware"] else ""
-    stated = d["instrument"] not in _NO_INSTRUMENT
+    stated = bool(d["instrument"])
     yield "instrument", f"{d['instrument'] if stated else identity.NOT_STATED}{serial}{firmware}"
     yield "found with", d["configuration"]
     yield "readings", f"{numbers.ORIGIN[d['kind']]}{': ' if d['source'] else ''}{d['source']}"

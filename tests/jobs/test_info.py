@@ -169,8 +169,8 @@ def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
         ("IMU400CD-200", "9911750", "IMU400CD 9911750"),
         ("IMU381ZA-200", "17", "IMU381ZA 17"),
         ("Xsens MTi-30", "", "Xsens MTi-30"),
-        ("unknown", "", ""),
-        ("unknown", "5", "5"),
+        ("", "", ""),
+        ("", "5", "5"),
     ],
 )
 def test_a_list_has_model_and_serial_number(instrument: str, serial: str, said: str) -> None:

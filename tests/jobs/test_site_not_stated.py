@@ -16,6 +16,8 @@ from filters.imu import STANDARD_GRAVITY, Samples
 from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import Site
+from imutui.jobs.campaign import one_log
+from imutui.jobs.campaign.one_log import CampaignSettings, Task
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.export.samples import import_flags
@@ -152,6 +154,14 @@ def test_estimates_that_are_written_have_it_too(level: Path, tmp_path: Path) -> 
     assert made.accel_bias_sd_mg[2] == pytest.approx(SPREAD_MG, rel=0.02)
 
 
+def test_a_campaign_row_has_it_apart(level: Path) -> None:
+    row = one_log.row_of(Task("a.mcap", str(level), CampaignSettings(), ""))
+    assert row is not None
+    assert row["sd"] is not None
+    assert row["site_sd_mg"] == [0.0, 0.0, pytest.approx(SPREAD_MG)]
+    assert row["sd"]["accel_bias_mg"][2] == pytest.approx(SPREAD_MG, rel=0.02)
+
+
 def test_gravity_that_a_replay_is_told_states_it(level: Path) -> None:
     document = imutui_json("replay", level, "--set", f"site.gravity_mps2={OSLO.gravity}")
     assert document["site_stated"]
@@ -187,6 +197,7 @@ def test_an_import_states_the_site_that_it_was_told(
     document = imutui_json("info", home / "a.mcap")
     assert document["site_stated"] is is_stated
     assert reader.read(home / "a.mcap").info.site_stated is is_stated
+    assert document["instrument"] == ""
     assert ("not stated; the default is assumed" in imutui("info", home / "a.mcap").stdout) != is_stated
 
 

@@ -43,6 +43,7 @@ def test_what_a_turned_log_shows_serves_the_filter_on_another_log(tmp_path: Path
     level = log(tmp_path / "level.mcap", level_run(*effects, seed=62), "level")
     document = imutui_json("trace", turned, "-o", tmp_path / "effects.toml", "--report", tmp_path / "page")
     assert document["runs"][0]["reference"] == "turned"
+    assert "the site is not stated" in " ".join(document["notes"])
     assert {e["metric"]: e["channel"] for e in document["error"]} == {"gravity_norm": None, "gravity_direction": None}
     assert set(document["status"].values()) <= {"explained", "partial"}
     assert "Turned by hand" in (tmp_path / "page" / "index.html").read_text()

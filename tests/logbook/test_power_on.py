@@ -101,7 +101,7 @@ def test_another_instrument_or_unit_of_g_is_refused_and_none_is_the_same(first: 
         power_on.check_same_unit(named, replace(log.info, instrument="B"))
     with pytest.raises(ValueError, match=r"g_unit = 9\.80665"):
         power_on.check_same_unit(log, replace(log.info, g_unit=9.8))
-    unnamed = replace(log.info, instrument="unknown")
+    unnamed = replace(log.info, instrument="")
     power_on.check_same_unit(named, unnamed)
     assert power_on.continuing(named, unnamed, np.array([130.0, 131.0]))[0].instrument == "A"
 

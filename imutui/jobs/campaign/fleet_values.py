@@ -1,5 +1,6 @@
 """Biases of rows as values with a unit, a power-on and a time: what a fleet's statistics are made of."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 MOST_SD = {"deg/s": 0.5, "mg": 6.0}
 """A third of the standard deviation that the filter begins with: above, a bias is still drawn to the first guess."""
 _SECONDS = 86400.0
+_MOST_OF_SITE = 1.0 - 1e-9
+"""Largest part of a standard deviation that an unstated site can be: the filter's own is never zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,12 @@ class BiasValue:
     value: float
     sd: float
     converged: bool  # whether the filter's estimate had settled
+    site_sd: float = 0.0  # part of `sd`, in quadrature, that an unstated site adds; mg
+
+    @property
+    def own_sd(self) -> float:
+        """Standard deviation of a difference to a log from the same place, as far as this log adds to it."""
+        return math.sqrt(self.sd**2 - self.site_sd**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +71,8 @@ def _value(row: Row, axis: int, gyro: bool) -> BiasValue | None:
         return None
     found = row.get("converged_s")
     since = None if found is None else (found["gyro_bias"] if gyro else found["accel_bias"])[axis]
-    return BiasValue(row, value, sd, since is not None)
+    site_sd = 0.0 if gyro else (row.get("site_sd_mg") or (0.0,) * 3)[axis]
+    return BiasValue(row, value, sd, since is not None, min(site_sd, _MOST_OF_SITE * sd))
 
 
 def power_on(row: Row) -> str:

@@ -121,6 +121,8 @@ class Row(TypedDict):
     unobservable: list[str]
     final: StateFields | None
     sd: SdFields | None
+    site_sd_mg: NotRequired[Annotated[list[float], 3] | None]
+    """Part of the accelerometers' `sd`, in quadrature, that comes from an unstated site."""
     spread: SpreadFields | None
     converged: bool | None
     converged_s: ConvergedField | None

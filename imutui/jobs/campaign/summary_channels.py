@@ -12,6 +12,7 @@ from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.fleet_values import BiasValue, ChannelValues
 from imutui.jobs.campaign.rows import Row
 from imutui.jobs.campaign.summary_document import ChannelField, DriftField, PointField, UnitChannelField
+from imutui.jobs.quantities import plural
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ def _prepared(told: ChannelValues) -> _Prepared:
     if not told.values:
         return _Prepared(told, None, [])
     keys = [(one.row["serial_number"], fleet_values.power_on(one.row)) for one in told.values]
-    values, sds = (np.array([getattr(one, name) for one in told.values]) for name in ("value", "sd"))
+    values, sds = (np.array([getattr(one, name) for one in told.values]) for name in ("value", "own_sd"))
     data = readings.power_ons(values, sds, [unit for unit, _ in keys], [name for _, name in keys])
     logs: dict[tuple[str, str], list[BiasValue]] = {}
     for key, one in zip(keys, told.values, strict=True):
@@ -93,7 +94,7 @@ def _channel(one: _Prepared, drifts: Sequence[Drift | None]) -> ChannelField:
         "unmeasured": told.unmeasured,
         "unconverged": sum(not value.converged for value in told.values),
         **fleet_values.parts(fleet),
-        "undetermined": _undetermined(fleet, data) if fleet and data else [],
+        "undetermined": [*(_undetermined(fleet, data) if fleet and data else []), *_of_site(told)],
         "repeat": fleet_values.field(data.repeat if data else None),
         "chart_power_on_sd": chart.power_on_sd if chart else None,
         "chart_dof": chart.dof if chart else None,
@@ -160,6 +161,18 @@ def _drift(found: Drift | None) -> DriftField:
         "per_kelvin": fleet_values.field(told.per_kelvin),
         "per_month_alone": fleet_values.field(told.alone),
     }
+
+
+def _of_site(told: ChannelValues) -> list[str]:
+    """What an unstated site leaves open: statistics compare logs, and assume that they come from one place."""
+    unstated = [one.site_sd for one in told.values if one.site_sd > 0.0]
+    if not unstated:
+        return []
+    return [
+        f"The site of {plural(len(unstated), 'log')} is not stated: the level of {told.channel}, of model and units,"
+        f" is uncertain by another ±{3.0 * max(unstated):.2g} mg (3 sd). Differences hold for logs of one place."
+        " Import or record with --site."
+    ]
 
 
 def _undetermined(fleet: components.Fleet, data: PowerOns) -> list[str]:

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers import fleets
 
@@ -261,3 +262,23 @@ def test_rows_are_read_from_the_folder_or_the_file(tmp_path: Path) -> None:
     path.write_text(json.dumps({"rows": [*fleets.fleet(("a",), 2), fleets.bad("b")]}))
     assert stored_rows.rows_of(tmp_path) == stored_rows.rows_of(path)
     assert len(stored_rows.rows_of(path)) == 3
+
+
+def test_an_unstated_site_widens_no_difference_between_logs_and_is_reported() -> None:
+    """Drift and control chart compare logs of one place; limits are about the level, which gravity moves."""
+    rows = fleets.fleet(UNITS, 8, seed=3, drift_mg={"0102": 0.8})
+    known = channel(summed(rows)["groups"][0], "az")
+    for row in rows:
+        row["sd"]["accel_bias_mg"] = [0.05, 0.05, float(np.hypot(0.05, 2.6))]
+        row["site_sd_mg"] = [0.0, 0.0, 2.6]
+    group = summed(rows)["groups"][0]
+    unstated = channel(group, "az")
+    (said,) = unstated["undetermined"]
+    assert "site of 32 logs is not stated" in said
+    assert channel(group, "ax")["undetermined"] == []
+    for one, other in zip(unstated["units"], known["units"], strict=True):
+        assert one["drift"]["verdict"] == other["drift"]["verdict"]
+        assert [point["sd"] for point in one["points"]] == pytest.approx([point["sd"] for point in other["points"]])
+    for row in rows:
+        row["final"]["accel_bias_mg"] = [0.0, 0.0, 13.0]
+    assert {limit["verdict"] for limit in summed(rows)["groups"][0]["limits"]} == {"not_told"}

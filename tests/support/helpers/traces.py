@@ -60,11 +60,11 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     """A log of such arrays, as `imutui import` makes it."""
     source = path.with_suffix(".npz")
     np.savez(source, **given)
-    session = SessionInfo(**({"instrument": "unknown"} | info))
+    session = SessionInfo(**({"instrument": ""} | info))
     recording = importer.load(source)
     reference = import_reference.from_arrays(recording.t, recording.known, session.axes().mount)
     if reference is not None:
-        session = SessionInfo(**({"instrument": "unknown"} | info | {"reference": reference.kind}))
+        session = SessionInfo(**({"instrument": ""} | info | {"reference": reference.kind}))
     importer.write(recording, session, source, path, overwrite=True, reference=reference)
     return path
 
