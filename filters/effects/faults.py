@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.channels import CHANNELS
+from filters.channels import CHANNELS, error_unit
 from filters.effects import quantisation, time_stamps
 from filters.effects.fault_records import (
     DEAD,
@@ -111,7 +111,7 @@ def _of_channel(channel: ChannelReadings, beside: Sequence[float]) -> tuple[Flag
     """Flags of a channel, shape (N,), and its faults; `beside`: lattices of the other two of its kind."""
     if np.ptp(channel.reading) == 0.0:
         t = channel.t
-        where = f"{DEAD}{channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
+        where = f"{DEAD}{_with_unit(channel, channel.reading[0], 6)} from {t[0]:.1f} s to {t[-1]:.1f} s"
         return np.ones(t.size, np.bool_), [DataFault("stuck", (channel.name,), 1, where, float(t[-1] - t[0]))]
     rows, off, sd = _isolated(channel)
     isolated = np.zeros(channel.t.size, np.bool_)
@@ -125,6 +125,12 @@ def _of_channel(channel: ChannelReadings, beside: Sequence[float]) -> tuple[Flag
     faults += _spikes_told(channel, isolated, off[kept], sd[kept])
     stuck, more = _stuck(channel, saturated)
     return np.asarray(isolated | saturated | stuck), [*faults, *more, *_coarse(channel, stuck, beside)]
+
+
+def _with_unit(channel: ChannelReadings, value: float, digits: int = 4) -> str:
+    """A reading of a channel in words: SI value as deg/s or mg."""
+    unit, size = error_unit(CHANNELS.index(channel.name))
+    return f"{value / size:.{digits}g} {unit}"
 
 
 # ------------------------------------------------------------------------------------------------------------ stuck
@@ -195,14 +201,16 @@ def _coarse(channel: ChannelReadings, stuck: Flags, beside: Sequence[float]) -> 
         is_coarse, against = channel.lattice > COARSE * channel.lsb, f"{channel.lattice / channel.lsb:.1f} counts"
     elif channel.lattice > COARSE * max(beside) and _LEAST_SHARE * noise < channel.lattice:
         is_coarse = True
-        against = "while the other two of its kind show " + (f"{max(beside):.4g}" if max(beside) else "none")
+        against = "while the other two of its kind show " + (
+            _with_unit(channel, max(beside)) if max(beside) else "none"
+        )
     else:
         # what is seen has the step's own noise in it, lattice²/12
         is_coarse = noise**2 < channel.lattice**2 * (1.0 / COARSE**2 + 1.0 / 12.0)
         against = f"{channel.lattice / noise:.1f} times the noise" if noise > 0.0 else "no noise between its steps"
     if not is_coarse:
         return []
-    where = f"steps of {channel.lattice:.4g}, {against}"
+    where = f"steps of {_with_unit(channel, channel.lattice)}, {against}"
     return [DataFault("coarse", (channel.name,), channel.t.size, where, channel.lattice)]
 
 
@@ -240,7 +248,7 @@ def _saturated(channel: ChannelReadings, spikes: Flags) -> tuple[Flags, list[Dat
         at = _at_extreme(channel, side, spikes)
         if np.any(at):
             limit = float(channel.reading[np.argmax(at)])
-            where = f"at {limit:.6g}: " + stretches_in_words(channel.t, runs_of(at))
+            where = f"at {_with_unit(channel, limit, 6)}: " + stretches_in_words(channel.t, runs_of(at))
             faults.append(DataFault("saturation", (channel.name,), int(np.sum(at)), where, limit))
             out |= at
     return out, faults

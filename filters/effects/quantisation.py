@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from filters.types import Array
 
 _MOST = 1 << 16
-# single precision of the source leaves values this far from where they were, as a part of the largest
+# single precision of the source leaves values this far from where they were, as a part of them
 _SINGLE = 4e-7
 _NEAR, _WITHIN, _MOST_ON = 0.1, 20.0, 0.97
 _QUANTILES = (0.5, 0.25, 0.1, 0.03)
@@ -36,8 +36,9 @@ def lattice(x: Array, lsb: float | None = None) -> float:
     some = x[:: max(1, x.size // _MOST)]
     if not some.size:
         return 0.0
-    steps = np.diff(np.unique(some))
-    steps = steps[steps > _SINGLE * np.max(np.abs(some))]
+    values = np.unique(some)
+    steps = np.diff(values)
+    steps = steps[steps > _SINGLE * np.maximum(np.abs(values[1:]), np.abs(values[:-1]))]
     for q in _QUANTILES if steps.size else ():
         step = _refined(steps, float(np.quantile(steps, q)))
         near = _NEAR + (min(lsb / step, 0.25) if lsb is not None else 0.0)

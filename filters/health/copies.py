@@ -1,8 +1,9 @@
-"""Channels that repeat another one: exact, scaled, turned in sign, or one reading late."""
+"""Channels that repeat others: exact, scaled, turned in sign, some readings late, or as a sum of several."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.types import Array
 
@@ -12,7 +13,11 @@ _ALIKE = 0.99  # correlation
 _REST = (
     0.3  # what copies do not share, over the noise of the quietest span; motion that two channels feel leaves all noise
 )
+_OF_SUM = 0.03  # what a sum does not share with its parts, over its own noise
 _SPANS, _LEAST_S = 3, 1.0  # so many in a row, and so long
+_LATEST = 16  # readings by which a copy may come late
+_TONE, _TONE_LAGS = 0.7, range(8, _LATEST + 1)
+"""Correlation of a channel with itself so many readings later, above which a tone rules it, and no noise of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,21 +29,37 @@ class Pair:
     b: int
     since_s: float
     ratio: float  # of b's changes over a's, with its sign
-    late: bool  # whether one follows the other by a reading
+    late: int  # by how many readings one follows the other
+
+
+class _InARow:
+    """Counts for how many spans in a row each of several things was found, and since when."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._count = np.zeros(shape, np.int64)
+        self.since = np.full(shape, np.nan)
+
+    def add(self, t: Array, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Take what was found in a span with times `t`; returns what has now been found for long enough."""
+        self.since = np.where(found & (self._count == 0), t[0], self.since)
+        self._count = np.where(found, self._count + 1, 0)
+        return np.asarray((self._count >= _SPANS) & (t[-1] - self.since >= _LEAST_S))
 
 
 class Copies:
-    """Compares the fast part of every pair of channels, span by span.
+    """Compares the fast part of all channels, span by span.
 
     Second differences leave slow motion out and keep each sensor's own noise, which no two sensors share. Where the
-    unit moves, spans count only if noise rules their second differences: those of white noise alternate in sign.
+    unit moves, spans count only if noise rules their second differences: those of white noise alternate in sign. A
+    tone, which several channels may feel, counts nowhere.
     """
 
     def __init__(self, channels: int) -> None:
-        self._alike = np.zeros((channels, channels), np.int64)
-        self._since = np.full((channels, channels), np.nan)
+        self._alike, self._summed = _InARow((channels, channels)), _InARow((channels,))
         self._quietest = np.full(channels, np.inf)
         self.pairs: dict[tuple[int, int], Pair] = {}
+        self.sums: dict[int, float] = {}
+        """Channels that are sums of others, and since when, s."""
 
     def add(self, t: Array, x: Array, *, still: bool) -> None:
         """Take a span of readings: times (SPAN,), values (SPAN, channels), and whether the unit is at rest."""
@@ -49,23 +70,45 @@ class Copies:
             usable &= np.einsum("ij,ij->j", d[1:], d[:-1]) < 0.0
         z = np.clip(d / np.where(usable, scale, 1.0), -_CLIP, _CLIP)
         z *= usable
-        z /= np.maximum(np.sqrt(np.einsum("ij,ij->j", z, z)), 1e-300)
-        at_once, after = z.T @ z, z[1:].T @ z[:-1]
-        alike = np.where(np.abs(after) > np.abs(at_once), after, at_once)
-        alike = np.where(np.abs(alike.T) > np.abs(alike), alike.T, alike)
+        by_lag = _correlations(z)
+        usable &= np.abs(np.einsum("kii->ki", by_lag[_TONE_LAGS])).max(axis=0) < _TONE
         self._quietest = np.minimum(self._quietest, np.where(usable, scale, np.inf))
+        # of either channel behind the other one
+        by_lag = np.where(np.abs(by_lag) >= np.abs(by_lag.transpose(0, 2, 1)), by_lag, by_lag.transpose(0, 2, 1))
+        late = np.abs(by_lag).argmax(axis=0)
+        alike = np.take_along_axis(by_lag, late[None], axis=0)[0]
         # what of a channel's changes the other one does not have
         rest = np.sqrt(np.maximum(1.0 - alike**2, 0.0)) * scale
-        found = (np.abs(alike) >= _ALIKE) & (rest < _REST * self._quietest)
+        found = (np.abs(alike) >= _ALIKE) & (rest < _REST * self._quietest) & usable & usable[:, None]
         found &= found.T
         np.fill_diagonal(found, False)
-        if not found.any() and not self._alike.any():
-            return
-        self._since = np.where(found & (self._alike == 0), t[0], self._since)
-        self._alike = np.where(found, self._alike + 1, 0)
-        for a, b in zip(*np.nonzero(np.triu(self._alike >= _SPANS)), strict=True):
+        for a, b in zip(*np.nonzero(np.triu(self._alike.add(t, found))), strict=True):
             pair = (int(a), int(b))
-            if pair not in self.pairs and t[-1] - self._since[pair] >= _LEAST_S:
+            if pair not in self.pairs:
                 ratio = float(np.sign(alike[pair]) * scale[b] / scale[a])
-                late = bool(abs(at_once[pair]) < _ALIKE)
-                self.pairs[pair] = Pair(*pair, float(self._since[pair]), ratio, late)
+                self.pairs[pair] = Pair(*pair, float(self._alike.since[pair]), ratio, int(late[pair]))
+        summed = _sums(by_lag[0], usable) if not found.any() else np.zeros(scale.size, np.bool_)
+        for c in np.flatnonzero(self._summed.add(t, summed)).tolist():
+            self.sums.setdefault(c, float(self._summed.since[c]))
+
+
+def _correlations(z: Array) -> Array:
+    """Correlation of each column with each one some rows earlier, shape (_LATEST + 1, channels, channels)."""
+    n, lags = z.shape[0], np.arange(_LATEST + 1)
+    squares = np.concatenate([np.zeros((1, z.shape[1])), np.cumsum(z**2, axis=0)])
+    late, early = np.sqrt(squares[n] - squares[lags]), np.sqrt(squares[n - lags])
+    products = np.stack([z[lag:].T @ z[: n - lag] for lag in lags])
+    return np.asarray(products / np.maximum(late[:, :, None] * early[:, None, :], 1e-300))
+
+
+def _sums(correlation: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether each channel is a linear combination of the others, bool, shape (channels,).
+
+    Of channels with correlation matrix R, the share of i that the others do not explain is 1/√(R⁻¹)ᵢᵢ.
+    """
+    rows = np.flatnonzero(usable)
+    out = np.zeros(usable.size, np.bool_)
+    if rows.size > 2:
+        R = correlation[np.ix_(rows, rows)] + 1e-9 * np.eye(rows.size)
+        out[rows] = np.diag(np.linalg.inv(R)) > _OF_SUM**-2
+    return out

@@ -11,6 +11,7 @@ from filters.types import Array
 
 _KEPT = 512  # differences of means, at most
 _FEWEST = 8
+_PIECES = 16  # at most; from half as many on
 _SECOND = 6.0  # variance of a second difference of white noise over that of a reading
 
 
@@ -28,6 +29,9 @@ class Levels:
         self._first = np.zeros(channels)
         # sums for the trend, from the first span on: t, t², x, t·x
         self._sums = np.zeros((4, channels))
+        # sums over pieces of equally many spans, one after the other
+        self._pieces = np.zeros((_PIECES, channels))
+        self._of_piece = 1
 
     def add(self, t: Array, x: Array) -> None:
         """Take a span of readings: times (n,), values (n, channels)."""
@@ -44,6 +48,12 @@ class Levels:
         self._before = mean
         since, off = middle - self._t_first, mean - self._first
         self._sums += np.stack([np.full(off.size, since), np.full(off.size, since**2), off, since * off])
+        if self._spans == _PIECES * self._of_piece:
+            half = _PIECES // 2
+            self._pieces[:half] = self._pieces.reshape(half, 2, -1).sum(axis=1)
+            self._pieces[half:] = 0.0
+            self._of_piece *= 2
+        self._pieces[self._spans // self._of_piece] += off
         self._spans += 1
 
     def density(self) -> tuple[Array, Array] | None:
@@ -74,8 +84,22 @@ class Levels:
         spread = tt[0] - t[0] ** 2 / n
         if spread <= 0.0:
             return None
-        slope = (tx - t * x / n) / spread
-        noise = np.sqrt(np.median(self._means[:count], axis=0) / CHI2_MEDIAN / 2.0)
+        slope, noise = (tx - t * x / n) / spread, self._noise(count)
         # spans lie evenly: their spread gives the time that they cover
         seconds = float(np.sqrt(12.0 * spread / n))
         return slope * seconds, noise / np.sqrt(spread) * seconds, seconds
+
+    def excursion(self) -> tuple[Array, Array] | None:
+        """Largest difference among the means of pieces of equal length, and a mean's standard deviation by the noise.
+
+        Returns None before there are enough spans.
+        """
+        count = min(self._steps, _KEPT)
+        if count < 2 * _FEWEST:
+            return None
+        pieces = self._pieces[: self._spans // self._of_piece] / self._of_piece
+        return np.ptp(pieces, axis=0), self._noise(count) / np.sqrt(self._of_piece)
+
+    def _noise(self, count: int) -> Array:
+        """Standard deviation of a span's mean, by the differences of successive ones."""
+        return np.asarray(np.sqrt(np.median(self._means[:count], axis=0) / CHI2_MEDIAN / 2.0))

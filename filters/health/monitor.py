@@ -31,19 +31,21 @@ _NAMES = ("deg/s",) * 3 + ("mg",) * 3
 _NOISY, _QUIET = np.array([4.0, 2.5]), np.array([1.0 / 20.0, 1.0 / 15.0])
 _UNLIKE = np.array([2.5, 5.0])
 _MOVES_SD = 4.0
+_RANGES_SD = 7.0  # the range of sixteen means of white noise exceeds it once in 100,000
 _TOLERANCE = np.array([0.05 * DPS] * 3 + [0.6 * MG] * 3)
 """Change of a bias that matters where no filter states its uncertainty: what a converged bias may be uncertain by."""
 
 _SPIKES, _SPIKES_MOVING = (3, 1e-4), (10, 1e-3)
 """Isolated readings that count: how many at least, and of which share of all. Knocks of a moved unit look alike."""
 _TURNED = np.array([5.0 * DPS] * 3 + [200.0 * MG] * 3)
-"""A unit at rest whose means of a span move by more has been turned."""
+"""A unit at rest whose medians of a span move by more has been turned, if they move by more than noise moves them."""
+_TURNED_SD = 8.0
 _OF_ALL = ("coarse", "repeated", "saturation")
 """Faults that change how often each value comes: zeros then say nothing."""
 _REPEATED = 0.015  # share of readings
 _WIDE = 0.5  # share of steps of three counts or more in a span that is judged
 _FEWEST_SPANS = 4
-_ROUNDING = 4e-7  # of the largest reading: single precision leaves equal readings this far apart
+_ROUNDING = 4e-7  # of a reading: single precision leaves equal readings this far apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class HealthMonitor:
         self._temperatures = Temperatures()
         self._tallies: dict[tuple[str, str], _Tally] = {}
         self._still = expected.still
-        self._rest: Array | None = None  # means of the first span
+        self._rest: Array | None = None  # medians of the first span
 
     def add(self, t: Array, gyro: Array, accel: Array, degc: Array) -> None:
         """Take the next readings.
@@ -129,9 +131,10 @@ class HealthMonitor:
         t, x = self._t[rows], self._x[rows, : len(CHANNELS)]
         self._temperatures.add(t, self._x[rows, _TEMPERATURE])
         known = np.where(np.isfinite(x), x, 0.0)
-        mean = known.mean(axis=0)
-        self._rest = mean if self._rest is None else self._rest
-        self._still &= bool((np.abs(mean - self._rest) < _TURNED).all())
+        # isolated readings far off, and noise, turn no unit
+        middle = np.median(known, axis=0)
+        self._rest = middle if self._rest is None else self._rest
+        self._still &= bool((np.abs(middle - self._rest) < np.maximum(_TURNED, _TURNED_SD * _median_sd(known))).all())
         self._copies.add(t, known, still=self._still)
         if self._still:
             self._levels.add(t, known)
@@ -250,8 +253,14 @@ class HealthMonitor:
                 if {CHANNELS[one], CHANNELS[of]} & without:
                     continue
                 shape = "reads the same as" if abs(ratio - 1.0) < 1e-3 else f"is a scaled copy ({ratio:.4g} ×) of"
-                shape = f"one reading apart, {shape}" if pair.late else shape
-                yield of_kind("copy", CHANNELS[one], pair.since_s, f"{CHANNELS[one]} {shape} {CHANNELS[of]}")
+                apart = f", {pair.late} {'reading' if pair.late == 1 else 'readings'} apart" if pair.late else ""
+                yield of_kind("copy", CHANNELS[one], pair.since_s, f"{CHANNELS[one]} {shape} {CHANNELS[of]}{apart}")
+        names = {CHANNELS[c] for c in self._copies.sums} - without
+        for c, since in self._copies.sums.items():
+            others = [name for name in CHANNELS if name in names - {CHANNELS[c]}]
+            if CHANNELS[c] in names and len(others) > 1:
+                said = f"{CHANNELS[c]} is a sum of multiples of {' and '.join(others)}: it has no noise of its own"
+                yield of_kind("copy", CHANNELS[c], since, said)
 
     def _copy_and_original(self, a: int, b: int, ratio: float) -> Iterator[tuple[int, int, float]]:
         """Which of two channels is the copy: the one less like the others of its kind; both if that does not show."""
@@ -299,25 +308,31 @@ class HealthMonitor:
         of = f"of its data sheet ({expected.spec.source})" if expected.stated else "that the filter assumes"
         ratio = float(of_sheet[0])
         if beside is not None:
-            ratio, of = float(np.exp(np.mean(np.log(beside)))), "of the others of its kind"
+            # single readings of a channel whose noise is below its steps show none
+            ratio, of = float(np.exp(np.mean(np.log(beside[:, 0])))), "of the others of its kind"
         return f"{f'{ratio:.3g} times' if ratio > 1.0 else f'1/{1.0 / ratio:.0f} of'} the noise {of}"
 
     def _moving(self, bias_sd: Array | None, without: set[str]) -> Iterator[HealthFinding]:
         """Channels whose mean moves by more than its stated uncertainty."""
-        found = self._levels.trend()
-        if found is None:
+        trend, course = self._levels.trend(), self._levels.excursion()
+        if trend is None or course is None:
             return
-        change, sd, seconds = found
+        change, sd, seconds = trend
+        excursion, excursion_sd = course
         stated = 3.0 * bias_sd if bias_sd is not None else _TOLERANCE
         for c, name in enumerate(CHANNELS):
             limit = stated[c] if np.isfinite(stated[c]) else _TOLERANCE[c]
-            if name in without or not sd[c] > 0.0 or abs(change[c]) < max(_MOVES_SD * sd[c], limit):
+            if name in without or not sd[c] > 0.0:
                 continue
             unit = _UNITS[c]
-            said = (
-                f"{name} moves by {change[c] / unit:+.3g} {_NAMES[c]} in {seconds:.0f} s,"
-                f" more than the ±{limit / unit:.2g} that its bias is known to"
-            )
+            if abs(change[c]) >= max(_MOVES_SD * sd[c], limit):
+                moves = f"moves by {change[c] / unit:+.3g} {_NAMES[c]} in {seconds:.0f} s"
+            # a constant may have values up to the limit on either side of it
+            elif excursion[c] >= max(_RANGES_SD * excursion_sd[c], 2.0 * limit):
+                moves = f"moves to and fro by {excursion[c] / unit:.3g} {_NAMES[c]} in {seconds:.0f} s"
+            else:
+                continue
+            said = f"{name} {moves}, more than the ±{limit / unit:.2g} {_NAMES[c]} that its bias is known to"
             yield of_kind("moving", name, 0.0, said)
 
 
@@ -334,10 +349,16 @@ def _merge(tallies: dict[tuple[str, str], _Tally], found: Sequence[tuple[DataFau
             known.densest = max(known.densest, share)
 
 
+def _median_sd(x: Array) -> Array:
+    """Standard deviation that white noise, seen in second differences, gives the median of a span (n, channels)."""
+    d = x[2:] - 2.0 * x[1:-1] + x[:-2]
+    return np.asarray(np.median(np.abs(d), axis=0) / 0.6745 * np.sqrt(np.pi / 12.0 / x.shape[0]))
+
+
 def _smallest_step(x: Array) -> float:
     """Return the smallest step between successive readings that is not rare; 0 where nothing changes."""
     steps = np.abs(np.diff(x))
-    steps = steps[steps > _ROUNDING * np.max(np.abs(x))]
+    steps = steps[steps > _ROUNDING * np.maximum(np.abs(x[1:]), np.abs(x[:-1]))]
     return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
@@ -351,7 +372,7 @@ def _repeated(x: Array) -> list[DataFault]:
     for c, name in enumerate(CHANNELS):
         own = spans[:, :, c]
         steps = np.abs(np.diff(own, axis=1))
-        steps[steps <= _ROUNDING * np.max(np.abs(own))] = 0.0
+        steps[steps <= _ROUNDING * np.maximum(np.abs(own[:, 1:]), np.abs(own[:, :-1]))] = 0.0
         inside = (own[:, 1:] < own.max()) & (own[:, 1:] > own.min())
         step = _smallest_step(x[:, c])
         wide, moved = (steps > 2.5 * step) & inside, (steps > 0.0) & inside

@@ -12,6 +12,7 @@ _LEAST_OF_TRIAD = 48  # where no other channel of the kind changes either
 _LEAST_OF_UNKNOWN = 1024  # the same, of a unit whose resolution is not known
 _FALSE = 1e-9  # chance of a run of equal readings that counts
 _MARGIN = 2.0
+_RAREST = 0.05  # changes that are expected where none was seen
 
 
 class Standstill:
@@ -27,7 +28,7 @@ class Standstill:
         self._first: float | None = None
         self._last = 0.0
         self._before: Array | None = None
-        self._count = 0
+        self._changes = np.zeros(channels)
         self._equal = np.zeros(channels)  # readings equal to the one before, in runs that ended
         self._run = np.zeros(channels, np.int64)  # equal pairs in the present run
         self._since = np.zeros(channels)  # time of the first reading of the present run, s
@@ -50,6 +51,8 @@ class Standstill:
         lead, trail = changed.argmax(axis=0), changed[::-1].argmax(axis=0)
         closed = self._run + lead
         counted = ends & (closed >= self.least())
+        changes = changed.sum(axis=0)
+        self._equal += np.where(ends, np.where(counted, 0, closed) + n - lead - changes - trail, 0)
         if counted.any():
             # the last equal reading of the run came just before the change
             end = np.concatenate([[self._last], t])[lead]
@@ -57,9 +60,7 @@ class Standstill:
                 self.frozen_s[c] = max(self.frozen_s[c], float(end[c] - self._since[c]))
                 if np.isnan(self.frozen_since[c]):
                     self.frozen_since[c] = self._since[c]
-        else:
-            self._equal += np.where(ends, closed + (n - lead - changed.sum(axis=0) - trail), 0)
-        self._count += n
+        self._changes += changes
         self._run = np.where(ends, trail, self._run + n)
         self._since = np.where(ends, t[n - 1 - trail], self._since)
         self._changed |= ends
@@ -67,8 +68,10 @@ class Standstill:
 
     def least(self) -> Array:
         """Equal pairs that a run needs before it counts, shape (channels,)."""
-        seen = np.maximum(self._count - self._run, 0)
-        share = np.clip((self._equal + 1.0) / (seen + 2.0), 1e-3, 1.0 - 1e-3)
+        changes = self._changes
+        # where the steps may exceed the noise, a few changes are no measure of how often they come
+        rare = changes + 1.0 if self._resolved else np.maximum(changes - 3.0 * np.sqrt(changes), _RAREST)
+        share = np.clip(1.0 - rare / (self._equal + changes + 2.0), 1e-3, 1.0 - 1e-3)
         return np.maximum(_LEAST_READINGS, _MARGIN * math.log(_FALSE) / np.log(share))
 
     def still_since(self, triad: slice) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ _FALSE = 1e-5  # chance of a period that counts
 _LEAST_PERIODIC, _PERIODS = 5, 10  # zeros in a row; distances that are looked at
 
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 130.0
+_FARTHEST_DEGC = 1e12
 _JUMP_K = 15.0  # between two readings
 _FEWEST_TEMPERATURES = 20
 _LEAST_S = 10.0
@@ -45,9 +46,7 @@ class Zeros:
         self._places += (self._count + rows[:room]).tolist()
         self._times += t[rows[:room]].tolist()
         self._count += x.size
-        if step > 0.0:
-            near = (x != 0.0) & (np.abs(x) < (_NEAR + 0.5) * step)
-            self._chance += np.count_nonzero(near) / (2.0 * _NEAR)
+        self._chance += _zeros_by_chance(x, step)
 
     def found(self) -> tuple[int, float] | None:
         """How many invalid zeros there are, and when the first one came, s; None if chance explains them."""
@@ -81,6 +80,19 @@ class Zeros:
         return None
 
 
+def _zeros_by_chance(x: Array, step: float) -> float:
+    """How many readings of exactly 0 to expect, from the values beside 0."""
+    near = x[(x != 0.0) & (np.abs(x) < (_NEAR + 0.5) * step)]
+    if not near.size:
+        return 0.0
+    # of values that come n times each, independently: the mean of n(n - 1) over that of n
+    each = np.unique(near, return_counts=True)[1]
+    alike = float(np.sum(each * (each - 1.0)) / near.size)
+    per_step = near.size / (2.0 * _NEAR)
+    # no reading between 0 and the next step: values come in steps, though a changing scale makes each differ a little
+    return max(alike, per_step) if 2 * np.count_nonzero(np.abs(near) < 0.5 * step) <= per_step else alike
+
+
 def _longest_chain(places: list[int], lag: int) -> tuple[int, int]:
     """Return the first row and the length of the longest chain of places that are `lag` apart, give or take one."""
     row, length, first = {place: k for k, place in enumerate(places)}, dict[int, int](), dict[int, int]()
@@ -106,10 +118,11 @@ class Temperatures:
 
     def add(self, t: Array, degc: Array) -> None:
         """Take the next readings, degC, shape (n,); NaN where there is none."""
-        known = np.isfinite(degc)
+        known = ~np.isnan(degc)
         t, degc = t[known], degc[known]
         if not degc.size:
             return
+        degc = np.clip(degc, -_FARTHEST_DEGC, _FARTHEST_DEGC)  # infinite ones are absurd, too
         if not self._count:
             self._first = self._last = float(degc[0])
             self._began = float(t[0])
