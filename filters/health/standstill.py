@@ -12,6 +12,7 @@ _LEAST_OF_TRIAD = 48  # where no other channel of the kind changes either
 _LEAST_OF_UNKNOWN = 1024  # the same, of a unit whose resolution is not known
 _FALSE = 1e-9  # chance of a run of equal readings that counts
 _MARGIN = 2.0
+_FINE = 0.7  # changes per reading of noise that exceeds its steps
 _RAREST = 0.05  # changes that are expected where none was seen
 
 
@@ -71,7 +72,11 @@ class Standstill:
         changes = self._changes
         # where the steps may exceed the noise, a few changes are no measure of how often they come
         rare = changes + 1.0 if self._resolved else np.maximum(changes - 3.0 * np.sqrt(changes), _RAREST)
-        share = np.clip(1.0 - rare / (self._equal + changes + 2.0), 1e-3, 1.0 - 1e-3)
+        rate = (rare / (self._equal + changes + 2.0)).reshape(-1, 3)
+        # a channel beside two that change with nearly each reading should do so, too
+        beside = np.minimum(np.roll(rate, 1, axis=1), np.roll(rate, 2, axis=1))
+        rate = np.where(beside > _FINE, np.maximum(rate, 0.5), rate).ravel()
+        share = np.clip(1.0 - rate, 1e-3, 1.0 - 1e-3)
         return np.maximum(_LEAST_READINGS, _MARGIN * math.log(_FALSE) / np.log(share))
 
     def still_since(self, triad: slice) -> tuple[Array, Array]:

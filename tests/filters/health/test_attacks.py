@@ -1,5 +1,6 @@
 """Channel health under faults and units that its thresholds were not made with."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +31,7 @@ def named(found: tuple[HealthFinding, ...]) -> set[tuple[str, str]]:
 
 
 @pytest.fixture(autouse=True)
-def no_warning(recwarn: pytest.WarningsRecorder) -> None:
+def no_warning(recwarn: pytest.WarningsRecorder) -> Iterator[None]:
     """Arithmetic on faulty readings warns of nothing."""
     with np.errstate(all="raise", under="ignore"):
         yield
@@ -131,3 +132,13 @@ def test_a_unit_whose_noise_is_below_its_steps_is_not_frozen_between_two_changes
         x[:, c] = (rng.random(4000) < share) * 0.5 * DPS
     made = replace(UNIT, t=t, x=x, degc=np.full(t.size, 25.0))
     assert not [one for one in findings(made, stated=False) if one.kind in ("dead", "frozen")]
+
+
+@pytest.mark.parametrize("c", [GZ, AX])
+def test_a_channel_that_begins_to_read_late_was_frozen(c: int) -> None:
+    x = UNIT.x[:, c].copy()
+    x[UNIT.t < 10.0] = x[0]
+    for stated in (True, False):
+        (found,) = findings(with_channel(c, x), stated=stated)
+        assert found.kind == "frozen"
+        assert "from 0.0 s on" in found.said
