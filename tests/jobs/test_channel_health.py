@@ -67,6 +67,7 @@ def test_a_trace_reports_them_for_its_run(folder: Path) -> None:
 
 def test_a_campaign_s_rows_have_them(folder: Path) -> None:
     imutui("campaign", folder / "dead.mcap", "-o", folder / "results", check=None)
-    row = json.loads((folder / "results" / "rows.jsonl").read_text().splitlines()[-1])
+    records = map(json.loads, (folder / "results" / "rows.jsonl").read_text().splitlines())
+    (row,) = [record for record in records if "log" in record]
     assert [one["kind"] for one in row["health"]] == ["dead"]
     assert row["verdict"]["word"] == "RED"
