@@ -47,8 +47,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
             own_places(patch, folder)
 
             def one(n: int) -> None:
-                # exit code 1: the spikes are a fault of the channel
-                acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n], *SLOW_LINE, check=1)
+                done = acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n], *SLOW_LINE)
+                assert "ay invalid" in done.stderr + done.stdout
+                assert done.returncode == 1
 
             # the longest first
             list(pool.map(one, (2, 0, 1)))
@@ -92,7 +93,7 @@ def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -
 
     live = acquire(
         logs[0].parent / "unit.toml", 1, home / "live.mcap", 62.0,
-        *SLOW_LINE, "--filter", "spkf", "--effects", "effects.toml", "--json", check=None,
+        *SLOW_LINE, "--filter", "spkf", "--effects", "effects.toml", "--json",
     )  # fmt: skip
     now = float(json.loads(live.stdout)["final"]["gyro_bias_dps"][1])
     assert now == pytest.approx(float(np.mean(joined)), abs=0.15)
