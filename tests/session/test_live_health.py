@@ -16,17 +16,19 @@ _FREEZES = {"name": "stuck", "channel": "gy", "at_s": 4.0, "seconds": 1e5}
 
 def test_a_channel_that_freezes_is_red_on_every_way_out_and_in_the_replay(home: Path) -> None:
     (home / "unit.toml").write_text(toml(seed=3, temperature={"constant_degc": 25.0}, effect=[_FREEZES]))
-    with unit_time.virtual_in_real_time("--scenario", str(home / "unit.toml")) as (port, _):
-        with started(command_line("record", "--port", port, "--name", "unit", "-o", "a.mcap")) as record:
-            assert record.stderr is not None
-            assert "recording to" in record.stderr.readline()
-            acquisition = client.attach("unit")
-            wait_until(lambda: acquisition.snapshot(2**62)["health"] != [])
-            wait_until(lambda: bool((acquisition.snapshot(2**62)["filter"] or {}).get("biases")))
-            seen = acquisition.snapshot(2**62)
-            said, (status,) = imutui("status").stdout, imutui_json("status")
-            stopped = imutui_json("stop", check=1)
-            printed, _ = record.communicate(timeout=LIMIT_S)
+    with (
+        unit_time.virtual_in_real_time("--scenario", str(home / "unit.toml")) as (port, _),
+        started(command_line("record", "--port", port, "--name", "unit", "-o", "a.mcap")) as record,
+    ):
+        assert record.stderr is not None
+        assert "recording to" in record.stderr.readline()
+        acquisition = client.attach("unit")
+        wait_until(lambda: acquisition.snapshot(2**62)["health"] != [])
+        wait_until(lambda: bool((acquisition.snapshot(2**62)["filter"] or {}).get("biases")))
+        seen = acquisition.snapshot(2**62)
+        said, (status,) = imutui("status").stdout, imutui_json("status")
+        stopped = imutui_json("stop", check=1)
+        printed, _ = record.communicate(timeout=LIMIT_S)
 
     (entry,) = seen["health"]
     assert (entry["channel"], entry["kind"], entry["level"]) == ("gy", "frozen", "bad")
