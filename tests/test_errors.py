@@ -27,6 +27,7 @@ EXEMPT = {
     "imutui.cli.spoil": "runs what the user wrote",
     "imutui.jobs.worker": "the border of a process: the other side is told which it was",
     "imutui.jobs.campaign.one_log.row_of": "one log must never end a campaign; its row says that it is a defect",
+    "imutui.session.batch.asked_of": "reads what a version of this program wrote; the user learns that it was another",
     "imutui.session.__main__.main": "the border of a process: whoever started it is told",
     "imutui.session.engine": "the thread that records: a defect ends it in order, or is its asker's",
     "imutui.session.ipc.reply_to": "a viewer that waits must hear something, and the others go on",

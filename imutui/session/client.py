@@ -235,7 +235,7 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
         others = f" Running: {', '.join(names)}." if names else ""
         if name is None and (away := elsewhere()):
             where = "; ".join(f'"{each}" runs in {place}' for each, place in away.items())
-            others = f" In this environment, that is; {where}. --name {next(iter(away))} takes it."
+            others = f" In this environment, that is; {where}. {joined('--name', next(iter(away)))} takes it."
         raise SessionError(
             f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
         )

@@ -138,7 +138,7 @@ class _Server:
         told, report_at = "", 0.0
         while True:
             with contextlib.suppress(TimeoutError):
-                message = feed.recv(MESSAGE_LIMIT)
+                message = _received(feed)
                 if not message:
                     break
                 self._log(message)
@@ -195,6 +195,14 @@ def _refusal(host: str, port: int, error: Exception) -> str:
     if code == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
         return f'"{host}" is no address of this computer: Foxglove cannot be served there. --foxglove-host names one.'
     return f"Foxglove cannot be served at {host}, port {port}: {error}. --foxglove and --foxglove-host name others."
+
+
+def _received(feed: socket.socket) -> bytes:
+    """Return the next message, or nothing once the acquisition has ended; it may have left reports unread."""
+    try:
+        return feed.recv(MESSAGE_LIMIT)
+    except ConnectionResetError:
+        return b""
 
 
 def _tell(feed: socket.socket, document: dict[str, str]) -> None:

@@ -45,10 +45,14 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         scenario.write_text(SCENARIO)
         with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
             own_places(patch, folder)
+
+            def one(n: int) -> None:
+                done = acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n], *SLOW_LINE)
+                assert "ay invalid" in done.stderr + done.stdout
+                assert done.returncode == 1
+
             # the longest first
-            list(
-                pool.map(lambda n: acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n], *SLOW_LINE), (2, 0, 1))
-            )
+            list(pool.map(one, (2, 0, 1)))
 
     folder = once(tmp_path_factory, "wire", make)
     return [folder / f"{name}.mcap" for name in names]
@@ -89,7 +93,7 @@ def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -
 
     live = acquire(
         logs[0].parent / "unit.toml", 1, home / "live.mcap", 62.0,
-        *SLOW_LINE, "--filter", "spkf", "--effects", "effects.toml", "--json", check=None,
+        *SLOW_LINE, "--filter", "spkf", "--effects", "effects.toml", "--json",
     )  # fmt: skip
     now = float(json.loads(live.stdout)["final"]["gyro_bias_dps"][1])
     assert now == pytest.approx(float(np.mean(joined)), abs=0.15)

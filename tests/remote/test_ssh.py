@@ -40,15 +40,17 @@ Login = Callable[..., Terminal]
 
 @pytest.fixture
 def login(home: Path, server: SshServer) -> Iterator[Login]:
-    """Run imutui over SSH, with the test's own cache and configuration, and without XDG_RUNTIME_DIR.
+    """Run imutui over SSH, with the test's own folders, as PAM gives a log-in the runtime folder of its user.
 
-    What is compiled is that of all tests: to compile it takes longer than such a recording.
+    An empty variable is left out. What is compiled is that of all tests: to compile it takes longer than such a
+    recording.
     """
     opened: list[Terminal] = []
+    names = ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR")
 
     def run(*arguments: str, **environ: str) -> Terminal:
-        own = {name: os.environ[name] for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR")}
-        variables = own | environ
+        own = {name: os.environ[name] for name in names}
+        variables = {name: value for name, value in (own | environ).items() if value}
         opened.append(Terminal(server.client(), command_line(*arguments), home, variables))
         return opened[-1]
 
@@ -83,13 +85,13 @@ def goes_on(connection: Client, seconds: float = 1.0) -> None:
 
 
 def attached() -> Client:
-    """The running acquisition, when it records."""
+    """The running acquisition, in whatever runtime folder it is, when it records."""
     wait_until(lambda: client.running() != [])
     found: list[Client] = []
 
     def records() -> bool:
         try:
-            found[:] = [client.attach()]
+            found[:] = [client.attach(client.running()[0])]
         except client.SessionConnectingError:
             return False
         return found[0].snapshot(2**62)["recording"] is not None
@@ -169,7 +171,7 @@ def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(
 
 
 def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Login, server: SshServer) -> None:
-    """`imutui` and keys over SSH, XDG_RUNTIME_DIR set as by PAM; found again from shells with another and with none."""
+    """Shells with another XDG_RUNTIME_DIR and with none list it, refuse to take it up unasked, and take it by name."""
     (home / "remote").mkdir(mode=0o700)
     first = login(XDG_RUNTIME_DIR=str(home / "remote"), IMUTUI_ACQUISITION_RATE_HZ="20")
     # the line that says what Enter does comes last: a key that is pressed before would move on from there
@@ -187,7 +189,10 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     first.close()
     wait_until(lambda: ours(home) == set(family(connection.pid)) and nobody_else_watches(connection))
     goes_on(connection)
-    login("attach").wait_for("● REC", "asked 20")
+    for runtime in (os.environ["XDG_RUNTIME_DIR"], ""):
+        login("status", XDG_RUNTIME_DIR=runtime).wait_for(f"{connection.name} (pid {connection.pid})")
+        login("attach", XDG_RUNTIME_DIR=runtime).wait_for("In this environment", f"--name {connection.name} takes it")
+        login("attach", "--name", connection.name, XDG_RUNTIME_DIR=runtime).wait_for("● REC", "asked 20")
     result = connection.stop()
     assert result is not None
     assert result["lost_packets"] == 0

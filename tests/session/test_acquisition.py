@@ -112,7 +112,9 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     assert [(*p.counts, p.temperature, p.ticks) for p in log.raw] == packets_of(home / "sent")[: len(log.raw)]
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
     assert len(log.raw) >= 30 * 133
-    assert untimed(live) == replayed(live["log"])
+    assert untimed(live) == replayed(live["log"], code=1)
+    # 20 readings a second, each sent until the next one
+    assert {"ax", "ay", "az"} <= {each["channel"] for each in live["health"] if each["kind"] == "repeated"}
     assert live["unobservable"] == ["accel_bias_x", "accel_bias_y"]
     assert live["kind"] == "unknown"
     with np.load(source) as measured:
@@ -125,7 +127,7 @@ def test_a_cause_that_is_seen_live_is_an_event_and_withdrawn_by_one(home: Path, 
     steps = [{"name": "step", "channel": "gy", "dps": dps, "at_s": at} for dps, at in ((0.9, 60.0), (-0.9, 85.0))]
     scenario, path = tmp_path / "unit.toml", tmp_path / "a.mcap"
     scenario.write_text(toml(seed=3, temperature={"history": [[0.0, 25.0]]}, effect=steps))
-    unit_time.acquire(scenario, 0, path, 170.0, "--filter", "spkf", check=None)
+    unit_time.acquire(scenario, 0, path, 170.0, "--filter", "spkf")
     log = reader.read(path)
     told = [(event.name, event.text) for event in log.events if event.name.startswith("cause")]
     assert all("channel=gy" in text for _, text in told)

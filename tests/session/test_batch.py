@@ -13,7 +13,7 @@ from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_toml
 from helpers.fake_devices import Device, Habits, answers
 from helpers.processes import LIMIT_S, command_line, has_ended, started, wait_until
-from helpers.units import Still, served
+from helpers.units import Still, healthy, served
 
 from imutui.cli.virtual_readings import SIMULATED
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
@@ -49,8 +49,8 @@ port = "{silent}"
 @contextmanager
 def two_units(home: Path) -> Iterator[None]:
     """At `one` an IMU400CD of the number 41, at `two` an IMU381 of the number 42."""
-    one = VirtualUnit(Still(), UnitOptions(version=SIMULATED, serial_number=41))
-    two = VirtualUut(Still(), UutOptions(text="IMU381ZA-200 VIRTUAL SIM", serial_number=42))
+    one = VirtualUnit(healthy(), UnitOptions(version=SIMULATED, serial_number=41))
+    two = VirtualUut(healthy(), UutOptions(text="IMU381ZA-200 VIRTUAL SIM", serial_number=42))
     with served(one, link=home / "one"), served(two, link=home / "two"):
         yield
 

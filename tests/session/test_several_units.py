@@ -12,7 +12,7 @@ import pytest
 from helpers.commands import imutui, imutui_json
 from helpers.places import own_places
 from helpers.processes import command_line, end_owner, wait_until
-from helpers.units import Still, served, virtual
+from helpers.units import healthy, served, virtual
 
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
@@ -27,7 +27,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]
     """Acquisitions "a" and "b", each recording a unit of its own: an IMU400CD, and an IMU381, found by asking."""
     folder = tmp_path_factory.mktemp("two")
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM")
-    imu381 = VirtualUnit(Still(), options)
+    imu381 = VirtualUnit(healthy(), options)
     with pytest.MonkeyPatch.context() as patch, virtual() as first, served(imu381) as second:
         runtime = own_places(patch, folder)
         ports = {"a": first, "b": second}

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+import numpy as np
+
 from filters.simulation import Scenario
 from helpers.processes import LIMIT_S
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
@@ -29,8 +31,22 @@ IMU380ZA_200 = (
 
 
 class Still:
+    """A unit at rest. It repeats one reading, as no healthy unit does, or adds `noise` (1 sd, deg/s and g)."""
+
+    def __init__(self, noise: tuple[float, float] = (0.0, 0.0)) -> None:
+        self._noise = noise
+
     def reading(self, k: int) -> Reading:
-        return Reading((0.1, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
+        rates, forces = (0.1, -0.2, 0.3), (0.0, 0.0, 0.998)
+        if any(self._noise):
+            drawn = np.random.default_rng(k).normal(size=6) * np.repeat(self._noise, 3)
+            rates, forces = tuple(rates + drawn[:3]), tuple(forces + drawn[3:])
+        return Reading(rates, forces, 25.0)
+
+
+def healthy() -> Still:
+    """Return a unit at rest in which channel health finds no fault."""
+    return Still((0.15, 0.002))
 
 
 class Serving:
