@@ -15,7 +15,7 @@ def command(
     """Look logs through: is the file whole, and do its parts agree.
 
     Checksums, the SHA-256 beside the file, index, every message; times, numbers, packets lost, samples against packets,
-    gaps, limits, metadata, reference. Each finding says what, where, and what to do next.
+    gaps, limits, health of the channels, metadata, reference. Each finding says what, where, and what to do next.
 
     Exit code 0: fine, 1: findings, 3: unreadable.
 

@@ -10,8 +10,7 @@ from imutui.cli.options import Json, Name, OfBatch, acquisitions_of
 def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> None:
     """End the running acquisition, or those of a batch, and finish its file.
 
-    Exit code 0, or 1 if something must be said of the recording: the verdict is RED, not every bias has converged, or
-    the unit was silent.
+    Exit code 0, or 1 if something must be reported of the recording: the verdict is not GREEN, or the unit was silent.
 
     Example: imutui stop
     """

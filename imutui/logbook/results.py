@@ -342,8 +342,8 @@ def document(
     if latest is None or estimator.reference is None:
         raise ValueError("`estimator` has had no sample")
     axes, g_unit = info.axes(), info.g_unit
-    reads = has_readings(health)
-    seen = seen_axes(estimator, axes) & reads
+    reads, observable = has_readings(health), seen_axes(estimator, axes)
+    seen = observable & reads
     nav, P = latest.belief.nav, latest.belief.P
     rest = estimator.first_rest
     begun, duration = (0.0, latest.t) if rest is None else (rest.begun or 0.0, rest.last_t or latest.t)
@@ -371,7 +371,7 @@ def document(
         "site_stated": info.site_stated,
         "site_sd_mg": site_mg.tolist(),
         "spread": _spread(estimator, axes, g_unit, seen),
-        "converged": estimator.converged and bool(reads.all()),
+        "converged": estimator.converged and bool(reads[observable].all()),
         "converged_s": converged_since(estimator, axes, reads),
         "nis": nis_fields(estimator),
         "noise": noise_fields(estimator, axes, info.noise),

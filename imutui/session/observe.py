@@ -180,8 +180,8 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo, h
 
     axes, latest = info.axes(), estimator.latest
     out["samples"] = estimator.taken
-    reads = has_readings(health)
-    out["converged"] = estimator.converged and bool(reads.all())
+    reads, observable = has_readings(health), results.seen_axes(estimator, axes)
+    out["converged"] = estimator.converged and bool(reads[observable].all())
     out["nis"] = results.nis_fields(estimator)
     out["remainder"] = results.remainder_fields(estimator, axes)
     out["noise"] = sources.noisiest(results.noise_fields(estimator, axes, info.noise), info.reference)
@@ -193,7 +193,7 @@ def _estimates(out: FilterSnapshot, estimator: "Estimator", info: SessionInfo, h
     out["alarms"] = estimator.alarms()
     out["rejected"] = estimator.rejected
     out["confounded"] = estimator.confounded()
-    change, seen = estimator.monitor.convergence().change, results.seen_axes(estimator, axes) & reads
+    change, seen = estimator.monitor.convergence().change, observable & reads
     since = results.converged_since(estimator, axes, reads)
     for bias, is_seen, converged_s in zip(
         out["biases"], (*seen[3:], *seen[:3]), (*since["gyro_bias"], *since["accel_bias"]), strict=True

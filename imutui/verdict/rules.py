@@ -126,7 +126,7 @@ class Verdict:
     @property
     def short(self) -> str:
         """Sign, word and reason for a header."""
-        return f"filter {self.badge} {self.brief}".rstrip()
+        return f"{'channels' if self.fault else 'filter'} {self.badge} {self.brief}".rstrip()
 
 
 def judge(standing: Standing | None, health: Sequence[HealthEntry] = ()) -> Verdict:

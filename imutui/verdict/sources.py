@@ -193,7 +193,7 @@ def headline(d: "ResultDocument") -> str:
     if found.word == "OFF":
         return f"no filter: {d['log']}"
     said = f"{found.word}, {found.fault}" if found.fault else found.word
-    if found.level != "bad":
+    if found.level != "bad" and "final" in d:
         settled = all(check.level == "good" for check in found.checks if check.name == "converged")
         said += ", converged" if settled else ", NOT converged"
     if "damage" in d:

@@ -140,7 +140,7 @@ KINDS: dict[str, tuple[str, Spoil]] = {
     "clipped at -1.5 sd": ("clipped", _one(lambda x, m, c, g: np.maximum(x, x.mean() - 1.5 * x.std()))),
     "all repeated 4 times": ("repeated", _repeated),
     "repeated 4 times": ("repeated", _one(lambda x, m, c, g: x[np.arange(x.size) // 4 * 4])),
-    "drift twice what matters": ("moving", _one(lambda x, m, c, g: x + 3.0 * TOLERANCE[c] * m.t / m.t[-1])),
+    "drift of six tolerances": ("moving", _one(lambda x, m, c, g: x + 6.0 * TOLERANCE[c] * m.t / m.t[-1])),
     "temperature 0": ("temperature", _temperature(lambda degc: degc * 0.0)),
     "temperature 1e6": ("temperature", _temperature(lambda degc: degc * 0.0 + 1e6)),
     "temperature jumps": ("temperature", _temperature(lambda degc: _set(degc, slice(1000, 1010), -40.0))),
