@@ -22,9 +22,9 @@ Columns = Callable[[Inputs, int], Array]
 
 
 def of_sensor(channel: int, from_s: float = 0.0) -> list[Hypothesis]:
-    """Errors that the sensor of a channel adds by itself: all hypotheses, in all their shapes.
+    """Return all hypotheses of errors that the sensor of a channel adds, in all their shapes.
 
-    `from_s`: where settling is anchored, s since power-on.
+    `from_s`: time at which the data begin and where warm-up is anchored, s since power-on.
     """
     others = [only for only in range(-1, 3) if only != channel % 3]
     return [
@@ -108,13 +108,13 @@ def hysteresis(channel: int, bank: int = 0) -> Hypothesis:
 
 
 def warmup(channel: int, tau: float = WARMUP_TAUS[0], from_s: float = 0.0) -> Hypothesis:
-    """e = k exp(-(t - t0)/tau), constant where that is above e·k.
+    """e = k exp(-max(t - t0, 0)/tau).
 
-    `from_s`: t0, where the data began, s since power-on: k is what there was then. Data that begin late say nothing of
-      what was many time constants before, and the law would make anything of it.
+    `from_s`: t0, s since power-on. It is where the data begin, so `k` is the error there. The law is constant before
+      t0: data that begin late do not determine how much larger the error was earlier.
     """
     k, shape = own(channel, "k", "", 0.2, 3.0), {"tau_s": tau} | ({"from_s": from_s} if from_s else {})
-    columns = lambda u, c: np.exp(-np.maximum((u.t - from_s) / tau, -1.0))[:, None]  # noqa: E731
+    columns = lambda u, c: np.exp(-np.maximum(u.t - from_s, 0.0) / tau)[:, None]  # noqa: E731
     more: Any = {"shape": shape, "grid": len(WARMUP_TAUS), "rank": 3, "over": ("time",)}
     return _slow("warmup", "time", channel, columns, k, **more)
 

@@ -1,6 +1,7 @@
 """`imutui report`, and what it says where it cannot draw."""
 
 import json
+import os
 import re
 import sys
 from importlib import metadata
@@ -151,7 +152,9 @@ def test_a_batch_on_one_page_names_the_bad_unit_and_what_is_the_tables(home: Pat
 
     (home / "logs").mkdir()
     batches.batch(home / "logs", common=step, own={1: bad})
+    os.mkfifo(home / "logs" / "x.mcap")  # a pipe among the logs is named, and not waited for
     done = report("--batch", "B7", "-o", "b7", check=1)
+    assert "x.mcap: is a pipe, not a file" in " ".join(done.stderr.split())
     assert max(map(len, done.stdout.splitlines())) <= 80
     words = " ".join(done.stdout.split())
     assert "Batch B7: 0 of 4 units pass" in words

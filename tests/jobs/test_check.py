@@ -230,6 +230,31 @@ def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code:
         assert finding["next"].endswith(".")
 
 
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda stamps, accel, degc: np.copyto(accel[3], 2e5), "sample 3 (first is 0) is beyond anything"),
+        (lambda stamps, accel, degc: stamps.__setitem__(slice(4, None), stamps[4:] - 10**7 + 500), "sample 4"),
+        (lambda stamps, accel, degc: degc.__setitem__(2, -1e6), "temperature 2 (first is 0)"),
+    ],
+    ids=["reading", "step", "temperature"],
+)
+def test_samples_that_no_unit_sends_are_found(tmp_path: Path, spoil: Callable[..., None], words: str) -> None:
+    stamps, accel = START + 10**7 * np.arange(60), np.random.default_rng(2).normal(size=(60, 3))
+    degc = np.full(60, 25.0)
+    for number, change in enumerate((lambda *columns: None, spoil)):
+        change(stamps, accel, degc)
+        log = LogWriter(tmp_path / f"{number}.mcap", SessionInfo(sampling="foreign", rate_hz=100.0), "", START)
+        for stamp, own, temperature in zip(stamps.tolist(), accel, degc.tolist(), strict=True):
+            log.imu(stamp, stamp, own[::-1] * 1e-3, own)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, temperature), stamp, stamp)
+        log.finish({}, START)
+        document = check(tmp_path / f"{number}.mcap")
+        found = [f["what"] for f in document["findings"] if f["code"] == "samples"]
+        assert [words in what for what in found] == [True] * number, document
+    assert not document["fine"]
+
+
 def test_rewriting_alone_is_no_finding(tmp_path: Path) -> None:
     """The cases above find what was changed, not that something was."""
     assert check(rewritten(recorded(tmp_path / "a.mcap", rate=133.0), lambda t, k, m: [m]))["findings"] == []

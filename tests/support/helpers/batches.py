@@ -53,7 +53,12 @@ def batch(
         error = common(samples.t) + (own or {}).get(k, nothing)(samples.t)
         samples = replace(samples, gyro=samples.gyro + error[:, :3], accel=samples.accel + error[:, 3:])
         info = SessionInfo(
-            rate_hz=HZ, kind="simulated", serial_number=f"U{k + 1}", batch="B7", mount=mounts[k % len(mounts)]
+            rate_hz=HZ,
+            kind="simulated",
+            serial_number=f"U{k + 1}",
+            batch="B7",
+            mount=mounts[k % len(mounts)],
+            site_stated=True,
         )
         if names:
             info = replace(info, serial_number="9911750", acquisition=f"B7:{names[k]}")

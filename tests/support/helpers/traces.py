@@ -216,7 +216,7 @@ def whole_document() -> dict[str, Any]:
     run = {
         "id": "a", "log": "/data/a.mcap", "kind": "simulated", "source": "", "rate_hz": 20.0, "seconds": 900.0,
         "samples": 18_001, "accel_sign": -1, "mount": "x,y,z", "reference": "level", "heldout": False, "power_on": "p",
-        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32,
+        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32, "health": [],
     }  # fmt: skip
     added: dict[str, dict[str, Any]] = {
         "error": {"before_ci95": [0.079, 0.089]}, "findings": {"shape": {}}, "integrity": {"size": None},
