@@ -1,5 +1,6 @@
 """Findings on the health of a channel: their kinds, how much each one matters, and what helps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypedDict
 
@@ -52,6 +53,12 @@ class HealthFinding:
     def todo(self) -> str:
         """What helps."""
         return ADVICE[self.kind]
+
+
+def without_bias(entries: Sequence[HealthEntry], channel: str) -> str | None:
+    """Return why a channel has no bias, such as `gy is frozen`; None for a channel that measures something."""
+    kinds = [one["kind"] for one in entries if one["channel"] == channel and one["kind"] in NO_BIAS]
+    return f"{channel} is {kinds[0]}" if kinds else None
 
 
 def of_kind(kind: Kind, channel: str, since_s: float, said: str) -> HealthFinding:

@@ -30,6 +30,7 @@ def over(
     """
     documents: list[D] = []
     code = FINE
+    logs = _without_sums(logs)
     for log in logs:
         try:
             document = job(log, progress)
@@ -45,6 +46,17 @@ def over(
     if json and (documents or len(logs) > 1):
         print_json(documents if len(logs) > 1 else documents[0])
     raise typer.Exit(code)
+
+
+def _without_sums(logs: list[Path]) -> list[Path]:
+    """Pass over the checksum of each log that is named too, as a shell names both for `logs/*`."""
+    from imutui.logbook import checksum_file
+
+    sums = {checksum_file.path_of(log) for log in logs}
+    kept = [log for log in logs if log not in sums]
+    if passed := len(logs) - len(kept):
+        say(f"passed over {passed} checksum {'file' if passed == 1 else 'files'}: each is used with its log")
+    return kept
 
 
 def progress(share: float, what: str) -> None:

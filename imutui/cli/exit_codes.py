@@ -4,6 +4,7 @@ import contextlib
 import errno
 import functools
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -21,11 +22,19 @@ Document: TypeAlias = Mapping[str, object] | Sequence[object] | None
 
 
 def say(text: str) -> None:
-    """Print a message on stderr; what it quotes from outside does nothing to the terminal, and is not endless."""
+    """Print a message on stderr; what it quotes from outside does nothing to the terminal, and is not endless.
+
+    On a terminal its lines end at words.
+    """
     from imutui.plain_text import MESSAGE_LIMIT, cut, visible
 
     show_progress("")
-    print(visible(cut(text, MESSAGE_LIMIT)), file=sys.stderr, flush=True)
+    said = visible(cut(text, MESSAGE_LIMIT))
+    if sys.stderr.isatty():
+        from imutui.report import wrapping
+
+        said = wrapping.reflowed(said, shutil.get_terminal_size((80, 24)).columns)
+    print(said, file=sys.stderr, flush=True)
 
 
 def say_if_not_kept() -> None:

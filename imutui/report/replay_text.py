@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from filters.health.finding import NO_BIAS
+from filters.health.finding import without_bias
 from imutui.jobs.quantities import plural
 from imutui.report import numbers, plain
 from imutui.report.blocks import Block, Column, Paragraph, Table
@@ -47,8 +47,8 @@ def _biases(d: "ResultDocument") -> Table:
 
 def why_unseen(d: "ResultDocument", channel: str) -> str:
     """Return why a result has no bias of a channel."""
-    kinds = [one["kind"] for one in d["health"] if one["channel"] == channel and one["kind"] in NO_BIAS]
-    return f"never: {channel} is {kinds[0]}" if kinds else "not observable with this reference"
+    fault = without_bias(d["health"], channel)
+    return "not observable with this reference" if fault is None else f"never: {fault}"
 
 
 def converged(since: float | None) -> str:

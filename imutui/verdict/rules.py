@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from filters.effects import plain_names
-from filters.health.finding import ADVICE, HealthEntry
+from filters.health.finding import ADVICE, HealthEntry, without_bias
 from imutui.filter_snapshot import BiasSnapshot, CauseSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
@@ -123,6 +123,12 @@ class Verdict:
         at_length = USE_AT_LENGTH.replace(" limits,", "") if unjudged else USE_AT_LENGTH
         return at_length if self.todo == USE else self.todo
 
+    def followed_by(self, todo: str) -> str:
+        """Return the reason and what to do as sentences; a key that begins the second one stays as it is typed."""
+        reason = self.reason if self.reason.endswith("?") else f"{self.reason}."
+        is_key = todo[1:2] == " "
+        return f"{reason} {todo if is_key else todo[:1].upper() + todo[1:]}." if todo else reason
+
     @property
     def short(self) -> str:
         """Sign, word and reason for a header."""
@@ -138,12 +144,12 @@ def judge(standing: Standing | None, health: Sequence[HealthEntry] = ()) -> Verd
     channels = _health(health)
     if any(check.level == "bad" for check in channels) or (standing is None and health):
         # what a filter makes of such readings says nothing: it is not waited for
-        rules = () if standing is None or standing.waiting or standing.t is None else tuple(_rules(standing))
+        rules = () if standing is None or standing.waiting or standing.t is None else tuple(_rules(standing, health))
         return replace(_of((*channels, *(check for check in rules if check))), sudden=True)
     if standing is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
         return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
-    checks = tuple(check for check in (_running(standing), *channels, *_rules(standing)) if check)
+    checks = tuple(check for check in (_running(standing), *channels, *_rules(standing, health)) if check)
     if checks[0].level == "bad":
         return replace(_of(checks), sudden=True)
     if standing.waiting or standing.t is None:
@@ -185,12 +191,12 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
     return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden, *wide]), USE, converged.brief, checks)
 
 
-def _rules(standing: Standing) -> list[Check | None]:
+def _rules(standing: Standing, health: Sequence[HealthEntry]) -> list[Check | None]:
     return [
         _alarms(standing),
         _limits(standing.biases, standing.limits_of),
         _nis(standing.nis),
-        _converged(standing),
+        _converged(standing, health),
         _causes(standing.causes),
         _unexplained(standing),
         _noise(standing.noise),
@@ -214,7 +220,7 @@ def _health(health: Sequence[HealthEntry]) -> list[Check]:
     for entry in health:
         kinds.setdefault(entry["kind"], []).append(entry)
     if not kinds:
-        return [Check("good", CHANNELS_CHECK, "no fault of a channel shows")]
+        return [Check("good", CHANNELS_CHECK, "no fault shows")]
     return [_of_kind(found) for found in kinds.values()]
 
 
@@ -331,11 +337,11 @@ def channel(name: str) -> str:
     return f"{kind[:1]}{axis}"
 
 
-def _converged(standing: Standing) -> Check:
+def _converged(standing: Standing, health: Sequence[HealthEntry]) -> Check:
     biases, waiting_profile = standing.biases, standing.waiting_profile
     seen = [bias for bias in biases if bias["observable"]]
     pending = [bias for bias in seen if bias["converged_s"] is None]
-    hidden = [bias["name"] for bias in biases if not bias["observable"]]
+    hidden = [_hidden(bias["name"], health) for bias in biases if not bias["observable"]]
     if not seen and waiting_profile is not None:
         return Check("wait", "converged", waiting_profile, "profile waits", "no bias is observable before that")
     if not seen:
@@ -352,6 +358,11 @@ def _converged(standing: Standing) -> Check:
     todo = "record again, with a longer reference" if standing.held_since is not None else todo
     kind = "observable biases" if hidden else "biases"
     return Check("wait", "converged", f"{brief} {kind} converged; {waited}", brief, todo)
+
+
+def _hidden(name: str, health: Sequence[HealthEntry]) -> str:
+    fault = without_bias(health, channel(name))
+    return name if fault is None else f"{name} ({fault})"
 
 
 def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, str]:

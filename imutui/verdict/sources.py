@@ -205,8 +205,7 @@ def reasons(d: "ResultDocument") -> str:
     """Why the verdict on a result is what it is, and what to do: a sentence for below its headline."""
     found = of_document(d)
     todo = found.todo_at_length.replace(TRACE_KEY, "`imutui trace` looks for the cause")
-    reason = found.reason if found.reason.endswith("?") else f"{found.reason}."
-    return f"{reason} {todo[:1].upper()}{todo[1:]}." if todo else reason
+    return found.followed_by(todo)
 
 
 def hence(d: "ResultDocument") -> str:

@@ -75,6 +75,19 @@ def test_progress_is_shown_on_a_terminal_until_the_next_word(
     assert screen.getvalue() == f"{shown}done\nand more\n"
 
 
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_message_breaks_no_word_on_a_terminal(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+    screen = StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: is_terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("COLUMNS", "80")
+    said = "connecting to its instrument " * 9
+    exit_codes.say(said.strip())
+    lines = screen.getvalue().splitlines()
+    assert (max(map(len, lines)) <= 80) == is_terminal
+    assert " ".join(lines) == said.strip()
+
+
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
     source = recording("aceinna_imu381_s1_static.npz")
     done = imutui("import", source, "-o", "a.mcap", *ACEINNA, "--kind", "measured")

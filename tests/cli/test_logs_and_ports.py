@@ -1,5 +1,6 @@
 """`info`, `check`, `recover`, `devices`, `config`, as a user runs them."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -39,6 +40,16 @@ def test_info_says_what_is_in_a_log(home: Path) -> None:
     several = imutui("info", SAMPLE, "none.mcap", "--json", check=3)
     assert len(json.loads(several.stdout)) == 1
     assert "none.mcap: no such file" in several.stderr
+
+
+def test_a_checksum_that_is_named_with_its_log_is_passed_over(home: Path) -> None:
+    """A shell names both for `logs/*`; a checksum alone is named by mistake, and refused."""
+    shutil.copy(SAMPLE, home / "a.mcap")
+    digest = hashlib.sha256(SAMPLE.read_bytes()).hexdigest()
+    (home / "a.mcap.sha256").write_text(f"{digest}  a.mcap\n")
+    done = imutui("check", "a.mcap", "a.mcap.sha256")
+    assert "passed over 1 checksum file: each is used with its log" in done.stderr
+    imutui("check", "a.mcap.sha256", check=3)
 
 
 def test_check_ends_with_what_it_found(damaged: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from filters.health.finding import without_bias
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.session.client import Client
@@ -15,7 +16,7 @@ from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSer
 from imutui.tui.connection.poller import Poller
 from imutui.tui.connection.verdict import Debounce, ended, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
-from imutui.verdict.rules import Verdict
+from imutui.verdict.rules import Verdict, channel
 
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
@@ -45,6 +46,10 @@ class View:
     def estimates(self) -> FilterSnapshot | None:
         """What the filter of `shown` estimates; None without a filter."""
         return self.shown["filter"] if self.shown is not None else None
+
+    def fault_of(self, bias: str) -> str | None:
+        """Return why a bias such as `y gyro` cannot be estimated: the fault of its channel; None if it has none."""
+        return None if self.shown is None else without_bias(self.shown["health"], channel(bias))
 
     @property
     def recording(self) -> RecordingSnapshot | None:

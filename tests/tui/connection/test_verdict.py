@@ -1,7 +1,7 @@
 """The badge: its rules, its words, and that it does not flicker."""
 
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from helpers.fake_client import FakeClient, bias, estimates
@@ -15,6 +15,9 @@ from imutui.tui.connection.verdict import HOLD_S, Debounce, judge
 from imutui.tui.pages.filter.estimates import two_lines
 from imutui.verdict import rules
 from imutui.verdict.rules import Verdict
+
+if TYPE_CHECKING:
+    from filters.health.finding import HealthEntry
 
 AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
 
@@ -162,6 +165,22 @@ def test_what_cannot_be_observed_is_not_waited_for() -> None:
     )
     hidden = [{**row, "observable": False} for row in biases]
     assert judge(settled(biases=hidden), 0.0).word == "AMBER"
+
+
+def test_a_key_that_begins_a_sentence_stays_as_it_is_typed() -> None:
+    found = judge(settled(remainder=remainder(5.0)), 0.0)
+    assert found.followed_by(found.todo_at_length).endswith(". t traces this recording.")
+    assert found.followed_by("wait").endswith(". Wait.")
+
+
+def test_a_frozen_channel_is_named_as_the_reason_why_a_bias_is_not_observable() -> None:
+    biases = settled()["biases"]
+    biases[1] = bias("y gyro", None, None, observable=False, converged_s=None, change_10s=None)
+    fault: HealthEntry = {"channel": "gy", "kind": "frozen", "since_s": 5.0, "level": "bad", "said": "gy is frozen"}
+    found = judge(settled(biases=biases), 0.0, health=[fault])
+    (said,) = [check.said for check in found.checks if check.name == "converged"]
+    assert found.word == "RED"
+    assert said.endswith("not observable here: y gyro (gy is frozen)")
 
 
 @pytest.mark.parametrize(

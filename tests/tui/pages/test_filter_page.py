@@ -160,6 +160,21 @@ async def test_what_is_unobservable_says_so() -> None:
         await see("down down down → unobservable in this setup")
 
 
+async def test_a_frozen_channel_has_no_uncertainty_and_is_named_as_frozen() -> None:
+    biases = estimates()["biases"]
+    biases[1] = bias("y gyro", None, None, observable=False, converged_s=None, change_10s=0.25)
+    fault = {"channel": "gy", "kind": "frozen", "since_s": 5.0, "level": "bad", "said": "gy is frozen at 1 deg/s"}
+    async with opened(filter=estimates(biases=biases), health=[fault]) as see:
+        screen = await filter_page(see, "× RED   gy is frozen at 1 deg/s")
+        (row,) = [line for line in lines_of(screen) if line.startswith(" y gyro")]
+        assert row.split()[:3] == ["y", "gyro", "–"]
+        assert row.endswith("gy is frozen")
+        assert "±–" not in row
+        assert "0.25" not in row
+        await see("down → gy is frozen: there is no estimate")
+        assert "unobservable" not in see.text()
+
+
 async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
     async with opened(filter=estimates()) as see:
         await filter_page(see, "▲ AMBER")

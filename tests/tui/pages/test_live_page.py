@@ -36,4 +36,4 @@ async def test_what_a_unit_says_of_itself_stands_beside_what_was_lost() -> None:
         await see("→ bad checksums 0")
         assert "BIT" not in see.text()
         see.client.changes["status"] = "0x0002 (hardware error)"
-        await see("→ bad checksums 0  BIT 0x0002 (hardware error)")
+        await see("→ bad checksums 0  BIT hardware error")

@@ -168,6 +168,9 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
         await see.until(over(see.app))
         await see.shows("trace of turns.mcap", "gx  ")
         await see("s w → turns_effects.toml")
+        await see("2 → gx | counts")
+        await see("6 → l shows the last result again")
+        await see("l → trace of turns.mcap | gx  ")
     saved = json.loads((home / "logs" / "turns_trace.json").read_text())
     expected = tasks.trace_logs([log], None, lambda share, text: None)
     assert saved == json.loads(json.dumps(expected.document))
@@ -257,7 +260,7 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
         await see("w → a_effects.toml")
         await see("x → wrote a_experiment.toml | Enter takes it | what to do")
         # who comes from another page has asked for the recordings
-        await see("6 → also: c check | a.mcap")
+        await see("6 → also: c check | t traces whole | 4 recordings")
         assert not isinstance(see.app.screen, ResultPage)
         see.app.push_screen(ResultPage(made))
         await see.shows("8.41 → 1.01  █░░░")
@@ -312,7 +315,7 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
         "nis": {"mean": 9.1, "dof": 9, "band95": [8.9, 9.2], "is_test": True, "why": ""},
         "noise": {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3},
         "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "health": [], "rejected": 0,
-        "alarms": ["gz moves", "gy too"], "confounded": [],
+        "alarms": ["gz moves", "gy too"], "confounded": [], "identity": {"instrument": "IMU400CD-200"},
     }  # fmt: skip
     said = result_text.replayed((), document, 100)
     for line in (

@@ -86,6 +86,13 @@ async def test_what_all_units_have_in_common_is_told_of_the_table(batch: Batch) 
         await see("→ 1 ● | !All depart")
 
 
+async def test_a_narrow_row_says_what_is_waited_for_and_not_what_is_well(batch: Batch) -> None:
+    batch.units["lot:1"].changes["filter"] = settled(temperature_k_per_min=0.6)
+    async with batch.opened() as see:
+        screen = await see("→ 1 ▲ | all 6 biases converged, but temperature moves them")
+        assert "▲ AMBER temperature moves" in row(screen, "9900001")
+
+
 async def test_ten_units_fit_the_smallest_terminal_with_all_that_is_said(batch: Batch) -> None:
     batch.units = {f"lot:{n}": Unit(n) for n in range(10)}
     for unit in batch.units.values():

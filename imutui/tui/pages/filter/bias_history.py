@@ -35,7 +35,7 @@ class BiasPlotSettings:
     scale: str
     hint: str
     chosen: bool
-    observable: bool
+    unseen: str  # why there is no estimate now; empty if there is one, or one will come
     banded: bool = True  # whether it has a band of 3 sd, and a zero to be seen from
 
 
@@ -150,7 +150,7 @@ class BiasPlot(PlotWidget):
         return [(raster.titled(left, rights, width, self.glyphs), style)]
 
     def _empty(self, settings: BiasPlotSettings, rows: int, width: int) -> list[Line]:
-        why = "no estimate yet" if settings.observable else "unobservable in this setup: there is no estimate"
+        why = f"{settings.unseen}: there is no estimate" if settings.unseen else "no estimate yet"
         said = [f"{' ' * (GUTTER - 1)}│ {why if row == rows // 2 else ''}" for row in range(rows)]
         return [[(self.glyphs.text(line)[:width].ljust(width), "axis")] for line in said]
 

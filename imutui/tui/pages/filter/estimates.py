@@ -263,8 +263,13 @@ _TABLE_1 = "Table 1"
 _HEAD = (("  bias", 13), ("value", 5), (" ± 3 sd", 16), ("zero ±{}", 21), ("in 10 s", 13), ("converged at", 12))
 
 
-def convergence(bias: BiasSnapshot) -> str:
-    """Since when a bias is converged, in words."""
+def convergence(bias: BiasSnapshot, fault: str | None) -> str:
+    """Return since when a bias is converged, in words.
+
+    `fault`: why its channel has no bias; None for a channel that measures something.
+    """
+    if fault is not None:
+        return fault
     if not bias["observable"]:
         return "unobservable"
     since = bias["converged_s"]
@@ -313,6 +318,7 @@ class BiasTable(TextLines):
         decimals = formatting.BIAS_DECIMALS[unit]
         outside = value is not None and limit is not None and abs(value) > limit
         pending = bias["observable"] and bias["converged_s"] is None
+        fault = self.view.fault_of(bias["name"]) if self.view is not None else None
         moved = moved_sd(bias)
         in_sd = (
             f"{formatting.fitting(abs(moved), 3, 1).strip()} sd" if moved is not None and abs(moved) >= MOVES_SD else ""
@@ -320,12 +326,12 @@ class BiasTable(TextLines):
         return self.line(
             self._label(index, bias["name"]),
             (formatting.aligned(value, 9, decimals, 4), "bold"),
-            self._cell(f" ±{formatting.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
+            self._cell("" if sd3 is None else f" ±{formatting.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
             (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
             self._cell(f" ±{formatting.NOTHING if limit is None else format(limit, 'g')}", 5),
-            _moved(bias["change_10s"], decimals),
+            _moved(bias["change_10s"] if fault is None else None, decimals),
             f"{in_sd:>7} ",
-            (f"{convergence(bias):<12}", _style(pending, bias["observable"])),
+            (f"{convergence(bias, fault):<12}", "$text-error" if fault else _style(pending, bias["observable"])),
         )
 
 

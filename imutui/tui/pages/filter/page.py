@@ -27,9 +27,7 @@ from imutui.tui.pages.filter.text import explanation
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
-_TEMPERATURE = BiasPlotSettings(
-    "temperature", "°C", None, 0, "whole run", "", chosen=False, observable=True, banded=False
-)
+_TEMPERATURE = BiasPlotSettings("temperature", "°C", None, 0, "whole run", "", chosen=False, unseen="", banded=False)
 # side by side: gyro and accelerometer of one axis
 _ORDER = (0, 3, 1, 4, 2, 5)
 
@@ -109,13 +107,14 @@ class FilterPage(Page):
         biases = view.estimates["biases"] if view.estimates is not None else []
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
         # limits are of the filter's kind of unit: without a filter there are none
-        name, unit, limit, observable = NAMES[index], _UNITS[index], None, True
+        name, unit, limit, unseen = NAMES[index], _UNITS[index], None, ""
         if len(biases) == len(NAMES):
             bias = biases[index]
             waits = view.estimates is not None and bool(view.estimates["waiting"])
-            name, unit, limit, observable = bias["name"], bias["unit"], bias["limit"], bias["observable"] or waits
+            name, unit, limit = bias["name"], bias["unit"], bias["limit"]
+            unseen = "" if bias["observable"] or waits else view.fault_of(name) or "unobservable in this setup"
         scale = history_cells.SCALES[self._scale]
-        return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, observable)
+        return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, unseen)
 
     def _redraw(self) -> None:
         self.query_one(BiasTable).select(self._chosen, alone=self.has_class("-plot"))

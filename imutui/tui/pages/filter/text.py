@@ -36,9 +36,8 @@ def explanation(view: View) -> str:
     if found is None:
         return "No acquisition: 1 connects to one."
     estimates = view.estimates
-    todo = found.todo_at_length
     parts = [
-        f"{found.badge}  {found.reason}" + (f". {todo[:1].upper()}{todo[1:]}." if todo else ""),
+        f"{found.badge}  {found.followed_by(found.todo_at_length)}",
         "\n".join(f"{LEVEL_MARKS[c.level]:<6}{c.name}: {c.said}" for c in found.checks),
     ]
     if estimates is not None:

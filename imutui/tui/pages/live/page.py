@@ -152,7 +152,7 @@ class StateLines(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         now = view.now
         word, rest = messages.temperature(now["since_start_s"] if now else None, view.slope_k_per_min)
-        link = Content("") if now is None else self._link(now)
+        link = Content("") if now is None else self._link(now, width)
         lines = self._showing(view) or self.line(" ", (word, "bold"), "  ", rest), link, self._recording(view, width)
         return [line.truncate(width) for line in lines]
 
@@ -165,17 +165,20 @@ class StateLines(TextLines):
         more = f"  {len(said) - 1} more: 4 Filter, w" if len(said) > 1 else ""
         return self.line((f" {self.glyphs.text(said[0])}", "bold $text-warning"), more)
 
-    def _link(self, now: Snapshot) -> Content:
-        """Rate asked and measured, packets lost, wrong checksums, status word."""
+    def _link(self, now: Snapshot, width: int) -> Content:
+        """Rate asked and measured, packets lost, wrong checksums, status word; of that its meaning if room is short."""
         lost, bad, measured = now["lost_packets_max"], now["bad_checksums"], now["measured_hz"]
         rates = f"asked {now['rate_hz']:g} measured {formatting.NOTHING if measured is None else f'{measured:.2f}'} Hz"
-        return self.line(
+        counted = self.line(
             f" {rates}  ",
             (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
             "  ",
             (f"bad checksums {bad}", "bold $text-warning" if bad else ""),
-            (f"  BIT {status}" if (status := now.get("status")) else "", "bold $text-warning"),
         )
+        status = now.get("status") or ""
+        if counted.cell_length + len(f"  BIT {status}") > width:
+            status = status.partition(" (")[2].removesuffix(")")
+        return self.line(counted, (f"  BIT {status}" if status else "", "bold $text-warning"))
 
     def _recording(self, view: View, width: int) -> Content:
         """Name, size, samples and flush of the file, shorter where there is no room; or how to start."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imutui.jobs.tasks import TraceResult
-from imutui.report import effect_words, numbers, trace_tables, wrapping
+from imutui.report import effect_words, numbers, replay_text, trace_tables, wrapping
 from imutui.report.trace_glance import Places
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -15,7 +15,7 @@ from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_plot import PlotLook
 from imutui.verdict import sources
-from imutui.verdict.rules import SITE_NOT_STATED, nis_meaning
+from imutui.verdict.rules import SITE_NOT_STATED, channel, nis_meaning
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -99,15 +99,19 @@ def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
         ("accel", final["accel_bias_mg"], sds["accel_bias_mg"], "mg", since["accel_bias"]),
     ):
         for i, axis in enumerate("xyz"):
-            lines.append(_bias(f"{axis} {kind}", values[i], sd[i], unit, limits[unit], converged[i]))
+            name, value, uncertain = f"{axis} {kind}", values[i], sd[i]
+            if value is None or uncertain is None:
+                lines.append(_unseen(name, unit, replay_text.why_unseen(d, channel(name))))
+            else:
+                lines.append(_bias(name, value, uncertain, unit, limits[unit], converged[i]))
     return wrapped("\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)]), width)
 
 
-def _bias(name: str, value: float | None, sd: float | None, unit: str, limit: float | None, since: float | None) -> str:
-    if value is None or sd is None:
-        return (
-            f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  not observable with this reference"
-        )
+def _unseen(name: str, unit: str, why: str) -> str:
+    return f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  {why}"
+
+
+def _bias(name: str, value: float, sd: float, unit: str, limit: float | None, since: float | None) -> str:
     decimals = formatting.BIAS_DECIMALS[unit]
     when = f"at {since:.1f} s" if since is not None else "not yet"
     allowed = share = formatting.NOTHING

@@ -62,13 +62,16 @@ def _row(unit: UnitView, name: str, chosen: bool, width: int) -> StyledText:
     parts: StyledText = [f"{start} {rate} {lost:>5} {records}  ", *marks[:3], "  ", *marks[3:]]
     parts += [f" {formatting.number(_degc(unit), 5, 1)}  ", (f"{badge(unit):<7} ", f"bold {_STYLES[found.level]}")]
     room = width - sum(len(part) if isinstance(part, str) else len(part[0]) for part in parts)
-    return [*parts, formatting.clipped(_brief(unit, found), max(room, 1))]
+    return [*parts, formatting.clipped(_brief(unit, found, room), max(room, 1))]
 
 
-def _brief(unit: UnitView, found: Wrong) -> str:
-    """What is wrong in a few words: where the readings depart from the model, the channel comes first."""
+def _brief(unit: UnitView, found: Wrong, room: int) -> str:
+    """Return what is wrong in few words: a channel that departs from the model first, what is well only if it fits."""
     departure = _departure(unit)
-    return departure.partition(": ")[2] if departure and departure in found.said else found.said
+    if departure and departure in found.said:
+        return departure.partition(": ")[2]
+    what_waits = found.said.partition(", but ")[2]
+    return what_waits if what_waits and len(found.said) > room else found.said
 
 
 def _departure(unit: UnitView) -> str:
