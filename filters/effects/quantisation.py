@@ -14,8 +14,8 @@ _NEAR, _WITHIN, _MOST_ON = 0.1, 20.0, 0.97
 _QUANTILES = (0.5, 0.25, 0.1, 0.03)
 
 # rms of the smallest 90 % of normal deviates, squared
-_KEPT = 0.9
-_KEPT_VARIANCE = 0.623
+KEPT = 0.9
+KEPT_VARIANCE = 0.623
 _WINDOW_S = 2.0
 LEAST_WINDOW = 32  # samples: of fewer, noise is not told
 
@@ -73,7 +73,7 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
     count = max(0, x.size - order)
     if count < width:
         return scales(x, count, order) if count else np.zeros(1)
-    kept = max(1, round(_KEPT * width))
+    kept = max(1, round(KEPT * width))
     squares = np.empty(count // width)
     at_once = max(1, _AT_ONCE // width)
     for first in range(0, squares.size, at_once):
@@ -81,7 +81,7 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
         rows = np.abs(np.diff(x[first * width : last * width + order], order)).reshape(-1, width)
         small = np.partition(rows, kept - 1, axis=1)[:, :kept]
         squares[first:last] = np.mean(small**2, axis=1)
-    return np.asarray(np.sqrt(squares / (_KEPT_VARIANCE * math.comb(2 * order, order))))
+    return np.asarray(np.sqrt(squares / (KEPT_VARIANCE * math.comb(2 * order, order))))
 
 
 def spread(per_window: Array, width: int, rows: NDArray[np.intp]) -> Array:

@@ -7,6 +7,7 @@ single readings. Only what both show is noise: the first sees slow changes too, 
 import numpy as np
 
 from filters.allan import CHI2_MEDIAN
+from filters.effects.quantisation import KEPT, KEPT_VARIANCE
 from filters.types import Array
 
 _KEPT = 512  # differences of means, at most
@@ -101,5 +102,7 @@ class Levels:
         return np.ptp(pieces, axis=0), self._noise(count) / np.sqrt(self._of_piece)
 
     def _noise(self, count: int) -> Array:
-        """Standard deviation of a span's mean, by the differences of successive ones."""
-        return np.asarray(np.sqrt(np.median(self._means[:count], axis=0) / CHI2_MEDIAN / 2.0))
+        """Standard deviation of a span's mean, by the differences of successive ones but the largest tenth."""
+        kept = max(1, round(KEPT * count))
+        squares = np.partition(self._means[:count], kept - 1, axis=0)[:kept]
+        return np.asarray(np.sqrt(squares.mean(axis=0) / KEPT_VARIANCE / 2.0))

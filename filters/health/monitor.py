@@ -30,7 +30,7 @@ _NAMES = ("deg/s",) * 3 + ("mg",) * 3
 # by slow and by fast differences; a low-pass filter leaves less of the fast ones
 _NOISY, _QUIET = np.array([4.0, 2.5]), np.array([1.0 / 20.0, 1.0 / 15.0])
 _UNLIKE = np.array([2.5, 5.0])
-_MOVES_SD = 4.0
+_MOVES_SD = 4.5
 _RANGES_SD = 7.0  # the range of sixteen means of white noise exceeds it once in 100,000
 _TOLERANCE = np.array([0.05 * DPS] * 3 + [0.6 * MG] * 3)
 """Change of a bias that matters where no filter states its uncertainty: what a converged bias may be uncertain by."""
@@ -214,9 +214,8 @@ class HealthMonitor:
                     said = f"{channel} is clipped: {one.count} readings pile up {one.where}"
                     yield of_kind("clipped", channel, one.since_s, said)
                 case "coarse":
-                    yield of_kind(
-                        "coarse", channel, one.since_s, f"{channel} has lost resolution: it reads in {one.where}"
-                    )
+                    said = f"{channel} has lost resolution: it reads in {one.where}"
+                    yield of_kind("coarse", channel, one.since_s, said)
                 case "repeated":
                     said = f"{channel} repeats {100.0 * one.densest:.0f} % of its readings"
                     yield of_kind("repeated", channel, one.since_s, said)
