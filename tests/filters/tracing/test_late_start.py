@@ -111,7 +111,7 @@ def test_an_early_part_is_not_made_worse_by_what_later_ones_show(law: Callable[[
     early, *late = parts_of(
         replace(run, reading=run.reading + law(run.t)[:, None] * size), (CUT_S, CUT_S), (900.0, 900.0)
     )
-    document = trace(late, early).document
+    document: Any = trace(late, early).document
     errors = [e for e in document["error"] if e["metric"] == "e10" and e["heldout"] == "part"]
     refuted = {c for r in document["refuted"] for c in r["channels"]}
     assert len(errors) == 6
