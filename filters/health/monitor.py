@@ -131,10 +131,11 @@ class HealthMonitor:
         t, x = self._t[rows], self._x[rows, : len(CHANNELS)]
         self._temperatures.add(t, self._x[rows, _TEMPERATURE])
         known = np.where(np.isfinite(x), x, 0.0)
-        # isolated readings far off, and noise, turn no unit
-        middle = np.median(known, axis=0)
-        self._rest = middle if self._rest is None else self._rest
-        self._still &= bool((np.abs(middle - self._rest) < np.maximum(_TURNED, _TURNED_SD * _median_sd(known))).all())
+        self._rest = np.median(known, axis=0) if self._rest is None else self._rest
+        if self._still and (np.abs(known.mean(axis=0) - self._rest) >= _TURNED).any():
+            # isolated readings far off, and noise, turn no unit
+            moved = np.abs(np.median(known, axis=0) - self._rest)
+            self._still = bool((moved < np.maximum(_TURNED, _TURNED_SD * _median_sd(known))).all())
         self._copies.add(t, known, still=self._still)
         if self._still:
             self._levels.add(t, known)
