@@ -77,13 +77,8 @@ class Standstill:
         rate = (rare / (self._equal + changes + 2.0)).reshape(-1, 3)
         # a channel beside two that change with nearly each reading should do so, too
         beside = np.minimum(np.roll(rate, 1, axis=1), np.roll(rate, 2, axis=1))
-<<<<<<< HEAD
-        of_channels = np.where(beside > _FINE, np.maximum(rate, 0.5), rate).ravel()
-        share = np.clip(1.0 - of_channels, 1e-3, 1.0 - 1e-3)
-=======
         likely = np.where(beside > _FINE, np.maximum(rate, 0.5), rate).ravel()
         share = np.clip(1.0 - likely, 1e-3, 1.0 - 1e-3)
->>>>>>> site
         return np.maximum(_LEAST_READINGS, _MARGIN * math.log(_FALSE) / np.log(share))
 
     def still_since(self, triad: slice) -> tuple[Array, Array]:
