@@ -20,7 +20,7 @@ from filters.types import Array
 
 _BLOCK = 16  # readings between two looks for channels that stand still
 _WINDOW = 4096  # readings that are searched for single faults at once
-_LOOK_S = 10.0  # between two searches of readings that still come
+_LOOK_S = 20.0  # between two searches of readings that still come
 _FEWEST = 256
 _TEMPERATURE = 6
 _UNITS = (DPS,) * 3 + (MG,) * 3
