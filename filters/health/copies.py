@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from filters.types import Array
@@ -10,9 +11,8 @@ from filters.types import Array
 SPAN = 64  # readings that are compared at a time
 _CLIP = 4.0  # standard deviations: one knock, which all channels feel, must not decide
 _ALIKE = 0.99  # correlation
-_REST = (
-    0.3  # what copies do not share, over the noise of the quietest span; motion that two channels feel leaves all noise
-)
+_REST = 0.3
+"""What copies do not share, over the noise of the quietest span; motion that two channels feel leaves their noise."""
 _OF_SUM = 0.03  # what a sum does not share with its parts, over its own noise
 _SPANS, _LEAST_S = 3, 1.0  # so many in a row, and so long
 _LATEST = 16  # readings by which a copy may come late
@@ -94,11 +94,13 @@ class Copies:
 
 def _correlations(z: Array) -> Array:
     """Correlation of each column with each one some rows earlier, shape (_LATEST + 1, channels, channels)."""
-    n, lags = z.shape[0], np.arange(_LATEST + 1)
-    squares = np.concatenate([np.zeros((1, z.shape[1])), np.cumsum(z**2, axis=0)])
-    late, early = np.sqrt(squares[n] - squares[lags]), np.sqrt(squares[n - lags])
-    products = np.stack([z[lag:].T @ z[: n - lag] for lag in lags])
-    return np.asarray(products / np.maximum(late[:, :, None] * early[:, None, :], 1e-300))
+    late = z[_LATEST:]
+    # early[row, channel, lag]: the channel's value so many rows before
+    early = sliding_window_view(z, _LATEST + 1, axis=0)[:, :, ::-1]
+    products = np.tensordot(early, late, axes=(0, 0))
+    norms = np.sqrt(np.einsum("rcl,rcl->lc", early, early)), np.sqrt(np.einsum("rc,rc->c", late, late))
+    scale = np.maximum(norms[0][:, None, :] * norms[1][:, None], 1e-300)
+    return np.asarray(products.transpose(1, 2, 0) / scale)
 
 
 def _sums(correlation: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
