@@ -43,6 +43,7 @@ _TURNED_SD = 8.0
 _OF_ALL = ("coarse", "repeated", "saturation")
 """Faults that change how often each value comes: zeros then say nothing."""
 _REPEATED = 0.015  # share of readings
+_HELD = 3  # channels that repeat readings, from which on all are taken to
 _WIDE = 0.5  # share of steps of three counts or more in a span that is judged
 _FEWEST_SPANS = 4
 _ROUNDING = 4e-7  # of a reading: single precision leaves equal readings this far apart
@@ -205,13 +206,16 @@ class HealthMonitor:
         total = self._count + self._filled
         spikes, spikes_share = _SPIKES if self._still else _SPIKES_MOVING
         of_all = {channel for effect, channel in tallies if effect in _OF_ALL}
+        repeated = {channel for effect, channel in tallies if effect == "repeated"}
+        if len(repeated) >= _HELD:  # whole packets are repeated: each extreme value comes several times
+            repeated = {*CHANNELS}
         for (effect, channel), one in tallies.items():
             share = max(one.densest, one.count / total)
             match effect:
                 case "spikes" if one.count >= spikes and share >= spikes_share:
                     said = f"{channel} has {one.count} isolated readings that are far off ({one.where})"
                     yield of_kind("invalid", channel, one.since_s, said)
-                case "saturation" if ("repeated", channel) not in tallies:
+                case "saturation" if channel not in repeated:
                     said = f"{channel} is clipped: {one.count} readings pile up {one.where}"
                     yield of_kind("clipped", channel, one.since_s, said)
                 case "coarse":
