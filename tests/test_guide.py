@@ -111,7 +111,11 @@ class Reader:
             printed[0] = self.types(command, (0, 1, 4))
             return all(word in printed[0] for word in words)
 
-        wait_until(has_come, pause=0.2)
+        try:
+            wait_until(has_come, pause=0.2)
+        except AssertionError:
+            others = "\n".join(f"{path.name}: {path.read_text()}" for path in self.folder.glob("*.txt"))
+            pytest.fail(f"`{command}` of docs/guide.md never prints {words}:\n{printed[0]}\n{others}")
         return printed[0]
 
     def has_recorded(self, scenario: str, power_on: int, seconds: int, log: str, options: str = "") -> None:

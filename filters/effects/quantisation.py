@@ -10,6 +10,7 @@ from filters.types import Array
 _MOST = 1 << 16
 # single precision of the source leaves values this far from where they were, as a part of them
 _SINGLE = 4e-7
+_DOUBLE = 1e-12  # the same of differences in double precision, as a part of the largest
 _NEAR, _WITHIN, _MOST_ON = 0.1, 20.0, 0.97
 _QUANTILES = (0.5, 0.25, 0.1, 0.03)
 
@@ -38,7 +39,7 @@ def lattice(x: Array, lsb: float | None = None) -> float:
         return 0.0
     values = np.unique(some)
     steps = np.diff(values)
-    steps = steps[steps > _SINGLE * np.maximum(np.abs(values[1:]), np.abs(values[:-1]))]
+    steps = steps[steps > rounding(values[1:], values[:-1])]
     for q in _QUANTILES if steps.size else ():
         step = _refined(steps, float(np.quantile(steps, q)))
         near = _NEAR + (min(lsb / step, 0.25) if lsb is not None else 0.0)
@@ -46,6 +47,12 @@ def lattice(x: Array, lsb: float | None = None) -> float:
         if 2 * ratio.size >= steps.size and np.mean(np.abs(ratio - np.rint(ratio)) < near) >= _MOST_ON:
             return step
     return 0.0
+
+
+def rounding(a: Array, b: Array) -> Array:
+    """Differences of readings, shape (...), that the arithmetic of their source leaves between equal ones."""
+    size = np.maximum(np.abs(a), np.abs(b))
+    return np.asarray(np.maximum(_SINGLE * size, _DOUBLE * size.max(initial=0.0)))
 
 
 def _refined(steps: Array, step: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.channels import CHANNELS, DPS, MG
-from filters.effects import faults
+from filters.effects import faults, quantisation
 from filters.effects.fault_records import DataFault
 from filters.health import finding
 from filters.health.copies import SPAN, Copies
@@ -46,7 +46,6 @@ _REPEATED = 0.015  # share of readings
 _HELD = 3  # channels that repeat readings, from which on all are taken to
 _WIDE = 0.5  # share of steps of three counts or more in a span that is judged
 _FEWEST_SPANS = 4
-_ROUNDING = 4e-7  # of a reading: single precision leaves equal readings this far apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +109,8 @@ class HealthMonitor:
             rows, new = slice(self._filled, self._filled + taken), slice(done, done + taken)
             self._t[rows], self._x[rows, :3], self._x[rows, 3:6] = t[new], gyro[new], accel[new]
             self._x[rows, _TEMPERATURE] = degc[new]
+            readings = self._x[rows, :_TEMPERATURE]
+            readings[np.isinf(readings)] = np.nan  # no reading either
             self._filled += taken
             done += taken
             self._advance()
@@ -362,7 +363,7 @@ def _median_sd(x: Array) -> Array:
 def _smallest_step(x: Array) -> float:
     """Return the smallest step between successive readings that is not rare; 0 where nothing changes."""
     steps = np.abs(np.diff(x))
-    steps = steps[steps > _ROUNDING * np.maximum(np.abs(x[1:]), np.abs(x[:-1]))]
+    steps = steps[steps > quantisation.rounding(x[1:], x[:-1])]
     return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
@@ -376,7 +377,7 @@ def _repeated(x: Array) -> list[DataFault]:
     for c, name in enumerate(CHANNELS):
         own = spans[:, :, c]
         steps = np.abs(np.diff(own, axis=1))
-        steps[steps <= _ROUNDING * np.maximum(np.abs(own[:, 1:]), np.abs(own[:, :-1]))] = 0.0
+        steps[steps <= quantisation.rounding(own[:, 1:], own[:, :-1])] = 0.0
         inside = (own[:, 1:] < own.max()) & (own[:, 1:] > own.min())
         step = _smallest_step(x[:, c])
         wide, moved = (steps > 2.5 * step) & inside, (steps > 0.0) & inside

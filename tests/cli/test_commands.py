@@ -111,8 +111,9 @@ def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable
     source = recording("adis16405_static_a.npz")
     imutui("import", source, "-o", "a.mcap", "--end", "600", *ADIS)
     result = imutui_json("replay", "a.mcap", "--end", "60", check=1)
-    # the means over 10 s of ax and az do move so far
-    assert [(one["channel"], one["kind"]) for one in result["health"]] == [("ax", "moving"), ("az", "moving")]
+    # accelerometers move by more in this minute than their biases are known to
+    assert ("ax", "moving") in [(one["channel"], one["kind"]) for one in result["health"]]
+    assert {one["kind"] for one in result["health"]} == {"moving"}
     with np.load(source) as measured:
         gyro = measured["gyro"][:6001].mean(axis=0)
     assert result["samples"] == 6001

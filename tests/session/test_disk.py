@@ -11,7 +11,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -32,6 +32,11 @@ from imutui.session.disk_space import DiskGuard, disk_message, vanished
 from imutui.session.plan import Plan, RecordingWish
 
 PROFILE = profile_toml(dwell(600.0), align="marks")
+
+
+def faults_of_file(log: Path) -> list[Any]:
+    """What `check` finds but that the unit of these tests repeats one reading."""
+    return [finding for finding in check(log)["findings"] if finding["code"] != "health"]
 
 
 def ticks(*logs: Path) -> np.ndarray:
@@ -284,7 +289,7 @@ def test_a_disk_that_others_fill_ends_the_recording_above_zero(home: Path) -> No
             (said,) = run.findings()
             assert all(words in said for words in (str(disk / "logs"), "recording leaves 2.0 MB", "a.mcap is finished"))
             assert shutil.disk_usage(disk).free > MB
-        assert check(disk / "logs" / "a.mcap")["findings"] == []
+        assert faults_of_file(disk / "logs" / "a.mcap") == []
         assert checksum_file.read(disk / "logs" / "a.mcap") == result["log_sha256"]
         again = {**fields, "output": str(disk / "other logs" / "b.mcap")}
         with pytest.raises(OSError, match=r"recording leaves 2\.0 MB"), acquiring(home, **again):
@@ -319,7 +324,7 @@ def test_a_viewers_recording_ends_and_the_acquisition_goes_on(home: Path, monkey
         assert "150 MB are free, and recording leaves 200 MB" in state["findings"][0]
         with pytest.raises(ValueError, match=r"150 MB are free.*free some space"):
             begin()
-        assert check(log)["findings"] == []
+        assert faults_of_file(log) == []
         disk.free_mb = 500.0
         assert Path(begin()) != log
 

@@ -55,6 +55,10 @@ class Terminal:
         self.press(key)
         return self.wait_for(*words)
 
+    def wait_for_any(self, *words: str) -> None:
+        """Wait until the screen shows one of these words."""
+        wait_until(lambda: any(word in self.screen() for word in words), pause=_LOOK_S)
+
     def wait_for(self, *words: str) -> str:
         """Wait until the screen shows all these words."""
         shown = ""
@@ -197,7 +201,8 @@ def record_until_converged(terminal: Terminal) -> None:
     terminal.type("table level")
     terminal.see("Enter", "marked: table level")
     terminal.see("3", "● RECORDING", "note      demo", "table level", "disk full in", "lost 0")
-    terminal.see("4", "GREEN", "all 6 biases converged", "Table 1", "x gyro")
+    terminal.see("4", "Table 1", "x gyro")
+    terminal.wait_for_any("all 6 biases converged", "gy oscillates")  # the second comes soon after the first
     terminal.see("r", "not recording", "finished")
     terminal.see("3", "NOT RECORDING", "6 Logs opens it")
 

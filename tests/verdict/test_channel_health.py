@@ -61,4 +61,4 @@ def test_a_fault_is_its_own_channel_s_only() -> None:
 
 def test_no_fault_is_a_check_that_says_so() -> None:
     (check,) = [one for one in rules.judge(sources.of_snapshot(settled())).checks if one.name == rules.CHANNELS_CHECK]
-    assert (check.level, check.said) == ("good", "no fault of a channel shows")
+    assert (check.level, check.said) == ("good", "no fault shows")

@@ -124,7 +124,7 @@ def _take_brief(path: Path) -> None:
     from imutui.tui.pages.logs import text
 
     found = info.brief(path)
-    text.row(found, False, 140)
+    text.rows([found], (), 140)
     text.detail(found)
 
 
