@@ -19,10 +19,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from filters import attitude
+from filters.compilation import cached_njit
 from filters.imu import IMU400CD_200
 from filters.kalman import layout, spkf_paper, strapdown
 from filters.kalman.kernels import lanes, step
-from filters.kalman.kernels.arithmetic import entry
 from filters.kalman.rows import nav_of, row_of
 from filters.state import PAPER_SITE, NavState
 
@@ -81,7 +81,7 @@ def readable_whole(rate: np.ndarray, dt: float) -> State:
     return nav.C_nb, nav.velocity_n
 
 
-@entry
+@cached_njit
 def _predicted(core, P, par, dt, work):  # type: ignore[no-untyped-def]
     return lanes.predict(core, P, par, dt, 1.0, 0.0, work)
 

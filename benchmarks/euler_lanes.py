@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from filters import earth
-from filters.kalman.kernels.arithmetic import CENTRE, LANES, cholesky, compiled, entry, plus, row, scaled, store
+from filters.compilation import cached_njit
+from filters.kalman.kernels.arithmetic import CENTRE, LANES, cholesky, compiled, plus, row, scaled, store
 from filters.kalman.kernels.lanes import covariance, gravity_at
 from filters.kalman.layout import STRIDE
 
@@ -178,7 +179,7 @@ def _correct(x, known, R, P, units, gain, error):  # type: ignore[no-untyped-def
     return -1
 
 
-@entry
+@cached_njit
 def advance(x, P, gyro, accel, dt, Q, R, known, kappa, anomaly, units, work):  # type: ignore[no-untyped-def]
     """Feed samples (N, 3), each held over the `dt` that it ends. Returns the number used."""
     rest = work[16 * STRIDE + 58 * _LN :]
