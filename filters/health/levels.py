@@ -102,7 +102,10 @@ class Levels:
         return np.ptp(pieces, axis=0), self._noise(count) / np.sqrt(self._of_piece)
 
     def _noise(self, count: int) -> Array:
-        """Standard deviation of a span's mean, by the differences of successive ones but the largest tenth."""
+        """Standard deviation of a span's mean, by differences of successive ones, or by fast ones if that is more."""
         kept = max(1, round(KEPT * count))
         squares = np.partition(self._means[:count], kept - 1, axis=0)[:kept]
-        return np.asarray(np.sqrt(squares.mean(axis=0) / KEPT_VARIANCE / 2.0))
+        slow = squares.mean(axis=0) / KEPT_VARIANCE / 2.0
+        # where noise is white the fast differences, of which there are more, know it better
+        fast = np.median(self._fast[:count], axis=0) / CHI2_MEDIAN / _SECOND / self._readings
+        return np.asarray(np.sqrt(np.maximum(slow, fast)))
