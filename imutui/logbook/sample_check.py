@@ -30,7 +30,7 @@ class SampleCheck:
         self._least, self._greatest = np.iinfo(np.int64).max, np.iinfo(np.int64).min
         self._last = np.empty(0, np.int64)
         self._beyond = self._back = self._close = self._degc = -1
-        self._temperatures = 0
+        self._temperatures = self._held = 0
         self._no_number = np.full(6, -1)
 
     def take(self, stamp_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray) -> None:
@@ -50,8 +50,10 @@ class SampleCheck:
         self._beyond = self._first(self._beyond, beyond)
         steps = np.diff(stamps, prepend=self._last)
         self._back = self._first(self._back, steps <= 0, stamps.size - steps.size)
-        close = (steps > 0) & (steps < round(LEAST_STEP_S * 1e9) - 1)  # stamps are rounded
+        # a clock that corrects itself stamps now and then 1 ns after the last; stamps are rounded
+        close = (steps > 1) & (steps < round(LEAST_STEP_S * 1e9) - 1)
         self._close = self._first(self._close, close, stamps.size - steps.size)
+        self._held += int(np.count_nonzero(steps == 1))
         bad = ~np.isfinite(readings)
         new = bad.any(axis=0) & (self._no_number < 0)
         self._no_number[new] = self._count + bad.argmax(axis=0)[new]
@@ -69,8 +71,8 @@ class SampleCheck:
             what = f"sample {self._beyond} (first is 0) is beyond anything that a unit reads: {most}."
         elif self._degc >= 0:
             what = f"temperature {self._degc} (first is 0) is beyond ±{LARGEST['temp']:,.0f} degC, which no unit has."
-        elif self._close >= 0:
-            what = f"sample {self._close} (first is 0) is less than a microsecond after the one before it."
+        elif self._close >= 0 or 2 * self._held > self._count:
+            what = f"sample {max(self._close, 1)} (first is 0) is less than a microsecond after the one before it."
         else:
             return None
         return what, "Correct the units or remove such samples in the program that wrote the file."

@@ -89,10 +89,10 @@ def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile 
     assert list(GravityCheck(INSTRUMENTS["imu400cd"]).news(then)) == []
 
 
-def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
+def test_what_a_unit_is_configured_as_is_in_its_log(home: Path) -> None:
     fields = tuple((f, OVER.field if f == Field.ORIENTATION else 4 if f == 1 else v) for f, v in IMU381ZA)
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM", fields=fields)
-    log = tmp_path / "over.mcap"
+    log = home / "over.mcap"
     with served(VirtualUnit(Still(), options)) as port:
         # the filter, which takes the mounting for what was said, finds the same
         imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", log, check=1)
