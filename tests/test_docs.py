@@ -253,12 +253,12 @@ def test_the_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_recording_that_the_guide_makes_can_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from imutui.logbook import importer
+    from imutui.logbook.importing import recording
 
     (code,) = blocks(TEXTS["docs/guide.md"], "python")
     monkeypatch.chdir(tmp_path)
     exec(code, {})
-    assert importer.load(tmp_path / "still.npz").t.size == 1200
+    assert recording.load(tmp_path / "still.npz").samples == 1200
 
 
 def test_the_site_builds(tmp_path: Path) -> None:

@@ -123,6 +123,7 @@ DOORS = {
     "matplotlib": {"imutui.report"},
     "foxglove": {"imutui.session.foxglove_server"},
     "pyarrow": {"imutui.logbook.parquet"},
+    "pandas": {"imutui.logbook.importing.text"},
     "dask": {"imutui.jobs.campaign.cluster"},
     "distributed": {"imutui.jobs.campaign.cluster"},
     "numba": {"filters", "imutui.compile_cache"},

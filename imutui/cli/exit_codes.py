@@ -268,7 +268,7 @@ _CODES = {
     UNREADABLE: (
         "imutui.batch_file.BatchError",
         "imutui.logbook.reader.UnreadableLogError",
-        "imutui.logbook.importer.ImportDataError",
+        "imutui.logbook.importing.table.ImportDataError",
         "imutui.scenario.ScenarioError",
         "imutui.cli.spoil.SpoilError",
     ),

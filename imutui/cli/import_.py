@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.exit_codes import USAGE, check_output, fail, say
-from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Mount, SiteText, Start, parse_site
+from imutui.cli.exit_codes import USAGE, check_output, fail, print_json, say
+from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Json, Mount, SiteText, Start, parse_site
 
 if TYPE_CHECKING:
-    from imutui.logbook.importer import Recording
+    from imutui.logbook.importing.recording import Recording
+    from imutui.logbook.importing.table import Asked
     from imutui.logbook.reference_file import ReferenceFile
     from imutui.logbook.session_info import SessionInfo
 
@@ -18,9 +19,30 @@ if TYPE_CHECKING:
 def command(
     file: Annotated[
         Path,
-        typer.Argument(help="NPZ or CSV: t in s, gyro in deg/s, accel in g; perhaps temp, ang, rate, ref_quat, gps_…"),
+        typer.Argument(
+            help="CSV of any dialect, also .gz, NPZ, NPY or Parquet: time, gyros, accelerometers; perhaps temp, ang,"
+            " rate, ref_quat, gps_…"
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Log to write.")],
+    columns: Annotated[
+        str,
+        typer.Option(
+            "--columns",
+            metavar='"t=NAME:ms, gyro_x=#2:rad/s, …"',
+            help="Columns of the channels t, gyro_x, …, accel_z, temp: by name or position, with their unit."
+            " t=row:100Hz counts rows; accel=none leaves channels out.",
+        ),
+    ] = "",
+    units: Annotated[
+        str,
+        typer.Option(
+            "--units",
+            metavar='"t:us, gyro:rad/s, accel:m/s2, temp:K"',
+            help="Units; else those in the names of columns, else s, deg/s, g, degC. g/16384 is 16384 counts per g.",
+        ),
+    ] = "",
+    drop: Annotated[str, typer.Option("--drop", metavar="ROW,FROM-TO", help="Rows to leave out; the first is 0.")] = "",
     accel_sign: AccelSign = None,
     mount: Mount = None,
     gyro_sign: GyroSign = None,
@@ -54,17 +76,22 @@ def command(
     kind: Annotated[
         str, typer.Option("--kind", metavar="measured|simulated|unknown", help="Who made the readings.")
     ] = "unknown",
+    json: Json = False,
     force: Force = False,
 ) -> None:
     """Make a log of a recording made elsewhere.
 
-    A CSV has columns t, gyro_x, gyro_y, gyro_z, accel_x, accel_y, accel_z and perhaps temp, ang_x, … ref_quat_w, ….
+    What had to be assumed is one line on stderr. A recording that may be misread is refused with the command to type.
 
     Example: imutui import still.npz -o still.mcap --accel-sign +1 --reference gravity
     """
     from imutui import config
+    from imutui.cli.each_log import progress
     from imutui.cli.session_options import session_from
-    from imutui.logbook import import_reference, importer, power_on
+    from imutui.logbook import import_reference, power_on
+    from imutui.logbook.importing import recording as recordings
+    from imutui.logbook.importing.table import Asked
+    from imutui.logbook.importing.write import write
     from imutui.verdict.rules import SITE_NOT_STATED
 
     if kind not in ("measured", "simulated", "unknown"):
@@ -91,53 +118,85 @@ def command(
     before = None if continues is None else power_on.preceding(continues)
     if before is not None:
         power_on.check_same_unit(before, info)
-    recording = importer.load(file, start, end)
+    others = _words(
+        accel_sign=accel_sign, mount=mount, gyro_sign=gyro_sign, site=site, gravity=gravity, reference=reference,
+        continues=continues, instrument=instrument, kind=kind if kind != "unknown" else "", json=json, force=force,
+    )  # fmt: skip
+    asked = Asked(columns, units, drop, stamps, start, end, info.g_unit, output, others)
+    recording = recordings.load(file, asked, lambda share: progress(0.3 * share, "reading"))
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:
         info = replace(info, reference=attachment.kind)
+    if recording.assumed:
+        say(f"imutui: {file}: assumed: {'; '.join(recording.assumed)}")
     if left := sorted({*recording.not_imported, *unused}):
         say(f"imutui: not imported from {file}: {', '.join(left)}")
     if recording.unread:
         channels = ", ".join(recording.unread)
-        say(
-            f"imutui: {file} has no readings of {channels} (NaN throughout): the log does without, and so does all else"
-        )
+        say(f"imutui: {file} has no readings of {channels}: every command does without them")
     if not info.site_stated:
         say(f"imutui: {output}: {SITE_NOT_STATED}")
-    for warning in (_bursts(recording, stamps), importer.check_gravity(recording, info)):
+    for warning in (_bursts(recording, asked), recordings.check_gravity(recording, info)):
         if warning:
             say(f"imutui: warning: {warning}")
-    if stamps == "arrival":
-        recording, fitted = importer.at_sampling_instants(recording)
+    if fitted := recording.fitted:
         say(
             f"imutui: sampling instants fitted under {file}'s arrivals in {fitted.pieces} piece(s); they are late by"
             f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most"
         )
     first_ns = None
     if before is not None:
-        info, first_ns, words = power_on.continuing(before, info, recording.t)
+        info, first_ns, words = power_on.continuing(before, info, recording.clock_s)
         say(f"imutui: {output} continues {before.path}: {words}")
-    mode = settings.file_mode
-    moved = importer.write(
-        recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode
-    )
+    moved = write(
+        recording, info, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=settings.file_mode,
+        progress=lambda share: progress(0.3 + 0.7 * share, "writing"),
+    )  # fmt: skip
     if moved:
         say(f"imutui: warning: {moved}. `touch` sets that time")
-    duration = recording.t[-1] - recording.t[0]
-    say(f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}")
+    document = {
+        "version": 1,
+        "log": str(output),
+        "samples": recording.samples,
+        "duration_s": recording.duration_s,
+        "rate_hz": recording.rate_hz,
+        "reference": info.reference,
+        "assumed": list(recording.assumed),
+        "not_imported": left,
+        "unread": list(recording.unread),
+    }
+    if json:
+        print_json(document)
+        return
+    say(
+        f"{output}: {recording.samples} samples, {recording.duration_s:.1f} s, {recording.rate_hz:.4f} Hz,"
+        f" {info.reference}"
+    )
+
+
+def _words(**options: object) -> tuple[str, ...]:
+    """Words of options that were given, for a command that repeats them."""
+    out: list[str] = []
+    for name, value in options.items():
+        if value is None or value is False or value == "":
+            continue
+        text = f"{value:+d}" if name == "accel_sign" else str(value)
+        out += [f"--{name.replace('_', '-')}", *([] if value is True else [text])]
+    return tuple(out)
 
 
 def _reference(
     file: Path, recording: "Recording", info: "SessionInfo", asked: str | None, beside: "ReferenceFile | None"
 ) -> "tuple[ReferenceFile | None, set[str]]":
-    """What goes into the log as its reference, and the names of arrays that then don't."""
-    from imutui.logbook import import_reference, importer
+    """Return what goes into the log as its reference, and the names of arrays that then don't."""
+    from imutui.logbook import import_reference
+    from imutui.logbook.importing.table import ImportDataError
 
     if beside is not None or asked not in (None, "trajectory"):
         return beside, set(recording.known)
-    made = import_reference.from_arrays(recording.t, recording.known, info.axes().mount, info.site())
+    made = import_reference.from_arrays(recording.known_t, recording.known, info.axes().mount, info.site())
     if made is None and asked == "trajectory":
-        raise importer.ImportDataError(
+        raise ImportDataError(
             f"{file} says nothing of the motion: --reference trajectory needs one of ang, ref_quat, gps_pos,"
             " gps_vel_ned with values in it, or name a trajectory's file: --reference FILE.csv."
         )
@@ -147,10 +206,9 @@ def _reference(
     return made, {"ref_quat"} & set(recording.known) if "ang" in recording.known else set()
 
 
-def _bursts(recording: "Recording", stamps: str) -> str:
-    from imutui.logbook.arrival_stamps import bursts
-
-    figures = bursts(recording.t) if stamps == "sampling" else ""
-    return figures and (
-        f"stamps look like arrival times in bursts: {figures}; --stamps arrival rebuilds sampling instants"
+def _bursts(recording: "Recording", asked: "Asked") -> str:
+    """Return a warning of stamps that look like arrival times, "" if there is none."""
+    return recording.bursts and (
+        f"stamps look like arrival times in bursts: {recording.bursts}. To rebuild sampling instants:"
+        f" `{asked.command(recording.path, stamps='arrival')}`"
     )

@@ -94,17 +94,18 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
     """
     if path.suffix.lower() == ".mcap":
         return _from_log(path, start, axes.accel_sign)
-    from imutui.logbook import importer
+    from imutui.logbook.importing import recording
 
-    r = importer.load(path)
-    t = r.t - r.t[0]
+    r = recording.load(path)
+    samples = r.whole()
+    t = samples.t
     _check_start(path, start, t)
     part = slice(int(np.searchsorted(t, start)), None)
     t = t[part] - t[part][0]
     known = {name: values[part] for name, values in r.known.items()}
-    motion = _known_motion(t, known, r.accel_g[part], axes, site)
-    degc = None if r.temperature_degc is None else r.temperature_degc[part]
-    return PlayedRecording(path.name, t, np.hstack([r.gyro_dps, r.accel_g])[part], degc, False, motion)
+    motion = _known_motion(t, known, samples.accel_g[part], axes, site)
+    degc = samples.temperature_degc[part] if np.isfinite(samples.temperature_degc).all() else None
+    return PlayedRecording(path.name, t, np.hstack([samples.gyro_dps, samples.accel_g])[part], degc, False, motion)
 
 
 def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
@@ -154,7 +155,7 @@ def _between(log: "Log", t: np.ndarray) -> np.ndarray | None:
 
 
 def _check_start(path: Path, start: float, t: np.ndarray) -> None:
-    from imutui.logbook.importer import ImportDataError
+    from imutui.logbook.importing.table import ImportDataError
 
     if np.count_nonzero(t >= start) < 2:
         raise ImportDataError(f"{path} lasts {t[-1]:.1f} s: nothing of it is left from {start:g} s on (--from-start).")

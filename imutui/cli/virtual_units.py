@@ -130,7 +130,7 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     Raises InputError if the scenario makes readings.
     Raises ImportDataError if there is nothing to play.
     """
-    from imutui.logbook.importer import ImportDataError
+    from imutui.logbook.importing.table import ImportDataError
 
     made, plain = scenario_of(scenario, seed), Scenario()
     changed = [words for name, words in _OF_READINGS.items() if getattr(made, name) != getattr(plain, name)]

@@ -6,7 +6,7 @@ and its index, `mcap_writer` writes them · `mcap_stream` its records in order, 
 `summary` its ends ·
 `columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
 bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
-`parquet` the library of the last · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
+`parquet` the library of the last · `recover` a whole file made of what is left · `importing` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants · `polled_rate` whether
 polling kept what was asked · `power_on` logs that continue others · `reference_file` table profiles, those too that
 need no file, `trajectory_file`, `effects_file` other formats · `results` the JSON document of a replay or a live run.

@@ -34,6 +34,8 @@ def bursts(t: np.ndarray) -> str:
     `t`: s, shape (N,), increasing.
     """
     steps = np.diff(t)
+    # a gap is no part of the rhythm
+    steps = steps[steps <= max(_SILENCE_S, 20.0 * float(np.median(steps)))]
     period = float(steps.mean())
     share = float(np.mean(steps < _SHORT * period))
     if share <= _SHARE:

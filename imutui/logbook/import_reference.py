@@ -14,7 +14,7 @@ from filters.state import Site
 from filters.types import Array
 from imutui import outside_file
 from imutui.logbook import reference_file, trajectory_file
-from imutui.logbook.importer import ImportDataError
+from imutui.logbook.importing.table import ImportDataError
 from imutui.logbook.reference_file import ReferenceFile
 
 # east-north-up to north-east-down

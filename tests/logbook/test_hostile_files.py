@@ -20,8 +20,10 @@ from mcap.opcode import Opcode
 from imutui import outside_file
 from imutui.jobs.info import brief
 from imutui.jobs.recover import recover
-from imutui.logbook import SessionInfo, effects_file, importer, mcap_format, schemas, summary
-from imutui.logbook.importer import ImportDataError
+from imutui.logbook import SessionInfo, effects_file, mcap_format, schemas, summary
+from imutui.logbook.importing import arrays as array_files
+from imutui.logbook.importing.recording import load
+from imutui.logbook.importing.table import ImportDataError
 from imutui.logbook.mcap_format import HEAD, MAGIC
 from imutui.logbook.scan import scan
 from imutui.logbook.writer import LogWriter
@@ -203,13 +205,13 @@ def test_an_npz_that_unpacks_to_more_than_the_limit_is_refused_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Zeros pack to a thousandth: what it says is looked at first."""
-    monkeypatch.setattr(importer, "LIMIT", 2**20)
+    monkeypatch.setattr(array_files, "LIMIT", 2**20)
     n = 2**20 // 8
     path = tmp_path / "a.npz"
     path.write_bytes(npz(t=saved(np.arange(float(n))), gyro=saved(np.zeros((n, 3))), accel=saved(np.zeros((n, 3)))))
     assert path.stat().st_size < 400_000
     with pytest.raises(ImportDataError, match="split the recording"):
-        importer.load(path)
+        load(path)
 
 
 def test_a_device_is_no_file_to_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

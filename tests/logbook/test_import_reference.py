@@ -13,13 +13,14 @@ from filters import attitude
 from imutui import cli
 from imutui.logbook import (
     import_reference,
-    importer,
     reader,
     schemas,
     trajectory_file,
 )
-from imutui.logbook.importer import ImportDataError
+from imutui.logbook.importing import recording as recordings
+from imutui.logbook.importing.table import ImportDataError
 from imutui.logbook.reader import Log
+from imutui.logbook.session_info import SessionInfo
 
 N = 200
 Import = Callable[..., tuple[int, str]]
@@ -93,7 +94,7 @@ def test_a_quaternion_of_the_instrument_becomes_the_attitude_of_the_body(
     """East-north-up to north-east-down, instrument to body axes: gravity read by the unit points down in both."""
     C_nb = attitude.from_rpy(0.2, -0.3, 1.1)
     enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    M = importer.SessionInfo(mount=mount).axes().mount
+    M = SessionInfo(mount=mount).axes().mount
     quat = np.tile(quaternion(enu @ C_nb @ M), (N, 1))
     quat[:5] = np.nan
     quat[5:7] = 0.0
@@ -227,9 +228,9 @@ def test_optional_vectors_are_columns_of_a_csv_too(home: Path) -> None:
     table = np.column_stack([a["t"], a["gyro"], a["accel"], np.ones((N, 3)), quat])
     vectors = [f"{v}_{x}" for v in ("gyro", "accel", "ang") for x in "xyz"] + [f"ref_quat_{x}" for x in "wxyz"]
     np.savetxt(home / "a.csv", table, delimiter=",", header=",".join(["t", *vectors]), comments="")
-    recording = importer.load(home / "a.csv")
+    recording = recordings.load(home / "a.csv")
     assert np.array_equal(recording.known["ang"], np.ones((N, 3)))
     assert np.array_equal(recording.known["ref_quat"], quat)
     assert recording.not_imported == ()
     with pytest.raises(ImportDataError, match="length 2"):
-        import_reference.from_arrays(recording.t, {"ref_quat": 2.0 * quat}, np.eye(3))
+        import_reference.from_arrays(recording.known_t, {"ref_quat": 2.0 * quat}, np.eye(3))

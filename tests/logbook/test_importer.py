@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from filters.imu import AxisMap, parse_mount
-from imutui.logbook import SessionInfo, importer, reader
-from imutui.logbook.importer import ImportDataError
+from imutui.logbook import SessionInfo, reader
+from imutui.logbook.importing import recording as recordings
+from imutui.logbook.importing.table import Asked, ImportDataError
+from imutui.logbook.importing.write import write
 
 N = 40
 
@@ -30,7 +32,7 @@ def saved(path: Path, **changes: np.ndarray) -> Path:
 def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
     source = saved(tmp_path / "a.npz")
     info = SessionInfo(accel_sign=1, mount="x,-y,-z")
-    importer.write(importer.load(source), info, source, tmp_path / "a.mcap", overwrite=False)
+    write(recordings.load(source), info, tmp_path / "a.mcap", overwrite=False)
     log = reader.read(tmp_path / "a.mcap")
     held, axes = arrays(), AxisMap(parse_mount("x,-y,-z"), 1)
     assert np.allclose(log.seconds(), held["t"], atol=1e-9)
@@ -47,7 +49,7 @@ def test_a_csv_says_the_same_as_an_npz(tmp_path: Path) -> None:
     table = np.column_stack([a["t"], a["gyro"], a["accel"], a["temp"]])
     names = "t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=names, comments="", fmt="%.17g")
-    from_csv, from_npz = importer.load(tmp_path / "a.csv"), importer.load(saved(tmp_path / "a.npz"))
+    from_csv, from_npz = (recordings.load(path).whole() for path in (tmp_path / "a.csv", saved(tmp_path / "a.npz")))
     assert np.array_equal(from_csv.gyro_dps, from_npz.gyro_dps)
     assert np.array_equal(from_csv.accel_g, from_npz.accel_g)
     assert np.array_equal(from_csv.t, from_npz.t)
@@ -68,7 +70,7 @@ BAD = {
 def test_data_that_cannot_be_imported_are_named_with_their_row(tmp_path: Path, case: str) -> None:
     changes, words = BAD[case]
     with pytest.raises(ImportDataError, match=words) as caught:
-        importer.load(saved(tmp_path / "bad.npz", **changes))
+        recordings.load(saved(tmp_path / "bad.npz", **changes))
     assert "bad.npz" in str(caught.value)
 
 
@@ -77,36 +79,36 @@ def test_a_misspelt_name_is_an_error_that_lists_what_is_there(tmp_path: Path) ->
     a["gyr"] = a.pop("gyro")
     np.savez(tmp_path / "a.npz", **a)
     with pytest.raises(ImportDataError, match=r"no `gyro`.*accel, gyr, t"):
-        importer.load(tmp_path / "a.npz")
+        recordings.load(tmp_path / "a.npz")
 
 
 def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
-    assert importer.load(saved(tmp_path / "a.npz", counts=np.zeros(3))).not_imported == ("counts",)
+    assert recordings.load(saved(tmp_path / "a.npz", counts=np.zeros(3))).not_imported == ("counts",)
 
 
 def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Path) -> None:
     """+1 g on Z with sign +1 would be upside down: sign or mounting, and a still log can't tell."""
-    r = importer.load(saved(tmp_path / "a.npz"))
+    r = recordings.load(saved(tmp_path / "a.npz"))
     with pytest.raises(ImportDataError) as caught:
-        importer.check_gravity(r, SessionInfo(accel_sign=1))
+        recordings.check_gravity(r, SessionInfo(accel_sign=1))
     text = str(caught.value)
     assert "Z reads +0.998 g" in text
     assert "--accel-sign -1" in text
     assert "--mount x,-y,-z" in text
-    assert importer.check_gravity(r, SessionInfo(accel_sign=-1)) is None
-    assert importer.check_gravity(r, SessionInfo(accel_sign=1, reference="gravity")) is None
+    assert recordings.check_gravity(r, SessionInfo(accel_sign=-1)) is None
+    assert recordings.check_gravity(r, SessionInfo(accel_sign=1, reference="gravity")) is None
 
 
 def test_a_magnitude_that_is_off_is_a_warning_that_names_tilt_bias_and_scale(tmp_path: Path) -> None:
     """1.05 g is more than 12 mg + 1 % from gravity."""
     a = arrays()["accel"] * 1.05
-    warning = importer.check_gravity(importer.load(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
+    warning = recordings.check_gravity(recordings.load(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
     assert warning is not None
     assert all(word in warning for word in ("tilt", "bias", "scale"))
 
 
 def test_a_part_starts_and_ends_where_it_was_asked(tmp_path: Path) -> None:
-    r = importer.load(saved(tmp_path / "a.npz", t=100.0 + np.arange(N) / 20.0), 0.5, 1.0)
-    assert (r.t[0], r.t[-1]) == (100.5, 101.0)
+    r = recordings.load(saved(tmp_path / "a.npz", t=100.0 + np.arange(N) / 20.0), Asked(start=0.5, end=1.0))
+    assert (r.clock_s, r.duration_s, r.samples) == (100.5, 0.5, 11)
     with pytest.raises(ImportDataError, match="fewer than two"):
-        importer.load(saved(tmp_path / "b.npz"), start=100.0)
+        recordings.load(saved(tmp_path / "b.npz"), Asked(start=100.0))

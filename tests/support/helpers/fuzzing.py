@@ -29,8 +29,10 @@ from imutui.instrument.imu400.crossbow import Command, CommandDecoder, Mode, Pac
 from imutui.instrument.imu400.decoder import packet_decoder, reply_decoder
 from imutui.instrument.imu400.host import COUNTER
 from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
-from imutui.logbook import effects_file, import_reference, importer, reference_file
-from imutui.logbook.importer import ImportDataError
+from imutui.logbook import effects_file, import_reference, reference_file
+from imutui.logbook.importing import recording as recordings
+from imutui.logbook.importing.table import ImportDataError
+from imutui.logbook.importing.write import write
 from imutui.logbook.json_text import dumps
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
@@ -115,7 +117,7 @@ def _still_log_seeds(folder: Path) -> list[bytes]:
     """Of a unit at rest, which a filter takes."""
     source, path = folder / "still.npz", folder / "still.mcap"
     np.savez(source, **_arrays())
-    importer.write(importer.load(source), SessionInfo(accel_sign=1, mount="x,-y,-z"), source, path, overwrite=True)
+    write(recordings.load(source), SessionInfo(accel_sign=1, mount="x,-y,-z"), path, overwrite=True)
     made = path.read_bytes()
     return [made, made[: len(made) * 2 // 3]]
 
@@ -194,11 +196,11 @@ def _csv_seeds(folder: Path) -> list[bytes]:
 
 
 def _take_import(path: Path) -> None:
-    recording = importer.load(path)
+    recording = recordings.load(path)
     session = SessionInfo()
-    importer.check_gravity(recording, session)
-    made = import_reference.from_arrays(recording.t, recording.known, session.axes().mount, session.site())
-    importer.write(recording, session, path, path.with_name("imported.mcap"), overwrite=True, reference=made)
+    recordings.check_gravity(recording, session)
+    made = import_reference.from_arrays(recording.known_t, recording.known, session.axes().mount, session.site())
+    write(recording, session, path.with_name("imported.mcap"), overwrite=True, reference=made)
 
 
 _SCENARIO = b"""\

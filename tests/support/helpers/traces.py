@@ -15,7 +15,9 @@ from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
 from imutui.jobs import residuals
-from imutui.logbook import import_reference, importer
+from imutui.logbook import import_reference
+from imutui.logbook.importing import recording as recordings
+from imutui.logbook.importing.write import write
 from imutui.logbook.session_info import SessionInfo
 
 PROFILE = '[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 60.0\n'
@@ -61,11 +63,11 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     source = path.with_suffix(".npz")
     np.savez(source, **given)
     session = SessionInfo(**({"instrument": ""} | info))
-    recording = importer.load(source)
-    reference = import_reference.from_arrays(recording.t, recording.known, session.axes().mount)
+    recording = recordings.load(source)
+    reference = import_reference.from_arrays(recording.known_t, recording.known, session.axes().mount)
     if reference is not None:
         session = SessionInfo(**({"instrument": ""} | info | {"reference": reference.kind}))
-    importer.write(recording, session, source, path, overwrite=True, reference=reference)
+    write(recording, session, path, overwrite=True, reference=reference)
     return path
 
 
