@@ -25,7 +25,7 @@ INSIDE = {
     f"replay {SAMPLE}": "imutui.jobs.replay.motion_of",
     f"trace {SAMPLE}": "imutui.jobs.runs.read_run",
     f"export {SAMPLE} --format csv -o new.csv": "imutui.logbook.reader.records",
-    "import readings.csv -o new.mcap": "imutui.logbook.importing.rows.check",
+    "import readings.csv -o new.mcap": "imutui.logbook.importing.rows.check_order",
     "campaign . -o results": "imutui.jobs.campaign.log_list.find",
     "profile": "imutui.jobs.operator_steps.ready_made",
     "config --show": "imutui.config._file",

@@ -109,10 +109,10 @@ def _member(archive: Any, name: str) -> _Array:
     told = archive.zip.getinfo(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name)
     load = partial(_loaded, archive, name, told)
     try:
-        shape, dtype = _head(archive, told)
-    except (KeyError, ValueError, SyntaxError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        shape, dtype = _parsed(partial(_head, archive, told), f"`{name}`: ")
+    except InputError:
         if name in _WIDTHS:
-            raise InputError(f"`{name}`: {str(error).splitlines()[0] if str(error) else error!r}") from error
+            raise
         return _Array((0,), np.dtype("U1"), load)
     if name in _WIDTHS:
         _check_size(name, shape, dtype, told)
@@ -186,12 +186,19 @@ def _table(path: Path, found: Mapping[str, _Array], units: Mapping[str, str]) ->
             made.append((Column(base, unit or stated), name, k))
 
     def pieces(chosen: Sequence[int]) -> Iterator[Rows]:
-        held = {made[k][1]: _columnar(found[made[k][1]], rows) for k in chosen}
+        try:
+            held = {made[k][1]: _columnar(found[made[k][1]], rows) for k in chosen if made[k][2] >= 0}
+        except InputError as error:
+            raise ImportDataError(f"{path} cannot be read ({error}). Save it anew with numpy.savez.") from error
+        unknown = np.full(rows, np.nan)
         if sum(array.nbytes for array in held.values()) > LIMIT:
             raise ImportDataError(f"{path} takes more than {LIMIT:,} bytes: split the recording.")
         for first in range(0, rows, _PIECE):
             part = slice(first, first + _PIECE)
-            yield min(1.0, part.stop / rows), [held[made[k][1]][part, max(made[k][2], 0)] for k in chosen]
+            yield (
+                min(1.0, part.stop / rows),
+                [held[made[k][1]][part, made[k][2]] if made[k][2] >= 0 else unknown[part] for k in chosen],
+            )
 
     return Table(path, tuple(column for column, _, _ in made), pieces, table.remarks)
 

@@ -35,7 +35,7 @@ _UNITS: dict[str, dict[str, tuple[float, float]]] = {
 _SPELT = {
     "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
     "ns": "ns nsec nanos nanoseconds", "min": "min minutes", "h": "h hr hours", "d": "d days",
-    "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s", 
+    "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s",
     "rad/s": "rad/s rads rads-1 rad/sec radps rad radsec",
     "mdeg/s": "mdeg/s mdps", "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg",
     "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss", "ft/s2": "ft/s2", "degC": "degc c celsius", "K": "k kelvin",

@@ -128,6 +128,7 @@ def _table(path: Path, asked: Asked) -> Table:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None) -> Recording:
     """Read and check a recording that is in columns; raises as `load`."""
     channels = columns.choose(table, asked, partial(scale.guess, table))
@@ -146,9 +147,12 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
             found.check_large(name, known[name][-1], part.row, _LARGEST)
         if known or asked.stamps == "arrival":
             times.append(part.t)
-    repairs.keep(found.first_row, found.last_row, table.reasons, dropped)
-    rows.check(table, asked, channels["t"], repairs, found.count, found.rate_hz)
+    first = 0 if asked.start is None else found.first_row
+    last = repairs.rows if asked.end is None else found.last_row
+    repairs.keep(first, last, table.reasons, dropped)
+    rows.check_order(table, asked, repairs)
     found.check_count(table, asked, repairs.end_t)
+    rows.check_rate(table, asked, channels["t"], found.rate_hz)
     scale.check(table, asked, channels, look)
     found.check(table, asked)
     t = np.concatenate(times) if times else np.empty(0)

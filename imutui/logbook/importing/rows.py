@@ -39,8 +39,8 @@ class Repairs:
 
     def keep(self, first: int, last: int, reasons: Mapping[int, str], dropped: set[int]) -> None:
         """Keep what concerns the rows from `first` to `last`; rows that cannot be read are bad too."""
-        self.bad = {row: words for row, words in {**self.bad, **reasons}.items() if first <= row <= last}
-        self.bad = {row: words for row, words in self.bad.items() if row not in dropped}
+        bad = {**self.bad, **reasons}
+        self.bad = {row: words for row, words in bad.items() if first <= row <= last and row not in dropped}
         self.repeated = [row for row in self.repeated if first <= row <= last]
         self.set_back = [item for item in self.set_back if first <= item[0] <= last]
         self.gaps = [item for item in self.gaps if first < item[0] <= last]
@@ -280,64 +280,60 @@ def _note_bad(repairs: Repairs, row: int, words: str) -> None:
     repairs.bad.setdefault(row, words)
 
 
-def check(table: Table, asked: Asked, clock: Channel, repairs: Repairs, count: int, rate: float) -> None:
-    """Refuse stamps that cannot be right.
+def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
+    """Refuse rows that cannot be read, and stamps that are in no order or too coarse.
 
-    `count`: samples that are left.
-    `rate`: their rate without gaps, Hz, by the unit of `clock`.
     Raises ImportDataError with a command that works.
     """
     path = table.path
-    if repairs.bad and len(repairs.bad) <= max(3, _SHARE * repairs.rows):
-        row, words = next(iter(repairs.bad.items()))
-        rows = sorted(repairs.bad)
-        listed = ", ".join(map(str, rows[:_MOST_LISTED]))
+    rows = sorted(repairs.bad)
+    if rows and len(rows) <= max(3, _SHARE * repairs.rows):
         more = f" ({len(rows)} such rows)" if len(rows) > 1 else ""
+        what = f"{path}: row {rows[0]} (first is 0) {repairs.bad[rows[0]]}{more}."
         if len(rows) > _MOST_LISTED:
-            raise ImportDataError(
-                f"{path}: row {row} (first is 0) {words}{more}. Mend them in the program that wrote them."
-            )
-        raise ImportDataError(
-            f"{path}: row {row} (first is 0) {words}{more}. To leave {'it' if len(rows) == 1 else 'them'} out:"
-            f" `{asked.command(path, drop=listed)}`"
-        )
-    if clock.column < 0:
-        return
+            raise ImportDataError(f"{what} Mend them in the program that wrote them.")
+        again = asked.command(path, drop=", ".join(map(str, rows)))
+        raise ImportDataError(f"{what} To leave {'it' if len(rows) == 1 else 'them'} out: `{again}`")
     by_row = asked.command(path, columns="t=row:100Hz")
+    share = 100.0 * repairs.equal / max(1, repairs.rows)
+    if share > 99.0:
+        raise ImportDataError(
+            f"{path}: the stamps of {repairs.equal} of {repairs.rows} rows equal the one before: they are too coarse to"
+            f" be times. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
+        )
     if repairs.equal > max(2, 0.002 * repairs.rows):
-        share = 100.0 * repairs.equal / repairs.rows
-        if share > 99.0:
-            raise ImportDataError(
-                f"{path}: the stamps of {repairs.equal} of {repairs.rows} rows equal the one before: they are"
-                f" too coarse to be times. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
-            )
         raise ImportDataError(
             f"{path}: the stamps of {share:.0f} % of rows equal the one before: they are rounded, or come in bursts."
             f" To fit sampling instants under them: `{asked.command(path, stamps='arrival')}`"
         )
-    wild = len(repairs.set_back) + len(repairs.bad) > max(20, _SHARE * repairs.rows)
-    if wild:
+    if len(repairs.set_back) + len(rows) > max(20, _SHARE * repairs.rows):
+        first = repairs.set_back[0][0] if repairs.set_back else rows[0]
         raise ImportDataError(
-            f"{path}: time does not increase at row {_first(repairs)}, and at many more: no order of its rows is known."
-            f" If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
+            f"{path}: time does not increase at row {first}, and at many more: no order of its rows is known. If rows"
+            f" are equally spaced, give their rate (100 Hz here): `{by_row}`"
         )
+
+
+def check_rate(table: Table, asked: Asked, clock: Channel, rate: float) -> None:
+    """Refuse a rate (Hz) that no unit samples at, by the unit of `clock`.
+
+    Raises ImportDataError with a command that works.
+    """
+    path = table.path
     if not clock.stated and not _SLOWEST <= rate <= _FASTEST:
-        unit = next((unit for unit, scale in _SCALES.items() if 2.0 <= rate / scale < 2500.0), None)
-        mended = f"t:{unit or 's'}"
-        how = f"The rate fits if `t` is in {unit}" if unit else "If it is in s nevertheless"
+        unit = next((unit for unit, scale in _SCALES.items() if 2.0 <= rate / scale < _FASTEST), "")
+        if unit or rate * LEAST_STEP_S < 1.0:
+            mended = f"t:{unit or 's'}"
+            how = f"The rate fits if `t` is in {unit}" if unit else "If it is in s nevertheless"
+            raise ImportDataError(
+                f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. {how}:"
+                f" `{asked.command(path, units=mended)}`"
+            )
+    if rate * LEAST_STEP_S > 1.0:
         raise ImportDataError(
-            f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. {how}:"
-            f" `{asked.command(path, units=mended)}`"
-        )
-    if rate and 1.0 / rate < LEAST_STEP_S:
-        raise ImportDataError(
-            f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond. `t` has another unit: give it as in"
-            f" `{asked.command(path, units='t:s')}`"
+            f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond: `t` has another unit. If rows are"
+            f" equally spaced, give their rate (100 Hz here): `{asked.command(path, columns='t=row:100Hz')}`"
         )
 
 
 _SCALES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-
-def _first(repairs: Repairs) -> int:
-    return repairs.set_back[0][0] if repairs.set_back else next(iter(repairs.bad), 1)

@@ -327,7 +327,9 @@ def _whole_rows(body: bytes, table: Table, dialect: Dialect, line: int, row: int
         elif dialect.header and text_of_line.strip() == dialect.header.strip():
             table.remark(f"the names of its columns stand again in line {line + k}")
         else:
-            _refuse_row(table, row + len(keep), f"line {line + k} has {found[k]} cells where rows have {dialect.width}")
+            _refuse_row(
+                table, row + len(keep), f"has {found[k]} cells where others have {dialect.width}, in line {line + k}"
+            )
             keep.append(empty)
     return b"\n".join([*keep, b""])
 
@@ -377,7 +379,7 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
         ]
         wrong, name = text[~good], table.columns[column].name or f"#{column + 1}"
         for k, cell in wrong[:_MOST_REASONS].items():
-            _refuse_row(table, row + int(k), f'row {row + int(k)}, column `{name}`: "{cell[:40]}" is not a number')
+            _refuse_row(table, row + int(k), f'has "{cell[:40]}" in column `{name}`, which is not a number')
         return out
     commas = cells.str.replace(",", ".", regex=False)
     if kind == "clock":
