@@ -42,12 +42,13 @@ _SPELT = {
     "degF": "degf f fahrenheit",
 }  # fmt: skip
 _ALIASES = {word: unit for unit, words in _SPELT.items() for word in words.split()}
+_COUNTER = re.compile("(?i)count|index|packet|sample|seq|frame")
 _COUNTS = re.compile(r"(.+)/(\d+\.?\d*)")
 _RATE = re.compile(r"(\d+\.?\d*)\s*Hz", re.IGNORECASE)
 
 _TIME = re.compile(
     r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(t|time|timestamp|stamp|tow|timestamps|datetime)"
-    r"(sample|startup|fine)?|seconds?(elapsed)?|elapsed|millis|micros|uptime"
+    r"(sample|startup|fine)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
 )
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
 _NAMED = {
@@ -116,7 +117,7 @@ def split_unit(name: str) -> tuple[str, str]:
             return base, unit
     if together := re.fullmatch(r"(?i)(time|timestamp|t)(us|ms|ns|s)", name):
         return together[1], together[2].lower()
-    if name.lower() in ("millis", "micros"):
+    if name.lower() in ("millis", "micros", "ms", "us", "msec", "usec"):
         return name, unit_of(name)
     return "_".join(words) + axis if index else name, ""
 
@@ -276,6 +277,8 @@ def _refuse(
         name: guess[name] for name in (*missing, "temp") if name in guess and name not in found
     }
     names = [column.name for column in table.columns]
+    if "t" in missing and "t" not in chosen:
+        chosen["t"] = _ROW
     texts = {
         name: "row:100Hz"
         if at == _ROW
@@ -291,6 +294,10 @@ def _refuse(
     else:
         vector = missing[0].partition("_")[0]
         what = f"{table.path} has no `{vector}`; it has: {listed(table)}"
+    if "t" in missing and (chosen["t"] == _ROW or _COUNTER.search(texts["t"])):
+        texts["t"] += "" if chosen["t"] == _ROW else ":100Hz"
+        what += ". If rows are equally spaced, give their rate (100 Hz here)"
+        ordered = ", ".join(f"{name}={texts[name]}" for name in CHANNELS if name in texts)
     if len(chosen) < len(missing) + len(doubtful):
         raise ImportDataError(
             f"{what}. Needed: t in s, gyro in deg/s, accel in g, each sample a row; --columns names them:"

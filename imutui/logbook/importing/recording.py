@@ -132,7 +132,7 @@ def _table(path: Path, asked: Asked) -> Table:
 def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None) -> Recording:
     """Read and check a recording that is in columns; raises as `load`."""
     channels = columns.choose(table, asked, partial(scale.guess, table))
-    dropped = rows.dropped_rows(asked)
+    dropped = rows.Dropped(asked)
     clock, repairs, look, found = Clock(channels["t"]), Repairs(), scale.Look(), _Found()
     references = {name: width for name, width in REFERENCES.items() if _has(channels, name, width)}
     known: dict[str, list[np.ndarray]] = {name: [] for name in references}
@@ -188,7 +188,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
 
 
 def _taken(
-    table: Table, channels: Mapping[str, Channel], asked: Asked, dropped: set[int], clock: Clock, repairs: Repairs
+    table: Table, channels: Mapping[str, Channel], asked: Asked, dropped: rows.Dropped, clock: Clock, repairs: Repairs
 ) -> Iterator[tuple[float, Part]]:
     """Yield the rows in order that `--start` and `--end` take; one pass over the file."""
     streamed = rows.streamed(table, channels, clock, dropped)

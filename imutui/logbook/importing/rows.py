@@ -18,10 +18,34 @@ GAP_S = 1.0
 _HELD = 64  # rows that wait for those behind them
 _NEAR = 8  # rows that may stand out of order
 _GAP = 20.0  # steps of so many periods are gaps
+_EXCURSION = 100
 _MOST_LISTED = 200
+_LONGEST_S = 3.2e8
 _SHARE = 0.05
-_SLOWEST, _FASTEST = 1.5, 2500.0
+_SLOWEST, _USUAL, _FASTEST = 1.5, 100.0, 2500.0
 """Rates in Hz that are believed of a column of time whose unit is not stated."""
+
+
+class Dropped:
+    """The rows that `--drop` names: `1500, 1600-1602`, or `1::2` for every second one from row 1 on."""
+
+    def __init__(self, asked: Asked) -> None:
+        self._ranges: list[tuple[int, int, int]] = []  # first, last, step
+        for entry in filter(None, (part.strip() for part in asked.drop.split(","))):
+            found = re.fullmatch(r"(\d{1,15})(?:-(\d{1,15})|::([1-9]\d{0,8}))?", entry)
+            if not found:
+                raise ImportDataError(
+                    f'--drop has "{entry}", which is no row: --drop 1500, or --drop "1500, 1600-1602", or --drop 1::2.'
+                )
+            first = int(found[1])
+            self._ranges.append((first, 2**62 if found[3] else int(found[2] or first), int(found[3] or 1)))
+
+    def keeps(self, rows: np.ndarray) -> np.ndarray:
+        """Return which rows stay, bool, shape (N,)."""
+        kept = np.ones(rows.size, bool)
+        for first, last, step in self._ranges:
+            kept &= ~((rows >= first) & (rows <= last) & ((rows - first) % step == 0))
+        return kept
 
 
 @dataclass(slots=True)
@@ -32,15 +56,18 @@ class Repairs:
     repeated: list[int] = field(default_factory=list)
     swapped: list[int] = field(default_factory=list)
     set_back: list[tuple[int, float]] = field(default_factory=list)  # row, s
-    gaps: list[tuple[int, float]] = field(default_factory=list)  # row, s
+    gaps: list[tuple[int, float, float]] = field(default_factory=list)  # row, length and end, s
     equal: int = 0
+    units: int = 1  # units whose rows take turns, with equal stamps
     bad: dict[int, str] = field(default_factory=dict)  # stamps that cannot be right, by row
     end_t: float = 0.0  # of the last row that was read, s
 
-    def keep(self, first: int, last: int, reasons: Mapping[int, str], dropped: set[int]) -> None:
+    def keep(self, first: int, last: int, reasons: Mapping[int, str], dropped: Dropped) -> None:
         """Keep what concerns the rows from `first` to `last`; rows that cannot be read are bad too."""
         bad = {**self.bad, **reasons}
-        self.bad = {row: words for row, words in bad.items() if first <= row <= last and row not in dropped}
+        self.bad = {
+            row: words for row, words in bad.items() if first <= row <= last and dropped.keeps(np.array([row]))[0]
+        }
         self.repeated = [row for row in self.repeated if first <= row <= last]
         self.set_back = [item for item in self.set_back if first <= item[0] <= last]
         self.gaps = [item for item in self.gaps if first < item[0] <= last]
@@ -62,7 +89,7 @@ class Repairs:
                 " before"
             )
         if self.gaps:
-            row, step = max(self.gaps, key=lambda gap: gap[1])
+            row, step, _ = max(self.gaps, key=lambda gap: gap[1])
             out.append(f"{len(self.gaps)} gap(s) in time, the longest of {step:.6g} s before row {row}")
         return out
 
@@ -115,7 +142,7 @@ class Clock:
 
 
 def streamed(
-    table: Table, channels: Mapping[str, Channel], clock: Clock, dropped: set[int]
+    table: Table, channels: Mapping[str, Channel], clock: Clock, dropped: Dropped
 ) -> Iterator[tuple[float, Part]]:
     """Yield the rows of a table as parts, without those that are dropped."""
     names = [name for name, channel in channels.items() if channel.column >= 0]
@@ -126,22 +153,9 @@ def streamed(
         rows = np.arange(row, row + count)
         row += count
         stamps = values.pop("t", rows)
-        kept = np.ones(count, bool)
-        inside = [k for k in dropped if rows.size and rows[0] <= k <= rows[-1]]
-        kept[[k - int(rows[0]) for k in inside]] = False
+        kept = dropped.keeps(rows)
         t = clock.seconds(stamps[kept])
         yield share, Part(t, rows[kept], {name: channels[name].converted(v[kept]) for name, v in values.items()})
-
-
-def dropped_rows(asked: Asked) -> set[int]:
-    """Return the rows that `--drop` names: `1500, 1600-1602`."""
-    rows: set[int] = set()
-    for entry in filter(None, (part.strip() for part in asked.drop.split(","))):
-        found = re.fullmatch(r"(\d{1,12})(?:-(\d{1,12}))?", entry)
-        if not found or int(found[2] or found[1]) - int(found[1]) > 10_000_000:
-            raise ImportDataError(f'--drop has "{entry}", which is no row: --drop 1500, or --drop "1500, 1600-1602".')
-        rows |= set(range(int(found[1]), int(found[2] or found[1]) + 1))
-    return rows
 
 
 def in_order(
@@ -191,7 +205,7 @@ def _period(t: np.ndarray) -> float:
 def _note_gaps(part: Part, last: float, period: float, repairs: Repairs) -> None:
     steps = np.diff(part.t, prepend=last if np.isfinite(last) else part.t[0])
     for k in np.flatnonzero(steps > max(GAP_S, _GAP * period)).tolist():
-        repairs.gaps.append((int(part.row[k]), float(steps[k])))
+        repairs.gaps.append((int(part.row[k]), float(steps[k]), float(part.t[k])))
 
 
 def _mended(
@@ -229,6 +243,13 @@ def _mended(
             part = part.at(np.arange(part.t.size) != wrong)
             k = max(k - 1, 0)
             continue
+        if (first := _excursion(part.t, k, period)) is not None and first >= lead:
+            off = float(part.t[first] - part.t[first - 1])
+            for row in part.row[first : k + 1].tolist():
+                _note_bad(repairs, row, f"is {off:.6g} s later than the rows around it")
+            part = part.at(np.r_[0:first, k + 1 : part.t.size])
+            k = max(first - 2, 0)
+            continue
         step = float(part.t[k] - part.t[k + 1])
         repairs.set_back.append((int(part.row[k + 1]), step + period))
         part.t[k + 1 :] += step + period
@@ -250,8 +271,19 @@ def _repeated(part: Part, k: int, repairs: Repairs) -> tuple[Part, int]:
         return part.at(np.arange(part.t.size) != k + 1), k
     # all stamps that stand still in this part at once: there may be very many
     still = np.r_[False, np.diff(part.t) == 0.0]
+    repairs.units = max(repairs.units, _units_in_turn(part))
     repairs.equal += int(np.count_nonzero(still))
     return part.at(~still), k
+
+
+def _units_in_turn(part: Part) -> int:
+    """Return how many units' rows take turns: rows that far apart are more alike than neighbours. 1 if none do."""
+    for column in part.values.values():
+        near = np.nanmedian(np.abs(np.diff(column))) if np.isfinite(column).any() else 0.0
+        for count in (2, 3, 4):
+            if column.size > 20 * count and near > 3.0 * np.nanmedian(np.abs(column[count:] - column[:-count])):
+                return count
+    return 1
 
 
 def _near_order(t: np.ndarray, k: int, period: float, lead: int) -> np.ndarray | None:
@@ -276,6 +308,16 @@ def _outlier(t: np.ndarray, k: int, period: float) -> int | None:
     return None
 
 
+def _excursion(t: np.ndarray, k: int, period: float) -> int | None:
+    """Return the first of a few rows up to k that are later than all others, if time then goes on as without them."""
+    near = np.diff(t[max(0, k - _EXCURSION) : k + 1])
+    jumps = np.flatnonzero(near > max(GAP_S, _GAP * period))
+    if not jumps.size:
+        return None
+    first = max(0, k - _EXCURSION) + int(jumps[-1]) + 1
+    return first if 0.0 < t[k + 1] - t[first - 1] <= (k + 4 - first) * period else None
+
+
 def _note_bad(repairs: Repairs, row: int, words: str) -> None:
     repairs.bad.setdefault(row, words)
 
@@ -294,12 +336,25 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
             raise ImportDataError(f"{what} Mend them in the program that wrote them.")
         again = asked.command(path, drop=", ".join(map(str, rows)))
         raise ImportDataError(f"{what} To leave {'it' if len(rows) == 1 else 'them'} out: `{again}`")
+    for row, step, t in repairs.gaps:
+        if step > _LONGEST_S:
+            again = asked.command(path, end=f"{t - 0.5 * step:.3f}")
+            raise ImportDataError(
+                f"{path}: row {row} (first is 0) is {step:.6g} s later than the row before, more than ten years. To"
+                f" take the rows before it: `{again}`"
+            )
     by_row = asked.command(path, columns="t=row:100Hz")
     share = 100.0 * repairs.equal / max(1, repairs.rows)
     if share > 99.0:
         raise ImportDataError(
             f"{path}: the stamps of {repairs.equal} of {repairs.rows} rows equal the one before: they are too coarse to"
             f" be times. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
+        )
+    if repairs.equal > max(2, 0.002 * repairs.rows) and repairs.units > 1:
+        others = ", ".join(f"{k}::{repairs.units}" for k in range(1, repairs.units))
+        raise ImportDataError(
+            f"{path}: rows of {repairs.units} units take turns, with equal stamps. To take those of the first:"
+            f" `{asked.command(path, drop=others)}`"
         )
     if repairs.equal > max(2, 0.002 * repairs.rows):
         raise ImportDataError(
@@ -321,7 +376,8 @@ def check_rate(table: Table, asked: Asked, clock: Channel, rate: float) -> None:
     """
     path = table.path
     if not clock.stated and not _SLOWEST <= rate <= _FASTEST:
-        unit = next((unit for unit, scale in _SCALES.items() if 2.0 <= rate / scale < _FASTEST), "")
+        rates = {unit: rate / scale for unit, scale in _SCALES.items() if _SLOWEST <= rate / scale <= _FASTEST}
+        unit = min(rates, key=lambda unit: abs(np.log(rates[unit] / _USUAL)), default="")
         if unit or rate * LEAST_STEP_S < 1.0:
             mended = f"t:{unit or 's'}"
             how = f"The rate fits if `t` is in {unit}" if unit else "If it is in s nevertheless"

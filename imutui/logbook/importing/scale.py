@@ -56,6 +56,7 @@ class Look:
         The largest and smallest hundredth of each channel count as the hundredths next to them: a glitch is no motion.
         """
         readings = np.nan_to_num(self.sample()[:, :6])
+        readings = readings[readings.any(axis=1)] if readings.any() else readings
         low, high = np.percentile(readings, [1.0, 99.0], axis=0)
         sd = (high - low) / 4.65
         is_still = bool((sd[:3] <= _STILL_DPS).all() and (sd[3:] <= _STILL_G).all())
@@ -168,9 +169,7 @@ def guess(table: Table) -> dict[str, int]:
     values = [np.asarray(array[:5000], float) for array in arrays]
     usable = [k for k, v in enumerate(values) if v.size > 2 and np.isfinite(v).mean() > 0.5]
     clocks = [k for k in usable if np.mean(np.diff(values[k]) > 0.0) > 0.9]
-    if not clocks:
-        return {}
-    rest = [k for k in usable if k > clocks[0] and k not in clocks]
+    rest = [k for k in usable if k not in clocks and (not clocks or k > clocks[0])]
     if len(rest) < 6:
         return {}
     first, second = rest[:3], rest[3:6]
@@ -179,8 +178,10 @@ def guess(table: Table) -> dict[str, int]:
         norm = np.linalg.norm(np.stack([values[k] for k in triple]), axis=0)
         steadiness.append(float(np.nanstd(norm) / max(float(np.nanmean(norm)), 1e-12)))
     gyro, accel = (first, second) if steadiness[1] <= steadiness[0] else (second, first)
-    found = {"t": clocks[0]} | dict(zip(GYRO, gyro, strict=True)) | dict(zip(ACCEL, accel, strict=True))
-    left = [k for k in usable if k not in found.values() and k > clocks[0]]
+    found = (
+        ({"t": clocks[0]} if clocks else {}) | dict(zip(GYRO, gyro, strict=True)) | dict(zip(ACCEL, accel, strict=True))
+    )
+    left = [k for k in usable if k not in found.values() and k > max(found.values())]
     if len(left) == 1 and -60.0 < float(np.nanmedian(values[left[0]])) < 100.0:
         found["temp"] = left[0]
     return found

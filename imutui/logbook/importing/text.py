@@ -23,6 +23,7 @@ from imutui.logbook.importing import columns
 from imutui.logbook.importing.table import Column, ImportDataError, Rows, Table
 
 _BLOCK = 8 * 2**20
+_STEP = 2**16  # bytes that a packed stream is read by, so that little is lost where it is cut
 _HEAD = 2**18
 _LONGEST_LINE = 2**20
 _MOST_REASONS = 10_000
@@ -32,6 +33,13 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d?:\d\d.*")
 _CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d([.,]\d+)?")
 _WIDE = re.compile(r"[+-]?\d{16,19}")  # more digits than a float64 holds
 _LABEL = re.compile(r"\s*([A-Za-z_]\w*)\s*[:=]\s*([-+.\d].*)")
+_SENTENCES = {
+    "$VNIMU": (
+        ("sentence", *(f"mag_{axis}" for axis in "xyz"), *columns.ACCEL, *columns.GYRO, "temp", "pressure"),
+        ("", "", "", "", *["m/s2"] * 3, *["rad/s"] * 3, "degC", ""),
+    )
+}
+"""Names and units of the cells of sentences that have neither, by the first cell."""
 _REMARK = ("#", "%", "//", "!")
 _SEPARATORS = ("\t", ";", "|", " ", ",")
 
@@ -76,7 +84,7 @@ def read(path: Path) -> Table:
 
 def _dialect(path: Path) -> Dialect:
     with _opened(path) as (stream, _):
-        head = stream.read(_HEAD)
+        head = _filled(stream, _HEAD)[0]
     encoding = _encoding(head)
     text = head.decode(encoding or "utf-8-sig", "ignore") if encoding else _decoded(head)
     text = re.sub("\r+\n?", "\n", text.rstrip("\0"))
@@ -121,6 +129,8 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
         bare = line.lstrip("#%/! \t")
         cells = _cells(bare, separator)
         cells = cells if len(cells) >= count else re.split(r"[,;\s]+", bare.strip())
+        if len(cells) == count - 1 and count == width:
+            cells = ["", *cells]  # R writes no name for the numbers of rows
         if has_labels or len(cells) < count or any(cells[width:]):
             continue
         cells = cells[:count]
@@ -132,6 +142,8 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
     if not units and above and (exported := re.match(r"#\s*units:\s*(.*)", above[0])):
         said: dict[str, str] = dict(entry.strip().rpartition(" ")[::2] for entry in exported[1].split(","))
         units = tuple(columns.unit_of(said.get(name) or said.get(name.rpartition("_")[0]) or "") for name in names)
+    if sample[0][0] in _SENTENCES and len(_SENTENCES[sample[0][0]][0]) == count:
+        names, units = _SENTENCES[sample[0][0]]
     kinds = tuple(_kind([cells[k] for cells in sample]) for k in range(count))
     return Dialect(
         encoding,
@@ -207,17 +219,27 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], Callable[[], float]]]:
         yield stream, lambda: min(1.0, raw.tell() / size)
 
 
+def _filled(stream: IO[bytes], size: int) -> tuple[bytes, bool]:
+    """Read up to `size` bytes; True with them if a packed stream ends in the middle or is damaged."""
+    read: list[bytes] = []
+    try:
+        while size > 0 and (new := stream.read(min(size, _STEP))):
+            read.append(new)
+            size -= len(new)
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        return b"".join(read), True
+    return b"".join(read), False
+
+
 def _blocks(table: Table, dialect: Dialect) -> Iterator[tuple[float, bytes, bool]]:
     """Yield the text in blocks of whole lines, with line feeds, and True with the last one if its line has no end."""
     with _opened(table.path) as (stream, share):
         decode = codecs.getincrementaldecoder(dialect.encoding)("replace").decode if dialect.encoding else None
         rest = b""
         while True:
-            try:
-                new = stream.read(_BLOCK)
-            except (EOFError, zlib.error):
+            new, is_cut = _filled(stream, _BLOCK)
+            if is_cut:
                 table.remark("the packed file is cut or damaged: its rows up to there were taken")
-                break
             if not new:
                 break
             block = rest + (decode(new).encode("utf-8", "replace") if decode else new)
@@ -310,7 +332,10 @@ def _whole_rows(body: bytes, table: Table, dialect: Dialect, line: int, row: int
     found = np.diff(np.searchsorted(at, np.r_[0, ends])) + 1
     blank = starts == ends
     remarks = np.isin(text[starts], [ord(c[0]) for c in _REMARK])
-    odd = np.flatnonzero(blank | remarks | (found != dialect.width))
+    is_odd = blank | remarks | (found != dialect.width)
+    if dialect.header and dialect.header in body:
+        is_odd |= np.isin(starts, [match.start() for match in re.finditer(re.escape(dialect.header), body)])
+    odd = np.flatnonzero(is_odd)
     if not odd.size:
         return body
     lines = body[:-1].split(b"\n")
