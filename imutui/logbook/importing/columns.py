@@ -117,6 +117,8 @@ def split_unit(name: str) -> tuple[str, str]:
             return base, unit
     if together := re.fullmatch(r"(?i)(time|timestamp|t)(us|ms|ns|s)", name):
         return together[1], together[2].lower()
+    if name.lower() == "sampletimefine":
+        return name, "10000Hz"  # ticks of Xsens' units
     if name.lower() in ("millis", "micros", "ms", "us", "msec", "usec"):
         return name, unit_of(name)
     return "_".join(words) + axis if index else name, ""
