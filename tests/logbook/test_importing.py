@@ -271,6 +271,9 @@ ASSUMED: dict[str, tuple[bytes, str]] = {
     ),
     "two rows swapped": (csv(DATA[np.r_[0:100, 101, 100, 102:N]]), "2 rows (the first is 100) put in order"),
     "a row twice": (csv(DATA[np.r_[0:100, 99, 100:N]]), "left out row 100"),
+    "fifty rows twice": (csv(DATA[np.r_[0:100, 50:100, 100:N]]), "left out 50 rows (the first is 100)"),
+    "a first line that is cut": ("\n".join([lines()[0], "1.0,2.0,25.0", *lines()[1:], ""]).encode(), "1 line(s)"),
+    "NUL bytes in the middle": (csv().replace(lines()[50].encode(), b"\0" * 900 + lines()[50].encode()), "NUL bytes"),
     "a last line that is cut": (csv()[:-9], "its last line is cut"),
     "names that stand again": ("\n".join([*lines()[:100], lines()[0], *lines()[100:]]).encode(), "again in line 101"),
 }  # fmt: skip

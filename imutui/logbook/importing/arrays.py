@@ -150,8 +150,12 @@ def _units(found: Mapping[str, _Array]) -> dict[str, str]:
     if array is None or array.dtype.kind != "U" or array.shape != ():
         return {}
     try:
-        units = json.loads(str(array.load()))
-    except (InputError, ValueError, RecursionError):
+        text = str(array.load())
+    except InputError:
+        return {}
+    try:
+        units = json.loads(text)
+    except (ValueError, RecursionError):
         return {}
     return {str(k): columns.unit_of(str(v)) for k, v in units.items()} if isinstance(units, dict) else {}
 

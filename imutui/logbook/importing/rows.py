@@ -76,7 +76,7 @@ class Repairs:
         """Return what was assumed, in words."""
         out = []
         if self.repeated:
-            out.append(f"left out {_rows(self.repeated)}, repeating the row before")
+            out.append(f"left out {_rows(self.repeated)}, repeating earlier ones")
         if self.equal:
             out.append(f"{self.equal} rows had the stamp of the row before and were left out")
         if self.swapped:
@@ -250,6 +250,10 @@ def _mended(
             part = part.at(np.r_[0:first, k + 1 : part.t.size])
             k = max(first - 2, 0)
             continue
+        if count := _copied(part, k):
+            repairs.repeated += part.row[k + 1 : k + 1 + count].tolist()
+            part = part.at(np.r_[0 : k + 1, k + 1 + count : part.t.size])
+            continue
         step = float(part.t[k] - part.t[k + 1])
         repairs.set_back.append((int(part.row[k + 1]), step + period))
         part.t[k + 1 :] += step + period
@@ -316,6 +320,16 @@ def _excursion(t: np.ndarray, k: int, period: float) -> int | None:
         return None
     first = max(0, k - _EXCURSION) + int(jumps[-1]) + 1
     return first if 0.0 < t[k + 1] - t[first - 1] <= (k + 4 - first) * period else None
+
+
+def _copied(part: Part, k: int) -> int:
+    """Return how many rows from k + 1 on are copies of earlier ones, up to row k, with their stamps."""
+    for first in np.flatnonzero(part.t[: k + 1] == part.t[k + 1]).tolist():
+        count = min(k + 1 - first, part.t.size - k - 1)
+        columns = (part.t, *part.values.values())
+        if all(np.array_equal(c[first : first + count], c[k + 1 : k + 1 + count], equal_nan=True) for c in columns):
+            return count
+    return 0
 
 
 def _note_bad(repairs: Repairs, row: int, words: str) -> None:

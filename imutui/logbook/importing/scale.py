@@ -19,8 +19,9 @@ _GRAVITY = {
     "g/8192": (7700.0, 8700.0), "g/16384": (15400.0, 17400.0),
 }  # fmt: skip
 """Units by what gravity reads in them: the median magnitude of the accelerometers."""
-_PLAUSIBLE = (0.5, 2.0)
+_PLAUSIBLE = (0.3, 20.0)
 _QUIET = 6e-4  # deg/s/√Hz: less noise than this is that of an optical gyro, or of another one in rad/s
+_FAST = 10.0  # rad/s; few units turn faster
 _ROTATED = 0.3  # ratio of rates that gravity shows to rates read as deg/s; π/180 if they are, 1 if they are rad/s
 _WARMEST = 150.0
 _STILL_G, _STILL_DPS = 0.1, 5.0
@@ -77,14 +78,14 @@ def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Loo
         norms = np.linalg.norm(sample[:, 3:6], axis=1)
     known = norms[np.isfinite(norms)]
     norm = float(np.median(known)) if known.size else 1.0
-    if accel and not all(c.stated for c in accel) and not _PLAUSIBLE[0] < norm < _PLAUSIBLE[1]:
+    unit = next((unit for unit, (low, high) in _GRAVITY.items() if low <= norm <= high), "")
+    if accel and not all(c.stated for c in accel) and (unit or not _PLAUSIBLE[0] < norm < _PLAUSIBLE[1]):
         if norm < 0.3 and float(np.median(np.abs(sample[:, 3:6][np.isfinite(norms)]).max(axis=1))) < 0.3:
             alone = asked.command(table.path, columns="accel=none")
             raise ImportDataError(
                 f"{table.path}: the accelerometers read {norm:.3g} g in the median: gravity was removed from them, so"
                 f" they are no specific force. To import the gyros alone: `{alone}`"
             )
-        unit = next((unit for unit, (low, high) in _GRAVITY.items() if low <= norm <= high), "")
         if not unit:
             raise ImportDataError(
                 f"{table.path}: the accelerometers read {norm:.4g} in the median, which is gravity in no unit that is"
@@ -133,7 +134,7 @@ def _not_degrees(head: np.ndarray) -> str:
     density = float(np.median(steps.mean(axis=0))) / 1.128 / np.sqrt(rate / 2.0)
     if density > 0.0 and (ratio := _turns_of_gravity(t, gyro, accel, rate)) is not None:
         return "" if ratio < _ROTATED else "the gyros read a 57th of the rates at which gravity turns, as in rad/s"
-    if 0.0 < density < _QUIET:
+    if 0.0 < density < _QUIET and float(np.percentile(np.abs(gyro), 99)) < _FAST:
         return f"the gyros' noise would be {density:.1e} deg/s/√Hz, quieter than others by far, as in rad/s"
     return ""
 

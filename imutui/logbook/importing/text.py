@@ -58,6 +58,7 @@ class Dialect:
     header: bytes = b""  # the line of names, which some loggers repeat
     kinds: tuple[str, ...] = ()  # of each column: "number", "wide", "date" or "clock"
     has_labels: bool = False  # cells such as `gx:0.1`
+    early: int = 0  # lines of numbers before the first whole row, such as one whose beginning is missing
 
 
 def read(path: Path) -> Table:
@@ -76,6 +77,8 @@ def read(path: Path) -> Table:
     ]
     made = tuple(Column(name, unit) for (name, _), unit in zip(named, units, strict=True))
     table = Table(path, made, lambda chosen: iter(()))
+    if dialect.early:
+        table.remark(f"{dialect.early} line(s) of other lengths before the first row were left out")
     return Table(path, made, partial(_pieces, table, dialect), table.remarks, table.reasons)
 
 
@@ -156,6 +159,7 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
         header.encode(),
         kinds,
         has_labels,
+        sum(_is_row(cells, separator) for k, cells in rows.items() if k < first),
     )
 
 
@@ -242,16 +246,17 @@ def _blocks(table: Table, dialect: Dialect) -> Iterator[tuple[float, bytes, bool
                 table.remark("the packed file is cut or damaged: its rows up to there were taken")
             if not new:
                 break
-            block = rest + (decode(new).encode("utf-8", "replace") if decode else new)
+            new = decode(new).encode("utf-8", "replace") if decode else new
+            if b"\0" in new:
+                table.remark("NUL bytes were left out")
+                new = new.replace(b"\0", b"")
+            block = rest + new
             cut = (block.rfind(b"\n") + 1) or (block.rfind(b"\r", 0, -1) + 1)
             rest = block[cut:]
-            if len(rest) > _LONGEST_LINE and rest.strip(b"\0"):
+            if len(rest) > _LONGEST_LINE:
                 raise ImportDataError(f"{table.path} has a line of more than {_LONGEST_LINE:,} bytes: it is no table.")
             if cut:
                 yield share(), _with_line_feeds(block[:cut]), False
-        if b"\0" in rest:
-            table.remark("NUL bytes at its end were left out")
-            rest = rest.replace(b"\0", b"")
         if rest.strip():
             yield 1.0, _with_line_feeds(rest), not rest.endswith(b"\r")
 
@@ -288,8 +293,6 @@ def _pieces(table: Table, dialect: Dialect, chosen: Sequence[int]) -> Iterator[R
 def _plain(block: bytes, dialect: Dialect) -> bytes:
     """Text without quotes, labels, checksums of sentences, and more than one blank between cells."""
     separator = dialect.separator.encode()
-    if b"\0" in block:
-        block = block.replace(b"\0", b"")
     if b" -> " in block:
         block = block.replace(b" -> ", separator)
     if b'"' in block:
@@ -372,17 +375,17 @@ def _parsed(body: bytes, table: Table, dialect: Dialect, chosen: Sequence[int], 
     import pandas as pd
 
     kinds = {k: dialect.kinds[k] for k in sorted(set(chosen))}
-    read = partial(
+    split = partial(
         pd.read_csv, io.BytesIO(body), sep=dialect.separator, decimal=dialect.decimal, header=None, encoding="latin-1",
         names=range(dialect.width), usecols=list(kinds), index_col=False, skipinitialspace=True, skip_blank_lines=False,
         low_memory=False, quoting=3, na_values=["-", "--", "null"],
     )  # fmt: skip
     types: dict[str, Any] = {"number": float, "wide": "int64", "date": str, "clock": str}
     try:
-        frame = read(dtype={k: types[kind] for k, kind in kinds.items()})
+        frame = split(dtype={k: types[kind] for k, kind in kinds.items()})
     except (ValueError, TypeError, OverflowError):
-        read.args[0].seek(0)
-        frame = read(dtype=str)
+        split.args[0].seek(0)
+        frame = split(dtype=str)
         kinds = {k: "text" if kind in ("number", "wide") else kind for k, kind in kinds.items()}
     values = {k: _numbers(frame[k], kinds[k], table, dialect, k, row) for k in kinds}
     return [values[k] for k in chosen]
@@ -408,7 +411,9 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
         return out
     commas = cells.str.replace(",", ".", regex=False)
     if kind == "clock":
-        spans = pd.to_timedelta(commas, errors="coerce")
-        return np.asarray(spans.astype("timedelta64[ns]").astype("int64"))
-    dates = pd.to_datetime(commas, format="ISO8601", utc=True, errors="coerce")
-    return np.asarray(dates.astype("datetime64[ns, UTC]").astype("int64"))
+        found = pd.to_timedelta(commas, errors="coerce").astype("timedelta64[ns]")
+    else:
+        found = pd.to_datetime(commas, format="ISO8601", utc=True, errors="coerce").astype("datetime64[ns, UTC]")
+    unknown = found.isna().to_numpy()
+    stamps = np.asarray(found.astype("int64"))
+    return np.where(unknown, np.nan, stamps) if unknown.any() else stamps
