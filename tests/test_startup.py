@@ -22,7 +22,7 @@ for arguments in json.loads(sys.argv[1]):
             code = 0
         except SystemExit as end:
             code = end.code
-    heavy = {"numba", "llvmlite", "scipy", "textual", "matplotlib"} & set(sys.modules)
+    heavy = {"numba", "llvmlite", "scipy", "textual", "matplotlib", "pandas"} & set(sys.modules)
     loaded[" ".join(arguments)] = [code, sorted(heavy), said.getvalue()]
 print(json.dumps(loaded))
 """

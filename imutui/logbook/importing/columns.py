@@ -1,6 +1,7 @@
 """Which column is which channel, and in which unit: by names as loggers write them, or `--columns` and `--units`."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -327,6 +328,13 @@ def assumed(table: Table, channels: Mapping[str, Channel]) -> list[str]:
 
 
 def left(table: Table, channels: Mapping[str, Channel]) -> tuple[str, ...]:
-    """Return the names of columns that were left aside."""
+    """Return the names of columns that were left aside; a vector's components as one name."""
     used = {channel.column for channel in channels.values()}
-    return tuple(sorted({c.name or f"#{k + 1}" for k, c in enumerate(table.columns) if k not in used}))
+    unused = {c.name or f"#{k + 1}" for k, c in enumerate(table.columns) if k not in used}
+    taken = {_vector(table.columns[k].name) for k in used if k >= 0}
+    counts = Counter(map(_vector, unused))
+    return tuple(sorted({v if counts[v := _vector(n)] > 1 and v not in taken else n for n in unused}))
+
+
+def _vector(name: str) -> str:
+    return re.sub(r"_(\d+|[wxyz])$", "", name)

@@ -22,7 +22,7 @@ from imutui import outside_file
 from imutui.logbook.importing import columns
 from imutui.logbook.importing.table import Column, ImportDataError, Rows, Table
 
-_BLOCK = 8 * 2**20
+_BLOCK = 2**22
 _STEP = 2**16  # bytes that a packed stream is read by, so that little is lost where it is cut
 _HEAD = 2**18
 _LONGEST_LINE = 2**20
