@@ -56,8 +56,8 @@ def write(path: Path, hours: float) -> None:
     setattr(os, "fdatasync", lambda _: None)  # noqa: B010 - what would be waited for here is the disk
     log = LogWriter(path, SessionInfo(rate_hz=RATE, kind="simulated"), "", BASE_NS, checksum=False)
     marks = np.arange(6) + 1.25
-    of_imu = schemas.encode_imu(BASE_NS, marks[:3], marks[3:])
-    of_degc = schemas.encode_temperature(BASE_NS, marks[0])
+    of_imu = schemas.encode_imus(BASE_NS, marks[:3], marks[3:])[0]
+    of_degc = schemas.encode_temperatures(BASE_NS, marks[0])[0]
     log.imu(BASE_NS, BASE_NS, np.zeros(3), np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     log.encoded(schemas.TEMPERATURE, of_degc, BASE_NS, BASE_NS)
     log.flush()

@@ -19,9 +19,6 @@ def command(
     form: Annotated[
         str | None, typer.Option("--format", metavar="csv|npz|parquet", help="Unless the name of the file says it.")
     ] = None,
-    topic: Annotated[
-        str | None, typer.Option("--topic", help="Messages of this topic as they are, instead of the samples.")
-    ] = None,
     start: Start = None,
     end: End = None,
     json: Json = False,
@@ -44,7 +41,7 @@ def command(
     if (extra := job.lacks(kind)) is not None:
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
-    wanted = job.Export(log, output, kind, topic, start, end, force)
+    wanted = job.Export(log, output, kind, start, end, force)
     made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
@@ -64,10 +61,8 @@ def _text(wanted: "Export", made: "Exported") -> str:
     from imutui.command_line import joined
 
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
-    told = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
-    if wanted.topic is not None:
-        return told
+    rows = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
     reference = ("--reference", made.reference) if made.reference else ()
     words = joined("imutui", "import", wanted.output, "-o", "LOG.mcap")
     flags = " ".join(filter(None, (made.about["import"], joined(*reference))))
-    return f"{told}\nTo read it back: {words} {flags}"
+    return f"{rows}\nTo read it back: {words} {flags}"

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ APPLIED = "applied_effects.toml"
 _BY_READINGS = ("gravity", "turned")
 _SENSED = np.r_[RATE, FORCE]
 _DRIFTS = ("random_walk", "gauss_markov")
+_ROWS = 2**13  # samples that are encoded at once
 _Message: TypeAlias = tuple[int, int, str, bytes]  # Stamp, rank among those of the same stamp, topic, bytes
 
 
@@ -254,33 +255,41 @@ def _summary(log: Log) -> dict[str, object]:
 
 def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
     """Messages of the corrected log, a stream a topic, each in the order of its stamps."""
-    yield _in_order((e.stamp_ns, 0, schemas.EVENTS, _event(e)) for e in log.events)
+    yield _in_order(
+        (e.stamp_ns, 0, schemas.EVENTS, schemas.encode_event(e.stamp_ns, e.name, e.text)) for e in log.events
+    )
     table = log.table
     kind = log.reference or info.reference
     yield _in_order(
-        (int(stamp), 1, schemas.REFERENCE, schemas.encode_table_reference(int(stamp), kind, angles, rates))
-        for stamp, angles, rates in zip(
-            table.stamp_ns.tolist(), table.angles_deg.tolist(), table.rates_dps.tolist(), strict=True
+        (stamp, 1, schemas.REFERENCE, data)
+        for stamp, data in zip(
+            table.stamp_ns.tolist(),
+            schemas.encode_table_references(table.stamp_ns, kind, table.angles_deg, table.rates_dps),
+            strict=True,
         )
     )
     yield _in_order(
-        (stamp, 2, schemas.TEMPERATURE, schemas.encode_temperature(stamp, degc))
-        for stamp, degc in zip(log.temperature_stamp_ns.tolist(), log.temperature_degc.tolist(), strict=True)
+        (stamp, 2, schemas.TEMPERATURE, data)
+        for stamp, data in zip(
+            log.temperature_stamp_ns.tolist(),
+            schemas.encode_temperatures(log.temperature_stamp_ns, log.temperature_degc),
+            strict=True,
+        )
     )
     yield (
-        (stamp, 3, schemas.IMU, schemas.encode_imu(stamp, gyro, accel, valid=valid))
-        for stamp, gyro, accel, valid in zip(
-            log.stamp_ns.tolist(), log.gyro, log.accel, log.valid.tolist(), strict=True
+        (stamp, 3, schemas.IMU, data)
+        for first in range(0, log.stamp_ns.size, _ROWS)
+        for rows in (slice(first, first + _ROWS),)
+        for stamp, data in zip(
+            log.stamp_ns[rows].tolist(),
+            schemas.encode_imus(log.stamp_ns[rows], log.gyro[rows], log.accel[rows], log.valid[rows]),
+            strict=True,
         )
     )
     if log.diagnostics:
         last = int(log.stamp_ns[-1])
-        message = schemas.diagnostics(last, 0, "as it was recorded", log.diagnostics)
-        yield iter([(last, 4, schemas.DIAGNOSTICS, schemas.encode(schemas.DIAGNOSTICS, message))])
-
-
-def _event(event: Any) -> bytes:
-    return schemas.encode(schemas.EVENTS, schemas.event(event.stamp_ns, event.name, event.text))
+        data = schemas.encode_diagnostics(last, 0, "as it was recorded", log.diagnostics)
+        yield iter([(last, 4, schemas.DIAGNOSTICS, data)])
 
 
 def _in_order(messages: Iterator[_Message]) -> Iterator[_Message]:

@@ -12,8 +12,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_format, sample_check, schemas, summary
+from imutui.logbook import layout, mcap_format, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import HEAD, Index, parse
 from imutui.logbook.mcap_stream import (
     CHANNEL,
@@ -27,7 +28,7 @@ from imutui.logbook.mcap_stream import (
     told_behind,
 )
 from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
-from imutui.logbook.schemas import LogEvent, UndecodableError
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
@@ -325,15 +326,13 @@ class _Work(Channels):
 
     def _other(self, topic: str, message: Message) -> None:
         data = message.data
-        if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
-            return
         if topic == schemas.EVENTS:
             self.audit.events.append(schemas.decode_event(data))
         elif topic == schemas.DIAGNOSTICS:
             values = schemas.decode_diagnostics(data)
             self.audit.diagnostics = self.audit.diagnostics if values is None else values
         else:
-            schemas.decode(schemas.TYPES[topic], data)
+            layout.layout_in(schemas.TYPES[topic], data)
 
     def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
         self.audit.undecodable_count += 1
@@ -347,12 +346,15 @@ class _Work(Channels):
         roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
-        samples, packets = self.columns.imu(), self.columns.packets()
-        _, degc = self.columns.temperatures()
+        samples, packets = self.columns.all(IMU), self.columns.all(RAW)["packets"]
+        degc = self.columns.all(TEMPERATURE)["degc"]
         each = [heads[roles == role] for role in (IMU, RAW)]
-        paired = [own if own.size == rows.size else None for own, rows in zip(each, (samples[0], packets), strict=True)]
+        counts = (samples["stamp_ns"].size, packets.size)
+        sample_heads, packet_heads = (own if own.size == n else None for own, n in zip(each, counts, strict=True))
         self._heads, self.columns = [], Columns()
-        part = Part(*samples, degc, packets, *paired)
+        part = Part(
+            **samples, temperature_degc=degc, packets=packets, sample_heads=sample_heads, packet_heads=packet_heads
+        )
         _take_note(self.audit, part)
         return part
 

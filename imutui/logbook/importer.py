@@ -227,14 +227,14 @@ def write(
         next_second = int(stamp_ns[0])
         for k, stamp in enumerate(stamp_ns.tolist()):
             if stamp >= next_second or changed[k]:
-                row = schemas.encode_table_reference(stamp, info.reference, angles[k].tolist(), rates[k].tolist())
+                (row,) = schemas.encode_table_references(stamp, info.reference, angles[k], rates[k])
                 log.encoded(schemas.REFERENCE, row, stamp, stamp)
             if stamp >= next_second:
                 next_second = stamp + 1_000_000_000
                 progress(k)
             log.imu(stamp, stamp, gyro[k], accel[k])
             if recording.temperature_degc is not None:
-                data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
+                (data,) = schemas.encode_temperatures(stamp, recording.temperature_degc[k])
                 log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
         duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
         summary = {"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}

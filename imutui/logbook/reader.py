@@ -18,12 +18,13 @@ from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metad
 
 from filters.errors import InputError
 from imutui import outside_file
-from imutui.logbook import mcap_stream, sample_check, schemas
+from imutui.logbook import layout, mcap_stream, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.sample_check import SampleCheck
-from imutui.logbook.schemas import LogEvent, UndecodableError
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
 
 
@@ -76,16 +77,6 @@ class Log:
     finished: bool = False  # whether the file has its footer
     damage: str = ""  # what is wrong with the file, if anything
     origin_ns: int | None = None  # of a part of a log: stamp of the log's first sample
-
-    @property
-    def raw(self) -> list[schemas.RawPacket]:
-        """`packets` as objects, made anew by each look: keep it where it is used more than once."""
-        return [self._raw(*row) for row in self.packets.tolist()]
-
-    def _raw(self, n: int, host: int, counts: list[int], *rest: Any) -> schemas.RawPacket:
-        degc, ticks, mode, flags, of_rates, of_board, status = rest
-        details = (tuple(of_rates), of_board, status) if self.has_details else None
-        return schemas.RawPacket(n, host, tuple(counts), degc, ticks, mode, flags, details)  # type: ignore[arg-type]
 
     @property
     def unread(self) -> np.ndarray:
@@ -254,7 +245,9 @@ class Content(Channels):
         _fill(log, self.columns)
         try:
             if self.last_table is not None:
-                log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], self.last_table.data).kind
+                log.reference = layout.text(
+                    layout.decode(schemas.TYPES[schemas.REFERENCE], self.last_table.data), "kind"
+                )
             if self._diagnostics is not None:
                 values = schemas.decode_diagnostics(self._diagnostics)
                 if values is None:
@@ -265,10 +258,11 @@ class Content(Channels):
 
 
 def _fill(log: Log, columns: Columns) -> None:
-    log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
-    log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
-    log.packets, log.packet_stamp_ns = columns.packets(), columns.packet_stamps()
-    log.table, log.states = Table(*columns.tables()), Table(*columns.tables(STATE))
+    samples, temperatures, packets = (columns.all(role) for role in (IMU, TEMPERATURE, RAW))
+    log.stamp_ns, log.gyro, log.accel, log.valid = (samples[name] for name in ("stamp_ns", "gyro", "accel", "valid"))
+    log.temperature_stamp_ns, log.temperature_degc = temperatures["stamp_ns"], temperatures["degc"]
+    log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
+    log.table, log.states = Table(**columns.all(TABLE)), Table(**columns.all(STATE))
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:

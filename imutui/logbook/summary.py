@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
 from imutui import outside_file
-from imutui.logbook import file_lock, mcap_format, schemas
+from imutui.logbook import file_lock, layout, mcap_format, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
 from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
 from imutui.logbook.session_info import METADATA
@@ -247,7 +247,7 @@ def _take_description(inside: list[McapRecord | Batch], channel: int | None, fou
     told: dict[str, str] = {}
     for batch in (item for item in inside if isinstance(item, Batch)):
         for row in np.flatnonzero(batch.table[:, CHANNEL] == channel).tolist() if channel is not None else ():
-            with contextlib.suppress(schemas.UndecodableError):
+            with contextlib.suppress(layout.UndecodableError):
                 told |= schemas.decode_diagnostics(batch.message(row).data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import logs
+from helpers import logs, ros_messages
 from helpers.acquisitions import untimed
 from helpers.documents import dwell, profile_file, rate
 from mcap.reader import make_reader
@@ -267,7 +267,7 @@ def written(path: Path) -> tuple[list[int], list[Any]]:
             assert schema is not None
             assert schema.encoding == "ros2msg"
             stamps.append(message.publish_time)
-            messages.append(schemas.decode(schema.name, message.data))
+            messages.append(ros_messages.decode(schema.name, message.data))
     return stamps, messages
 
 

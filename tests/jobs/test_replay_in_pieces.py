@@ -30,10 +30,10 @@ def still(path: Path, seconds: float = 60.0, reference: str = "level", *, bursts
         stamp = base + round((t - 0.0499 * (k % 4) if bursts else t) * 1e9)
         log.imu(stamp, stamp, samples.gyro[k], samples.accel[k], valid=k % 97 != 5)
         if k % 7 == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + t / 10.0), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 20.0 + t / 10.0)[0], stamp, stamp)
         if k % 20 == 0:
             angles = [0.0, 0.0, 0.0] if reference == "level" else [float("nan")] * 3
-            row = schemas.encode_table_reference(stamp, reference, angles, [0.0] * 3)
+            row = schemas.encode_table_references(stamp, reference, angles, [0.0] * 3)[0]
             log.encoded(schemas.REFERENCE, row, stamp, stamp)
         if k % 50 == 0:
             log.flush()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import logs
+from helpers import logs, ros_messages
 from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_file
 from mcap.reader import make_reader
@@ -150,7 +150,7 @@ def test_estimates_that_are_written_have_it_too(level: Path, tmp_path: Path) -> 
     replay(level, ReplayOptions(output=output))
     with output.open("rb") as stream:
         messages = [m.data for _, c, m in make_reader(stream).iter_messages() if c.topic == schemas.ESTIMATE]
-    made = schemas.decode(schemas.TYPES[schemas.ESTIMATE], messages[-1])
+    made = ros_messages.decode(schemas.TYPES[schemas.ESTIMATE], messages[-1])
     assert made.accel_bias_sd_mg[2] == pytest.approx(SPREAD_MG, rel=0.02)
 
 

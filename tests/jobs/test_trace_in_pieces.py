@@ -38,7 +38,7 @@ def faulty(path: Path, seed: int = 0, reference: str = "level", *, dead: bool = 
     for k, stamp in enumerate((START + np.rint(t * 1e9).astype(np.int64)).tolist()):
         log.imu(stamp, stamp, gyro[k], accel[k], valid=not 40_000 <= k < 40_010)
         if k % 50 == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, float(T[k])), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, float(T[k]))[0], stamp, stamp)
     log.finish({}, START)
     return path
 
