@@ -69,7 +69,7 @@ PARTS = {
     "kernels from the cache": "runner.warm_up(None)",
     "mcap, rosbags, reading": "log = reader.read(path)",
     "scipy.special, for the band of the NIS": "import scipy.special",
-    "hash, filter, result": "result = job.replay(path, job.ReplayOptions())",
+    "hash, filter, result": "result = job.replay(path, Reading())",
     "the table": "from imutui.report import replay_text; replay_text.text(result, 80)",
 }
 # names that a part uses, which are there by then

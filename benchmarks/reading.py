@@ -31,6 +31,7 @@ from helpers import ros_messages
 from mcap.reader import make_reader
 
 from imutui.logbook import SessionInfo, reader, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.writer import LogWriter
 
 Values = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps (N,), angular rate and specific force (N, 3)
@@ -168,7 +169,7 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     part = replay_input.select(read, None, None)
     reader.sha256(log)
     reading_s = time.process_time() - started
-    _, settings = replay.prepare(read, part, replay.ReplayOptions())
+    _, settings = replay.prepare(read, part, Reading())
     runner.warm_up()
     estimator = Estimator(settings, np.inf)
     started = time.process_time()

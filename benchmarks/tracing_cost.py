@@ -30,9 +30,9 @@ from mcap.stream_reader import StreamReader
 from filters.imu import STANDARD_GRAVITY
 from filters.tracing.run import Run
 from filters.tracing.trace import trace
-from imutui.jobs.trace import TraceOptions
 from imutui.jobs.trace import trace as trace_logs
 from imutui.logbook import SessionInfo, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.writer import LogWriter
 
 RATE = 133.0
@@ -125,7 +125,7 @@ def measure(what: str) -> tuple[float, int, float, float]:
         trace(runs[:-1], runs[-1])
         count = sum(run.t.size for run in runs)
     else:
-        told = trace_logs([Path(what)], TraceOptions(), so_far=lambda text: first.append(time.monotonic() - began))
+        told = trace_logs([Path(what)], Reading(), so_far=lambda text: first.append(time.monotonic() - began))
         count = told.document["runs"][0]["samples"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     return time.process_time() - start, count, first[-1], peak

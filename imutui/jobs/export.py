@@ -9,6 +9,7 @@ from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
+from imutui.logbook.reading import AS_STATED, Reading
 
 __all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
 
@@ -27,15 +28,13 @@ class Export:
     log: Path  # from there
     output: Path  # the file to make
     kind: str  # one of `FORMATS`
-    # start, end: part to take, s
-    start: float | None = None
-    end: float | None = None
     overwrite: bool = False  # whether existing files may be replaced
+    reading: Reading = AS_STATED  # the part to take, and how another program's log is read
 
     @property
     def whole(self) -> bool:
         """Whether the export takes all of the log."""
-        return self.start is None and self.end is None
+        return self.reading.start is None and self.reading.end is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +46,7 @@ class Exported:
     units: dict[str, str]  # unit of each that has one
     about: dict[str, str]  # what the file states of them
     damage: str  # what is wrong with the log, if anything: all before it was exported
+    assumed: tuple[str, ...]  # of another program's log, in words
     reference: Path | None  # file with the log's motion, for `imutui import --reference`
 
 
@@ -58,8 +58,8 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     Raises InputError if the part has no sample.
     Raises FileExistsError if a file exists and may not be replaced.
     """
-    known = pieces.outline(wanted.log)
-    made = samples.table(known, wanted.start, wanted.end)
+    known = pieces.outline(wanted.log, reading=wanted.reading)
+    made = samples.table(known, wanted.reading.start, wanted.reading.end)
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
     reference = _reference(wanted, known) if wanted.whole else None
     if reference is not None and reference[0].exists() and not wanted.overwrite:
@@ -71,7 +71,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     if reference is not None:
         atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
     names = tuple(column.name for column in made.columns)
-    return Exported(rows, names, made.units(), made.about, made.damage(), reference and reference[0])
+    return Exported(rows, names, made.units(), made.about, made.damage(), known.log.assumed, reference and reference[0])
 
 
 def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:

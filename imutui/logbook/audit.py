@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import layout, mcap_format, sample_check, schemas, summary
+from imutui.logbook import layout, mcap_format, reader, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import HEAD, Index, parse
@@ -27,6 +27,8 @@ from imutui.logbook.mcap_stream import (
     tabulate,
     told_behind,
 )
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
@@ -154,6 +156,7 @@ class Audit:
     info: SessionInfo | None = None  # its session; None in another program's file
     # the same as strings, with fields that this version does not know
     session: dict[str, str] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()  # of another program's log, in words
     session_trouble: str = ""  # why the session cannot be used, if so
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # records by name
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
@@ -183,11 +186,6 @@ class Audit:
     undecodable_count: int = 0  # all of them
     homeless: int = 0  # messages of channels that nothing declares
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
-
-    @property
-    def imu_topic(self) -> str | None:
-        """Topic of the samples, if there is one."""
-        return summary.imu_topic(self.types)
 
 
 def belongings(found: Scan) -> Audit:
@@ -243,15 +241,20 @@ def _take_note(known: Audit, part: Part) -> None:
 # -------------------------------------------------------------------------------------------------------------- parts
 
 
-def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """What is known of a scanned log as a whole; see `parts`."""
+def audit(found: Scan, reading: Reading = AS_STATED, progress: Callable[[float], None] = lambda share: None) -> Audit:
+    """Return what is known of a scanned log as a whole; see `parts`."""
     known = belongings(found)
-    for _ in parts(found, known, progress):
+    for _ in parts(found, known, reading, progress):
         pass
     return known
 
 
-def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
+def parts(
+    found: Scan,
+    known: Audit,
+    reading: Reading = AS_STATED,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Iterator[Part]:
     """Every message that a scan found whole, `MESSAGES` at a time or a few more.
 
     `found`: of a log.
@@ -271,7 +274,22 @@ def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda 
             yield work.part()
     yield work.part()
     work.close()
+    if not known.session and not known.session_trouble:
+        yield from _foreign_parts(found, known, reading)
     progress(1.0)
+
+
+def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part]:
+    """Yield the samples of another program's log as a replay takes them, up to the first damage."""
+    try:
+        for log in reader.parts(found.path, MESSAGES, reading=reading):
+            known.assumed = log.assumed
+            part = Part(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature_degc, log.packets, None, None)
+            _take_note(known, part)
+            yield part
+    except UnreadableLogError:
+        if not found.damages:
+            raise
 
 
 def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
@@ -319,10 +337,10 @@ class _Work(Channels):
     def _assign(self, channel: Channel, typename: str) -> None:
         self.audit.types[channel.topic] = typename
         self.audit.encodings[channel.topic] = channel.message_encoding
-        cdr = channel.message_encoding == "cdr"
-        ours = cdr and schemas.is_own(channel.topic, typename)
-        imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
-        self._roles[channel.id] = IMU if imu else _PLAIN.get(channel.topic, OTHER) if ours else IGNORED
+        ours = channel.message_encoding == "cdr" and schemas.is_own(channel.topic, typename)
+        # samples of another program are read as a replay takes them
+        own = ours and bool(self.audit.session or self.audit.session_trouble)
+        self._roles[channel.id] = _PLAIN.get(channel.topic, OTHER) if own else IGNORED
 
     def _other(self, topic: str, message: Message) -> None:
         data = message.data

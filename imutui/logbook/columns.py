@@ -35,7 +35,7 @@ _ROWS: dict[int, list[Any]] = {
     TABLE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3)],
     STATE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3), ("uncertainty_ns", "i8")],
 }
-_DTYPES: dict[int, np.dtype[Any]] = {role: np.dtype([("stamp_ns", "i8"), *fields]) for role, fields in _ROWS.items()}
+DTYPES: dict[int, np.dtype[Any]] = {role: np.dtype([("stamp_ns", "i8"), *fields]) for role, fields in _ROWS.items()}
 _PACKETS = (schemas.TYPES[schemas.RAW], schemas.S1_PACKET)
 
 
@@ -109,7 +109,7 @@ def read(batch: Batch, roles: np.ndarray) -> tuple[dict[int, np.ndarray], dict[i
     for role in TOPICS:
         which = np.flatnonzero(roles == role)
         at, length = batch.table[which, OFFSET], batch.table[which, LENGTH]
-        rows, good = np.zeros(which.size, _DTYPES[role]), np.ones(which.size, bool)
+        rows, good = np.zeros(which.size, DTYPES[role]), np.ones(which.size, bool)
         rows["stamp_ns"] = published[which]
         for typename, some in _by_type(role, length):
             for k, records in layout.views(data, at[some], length[some], typename):
@@ -166,7 +166,7 @@ class Columns:
         `RAW`: `packets`, records of `schemas.RAW_DTYPE`.
         """
         parts, self._rows[role] = self._rows[role], []
-        rows = np.concatenate([np.empty(0, _DTYPES[role]), *parts])
+        rows = np.concatenate([np.empty(0, DTYPES[role]), *parts])
         if role == RAW:
             packets = np.zeros(rows.size, schemas.RAW_DTYPE)
             for name in _PACKET:

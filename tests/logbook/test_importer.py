@@ -30,7 +30,7 @@ def saved(path: Path, **changes: np.ndarray) -> Path:
 def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
     source = saved(tmp_path / "a.npz")
     info = SessionInfo(accel_sign=1, mount="x,-y,-z")
-    importer.write(importer.load(source), info, source, tmp_path / "a.mcap", overwrite=False)
+    importer.write(importer.RecordingFile(source), info, tmp_path / "a.mcap", overwrite=False)
     log = reader.read(tmp_path / "a.mcap")
     held, axes = arrays(), AxisMap(parse_mount("x,-y,-z"), 1)
     assert np.allclose(log.seconds(), held["t"], atol=1e-9)
@@ -86,7 +86,7 @@ def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
 
 def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Path) -> None:
     """+1 g on Z with sign +1 would be upside down: sign or mounting, and a still log can't tell."""
-    r = importer.load(saved(tmp_path / "a.npz"))
+    r = importer.RecordingFile(saved(tmp_path / "a.npz"))
     with pytest.raises(ImportDataError) as caught:
         importer.check_gravity(r, SessionInfo(accel_sign=1))
     text = str(caught.value)
@@ -100,7 +100,7 @@ def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Pa
 def test_a_magnitude_that_is_off_is_a_warning_that_names_tilt_bias_and_scale(tmp_path: Path) -> None:
     """1.05 g is more than 12 mg + 1 % from gravity."""
     a = arrays()["accel"] * 1.05
-    warning = importer.check_gravity(importer.load(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
+    warning = importer.check_gravity(importer.RecordingFile(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
     assert warning is not None
     assert all(word in warning for word in ("tilt", "bias", "scale"))
 

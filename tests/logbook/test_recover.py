@@ -19,10 +19,11 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import SessionInfo, added_notes, file_lock, mcap_stream, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import Reading
 from imutui.logbook.recover import NotAsWrittenError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED
@@ -212,7 +213,7 @@ def test_a_chunk_that_stands_twice_is_taken_once(tmp_path: Path) -> None:
 def test_the_replay_of_a_recovered_log_equals_that_of_the_unfinished_one(tmp_path: Path) -> None:
     written(tmp_path / "a.mcap", seconds=8, rate=10, finish=False)
     _, output = recovered(tmp_path / "a.mcap")
-    before, after = (replay(path, ReplayOptions()) for path in (tmp_path / "a.mcap", output))
+    before, after = (replay(path, Reading()) for path in (tmp_path / "a.mcap", output))
     assert not before["finished"]
     assert after["finished"]
     ignored = {*TIMINGS, "log", "log_sha256", "finished", "damage"}
