@@ -105,6 +105,8 @@ def command(
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
+    if accel_sign is None and importer.is_bag(file):
+        accel_sign = 1  # messages of ROS have specific force
     flags = {
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,

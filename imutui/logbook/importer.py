@@ -72,6 +72,7 @@ class Source(Protocol):
     """Columns of numbers, read anew by each call of `pieces`."""
 
     notes: list[str]  # what was passed over or assumed, in words; complete after a pass
+    states_units: bool  # whether `units` are of the source, not of its kind
 
     @property
     def names(self) -> Sequence[str]:
@@ -88,6 +89,8 @@ class Source(Protocol):
 class Arrays:
     """A source in memory."""
 
+    states_units = True
+
     def __init__(self, arrays: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> None:
         self.names, self.units, self.notes = tuple(arrays), dict[str, str](), list(notes)
         self._columns = list(arrays.values())
@@ -98,6 +101,11 @@ class Arrays:
         for first in range(0, count, ROWS):
             yield [self._columns[k][first : first + ROWS] for k in wanted]
             progress(min(1.0, (first + ROWS) / count))
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is one of a bag, or of an MCAP file."""
+    return path.is_dir() or path.name.lower().endswith(_BAGS)
 
 
 def opened(path: Path, topic: str | None = None) -> Source:
@@ -327,7 +335,9 @@ class RecordingFile:
         self.path, self._options = path, options
         self._source = opened(path, options.topic)
         try:
-            self._assigned = assign(self._source.names, self._source.units, options.columns, options.units)
+            self._assigned = assign(
+                self._source.names, self._source.units, options.columns, options.units, words=self._source.states_units
+            )
         except UnassignedError as error:
             cures = [_cure("--columns", error.columns)] if error.columns else []
             raise ImportDataError(f"{path} {error}. {'' if cures else _NAMES}".rstrip(), cures) from error
@@ -661,16 +671,21 @@ class RecordingFile:
         """Return what makes the times look like arrivals in bursts, in figures; "" if they do not."""
         return "" if self._options.arrival else self.look.bursts()
 
+    def _stated(self, quantity: str) -> bool:
+        """Return whether a flag or the file states the unit of a quantity, such as `gyro`."""
+        stated = {column.stated for name, column in self._assigned.columns.items() if name.startswith(quantity)}
+        return "flag" in stated or ("file" in stated and self._source.states_units)
+
     def _refuse_scales(self) -> None:
         """Raise ImportDataError where numbers do not fit the units that nobody stated."""
         units, words, medians = list[str](), list[str](), self.medians
         span, step = self.last_s - self.first_s, self.look.step_ns / 1e9
         rate = 1.0 / step if step > 0.0 else 0.0
-        if self._options.rate_hz is None and not self._assigned.stated("t") and not _RATES[0] <= rate <= _RATES[1]:
+        if self._options.rate_hz is None and not self._stated("t") and not _RATES[0] <= rate <= _RATES[1]:
             scale = _time_unit(rate)
             words.append(f"`t` in s would give {rate:.3g} Hz over {span:.3g} s")
             units += [f"t:{scale}"] if scale else []
-        if not self._assigned.stated("accel") and not self.moves(forces_only=True) and np.isfinite(medians[3:]).all():
+        if not self._stated("accel") and not self.moves(forces_only=True) and np.isfinite(medians[3:]).all():
             force = float(np.linalg.norm(medians[3:]))
             unit = next((unit for unit, size in _FORCES if 0.8 < force / size < 1.2), None)
             if unit is not None:
@@ -688,13 +703,17 @@ class RecordingFile:
                 bits = 2 ** round(math.log2(force))
                 words.append(f"at rest `accel` reads {force:.5g}: counts of the converter")
                 units.append(f"accel:g/{bits}")
-                units += [] if self._assigned.stated("gyro") else ["gyro:deg/s/131"]
+                units += [] if self._stated("gyro") else ["gyro:deg/s/131"]
         noise = np.rad2deg(self.look.noise()[:3])
         quiet = bool(np.nanmedian(noise) < _QUIET_DPS) and bool(np.nanmax(np.abs(medians[:3])) < 0.05)
-        if not self._assigned.stated("gyro") and not self.moves() and quiet and np.nanmedian(noise) > 0.0:
+        if not self._stated("gyro") and not self.moves() and quiet and np.nanmedian(noise) > 0.0:
             words.append(f"at rest `gyro` scatters by {np.nanmedian(noise):.2g}, which is little for deg/s")
             units.append("gyro:rad/s")
-        if self._degc and not self._assigned.stated("temp") and np.median(self._degc) > _ROOM_DEGC:
+        in_radians = self._assigned.columns.get("gyro_x", _LACKING).scale > 50.0
+        if in_radians and not self._stated("gyro") and not self.moves(forces_only=True) and np.nanmedian(noise) > 1.0:
+            words.append(f"at rest `gyro` scatters by {np.nanmedian(noise):.2g} deg/s, which is much for rad/s")
+            units.append("gyro:deg/s")
+        if self._degc and not self._stated("temp") and np.median(self._degc) > _ROOM_DEGC:
             words.append(f"`temp` is {np.median(self._degc):.4g}")
             units.append("temp:K")
         if units:
@@ -716,7 +735,7 @@ _SPAN = 512  # samples of a median
 _FAR_NS = 9e18  # a time so far away is none
 _SHOWN = 20  # rows that are named
 _LIMITS = np.repeat([_STILL_DPS, _STILL_G], 3)
-_FORCES = (("m/s2", STANDARD_GRAVITY), ("mg", 1000.0), ("mm/s2", 1e3 * STANDARD_GRAVITY))
+_FORCES = (("g", 1.0 / STANDARD_GRAVITY), ("m/s2", STANDARD_GRAVITY), ("mg", 1000.0), ("mm/s2", 1e3 * STANDARD_GRAVITY))
 
 
 def _time_unit(rate: float) -> str | None:

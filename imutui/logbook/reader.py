@@ -18,6 +18,7 @@ from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metad
 
 from filters.errors import InputError
 from imutui import outside_file
+from imutui.command_line import command
 from imutui.logbook import foreign_log, layout, mcap_stream, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
@@ -356,6 +357,9 @@ def opened(path: Path) -> IO[bytes]:
     try:
         stream = outside_file.opened(path)
     except OSError as error:
+        if isinstance(error, IsADirectoryError):
+            made = command("import", path, "-o", path.with_name(f"{path.name}_imported.mcap"))
+            raise UnreadableLogError(f"{path} is a folder. If it is a bag: `{made}`") from error
         raise UnreadableLogError(f"{path}: {_reason(error)}. Check the name; recordings lie in ./logs.") from error
     if stream.seek(0, 2) == 0:
         stream.close()
@@ -367,10 +371,11 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def foreign(path: Path) -> str:
-    """Why a file that is no MCAP file at all cannot be read, and what can."""
+    """Return why a file that is no MCAP file cannot be read, and what can."""
+    made = command("import", path, "-o", path.with_name(f"{path.name.partition('.')[0]}_imported.mcap"))
     return (
-        f"{path} is not an MCAP log: its first bytes are not an MCAP file's. imutui takes its own logs and"
-        " other MCAP files with sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
+        f"{path} is not an MCAP log: its first bytes are not an MCAP file's. `{made}` takes tables of text, NPZ, bags,"
+        " and MCAP files that are compressed as a whole."
     )
 
 

@@ -80,10 +80,6 @@ class Assignment:
     left: tuple[str, ...]  # names of columns that nothing takes
     assumed: tuple[str, ...]  # in words
 
-    def stated(self, quantity: str) -> bool:
-        """Return whether flags or the file state the unit of a quantity, such as `gyro`."""
-        return any(column.stated for name, column in self.columns.items() if name.partition("_")[0] == quantity)
-
 
 class UnassignedError(InputError):
     """Columns of a recording are missing or ambiguous; `columns` proposes a value of --columns, "" if there is none."""
@@ -93,13 +89,16 @@ class UnassignedError(InputError):
         self.columns = columns
 
 
-def assign(names: Sequence[str], units: Mapping[str, str], columns: str | None, stated: str | None) -> Assignment:
+def assign(
+    names: Sequence[str], units: Mapping[str, str], columns: str | None, stated: str | None, *, words: bool = True
+) -> Assignment:
     """Return which column is which quantity.
 
     `names`: of the columns, in order.
     `units`: of columns, by name, as a row of units has them.
     `columns`: of --columns, such as "t=timestamp:ms, gyro_x=gx".
     `stated`: of --units, such as "t:us, gyro:rad/s".
+    `words`: whether the assignment says what it assumes.
     Raises UnassignedError if a required quantity has no column, or several.
     Raises InputError if a flag does not read so.
     """
@@ -114,7 +113,7 @@ def assign(names: Sequence[str], units: Mapping[str, str], columns: str | None, 
         raise UnassignedError(f"has no column for {', '.join(missing)}; it has: {listed}", _proposed(names, found))
     places = {column.place for column in done.values()}
     left = tuple(name for k, name in enumerate(names) if k not in places)
-    return Assignment(done, left, tuple(_words(done)))
+    return Assignment(done, left, tuple(_words(done)) if words else ())
 
 
 def _words(done: Mapping[str, Column]) -> list[str]:

@@ -51,6 +51,8 @@ class TextTable:
     Raises OSError if it cannot be read.
     """
 
+    states_units = True
+
     def __init__(self, path: Path) -> None:
         self.path = path
         with _opened(path) as stream:
