@@ -134,7 +134,7 @@ def _bag_of(path: Path) -> _Bag:
 
 
 def _unpacked(path: Path) -> Path:
-    """Return a file; one that was compressed as a whole is unpacked into a folder that the process removes at its end."""
+    """Return a file; one that was compressed as a whole is unpacked first, until the process ends."""
     if not path.is_file() or path.open("rb").read(4) != _ZSTD:
         return path
     folder = tempfile.mkdtemp(prefix="imutui-")

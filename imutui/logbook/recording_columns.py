@@ -226,14 +226,15 @@ def _plain_meaning(bare: str) -> tuple[str | None, str]:
 
 def _proposed(names: Sequence[str], found: Mapping[str, Column], *, places: bool = False) -> str:
     """Return what --columns may state: the columns that were found, or those of a table in our order; "" if neither."""
+    ours = (*REQUIRED, "temp")
     if all(name in found for name in REQUIRED):
+        chosen = {name: found[name] for name in ours if name in found}
         known = {
-            name: f"#{found[name].place + 1}" if places else found[name].name
-            for name in (*REQUIRED, "temp")
-            if name in found
+            name: (f"#{column.place + 1}" if places else column.name) + (f":{column.unit}" if column.unit else "")
+            for name, column in chosen.items()
         }
     elif not found and len(names) >= len(REQUIRED) and all(name.startswith("#") for name in names):
-        known = {name: f"#{k + 1}" for k, name in enumerate((*REQUIRED, "temp")[: len(names)])}
+        known = {name: f"#{k + 1}" for k, name in enumerate(ours[: len(names)])}
     else:
         return ""
     return ",".join(f"{name}={source}" for name, source in known.items())
