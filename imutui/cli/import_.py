@@ -1,5 +1,6 @@
 """`imutui import`."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,8 +21,8 @@ def command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="CSV of any dialect, also .gz, NPZ, NPY or Parquet: time, gyros, accelerometers; perhaps temp, ang,"
-            " rate, ref_quat, gps_…"
+            help="CSV of any dialect, also .gz, NPZ, NPY, Parquet or bag: time, gyros, accelerometers; perhaps temp,"
+            " ang, rate, ref_quat, gps_…"
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Log to write.")],
@@ -42,6 +43,14 @@ def command(
             help="Units; else those in the names of columns, else s, deg/s, g, degC. g/16384 is 16384 counts per g.",
         ),
     ] = "",
+    topic: Annotated[
+        str,
+        typer.Option("--topic", metavar="NAME[,NAME]", help="Of a bag: topic of the samples; two: rates, then forces."),
+    ] = "",
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", metavar="HZ", help="Rate of the rows, instead of their times; as t=row:100Hz has it."),
+    ] = None,
     drop: Annotated[str, typer.Option("--drop", metavar="ROW,FROM-TO", help="Rows to leave out; the first is 0.")] = "",
     accel_sign: AccelSign = None,
     mount: Mount = None,
@@ -102,6 +111,8 @@ def command(
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
+    if accel_sign is None and recordings.is_bag(file):
+        accel_sign = 1  # messages of ROS have specific force
     flags = {
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,
@@ -122,7 +133,10 @@ def command(
         accel_sign=accel_sign, mount=mount, gyro_sign=gyro_sign, site=site, gravity=gravity, reference=reference,
         continues=continues, instrument=instrument, kind=kind if kind != "unknown" else "", json=json, force=force,
     )  # fmt: skip
-    asked = Asked(columns, units, drop, stamps, start, end, info.g_unit, output, others)
+    if rate is not None and not 0.0 < rate < math.inf:
+        raise fail(USAGE, f"--rate is {rate:g}; it must be positive.")
+    columns = columns if rate is None else ", ".join(filter(None, (columns, f"t=row:{rate!r}Hz")))
+    asked = Asked(columns, units, drop, stamps, topic, start, end, info.g_unit, output, others)
     recording = recordings.load(file, asked, lambda share: progress(0.3 * share, "reading"))
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:

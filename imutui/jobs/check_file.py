@@ -60,7 +60,9 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
         )
     elif not found.cut and not found.finished:
         yield Finding("end", "The file's end is damaged.", f"at byte {found.size - found.trailing:,}", log.recover())
-    elif found.finished and (found.index is None or any(d.what == "summary" for d in found.damages)):
+    elif found.finished and (
+        (found.index is None and found.has_index) or any(d.what == "summary" for d in found.damages)
+    ):
         yield Finding("index", "The index cannot be read, so viewers may refuse the file.", "at its end", log.recover())
     if indexes := [d for d in found.damages if d.what == "message index"]:
         what = f"{plural(len(indexes), 'list')} of a chunk's messages cannot be used, so viewers may miss some of them."

@@ -12,8 +12,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_format, sample_check, schemas, summary
+from imutui.logbook import layout, mcap_format, reader, sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import HEAD, Index, parse
 from imutui.logbook.mcap_stream import (
     CHANNEL,
@@ -26,8 +27,10 @@ from imutui.logbook.mcap_stream import (
     tabulate,
     told_behind,
 )
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
-from imutui.logbook.schemas import LogEvent, UndecodableError
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
@@ -153,6 +156,7 @@ class Audit:
     info: SessionInfo | None = None  # its session; None in another program's file
     # the same as strings, with fields that this version does not know
     session: dict[str, str] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()  # of another program's log, in words
     session_trouble: str = ""  # why the session cannot be used, if so
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # records by name
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
@@ -182,11 +186,6 @@ class Audit:
     undecodable_count: int = 0  # all of them
     homeless: int = 0  # messages of channels that nothing declares
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
-
-    @property
-    def imu_topic(self) -> str | None:
-        """Topic of the samples, if there is one."""
-        return summary.imu_topic(self.types)
 
 
 def belongings(found: Scan) -> Audit:
@@ -242,15 +241,20 @@ def _take_note(known: Audit, part: Part) -> None:
 # -------------------------------------------------------------------------------------------------------------- parts
 
 
-def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """What is known of a scanned log as a whole; see `parts`."""
+def audit(found: Scan, reading: Reading = AS_STATED, progress: Callable[[float], None] = lambda share: None) -> Audit:
+    """Return what is known of a scanned log as a whole; see `parts`."""
     known = belongings(found)
-    for _ in parts(found, known, progress):
+    for _ in parts(found, known, reading, progress):
         pass
     return known
 
 
-def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
+def parts(
+    found: Scan,
+    known: Audit,
+    reading: Reading = AS_STATED,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Iterator[Part]:
     """Every message that a scan found whole, `MESSAGES` at a time or a few more.
 
     `found`: of a log.
@@ -270,7 +274,22 @@ def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda 
             yield work.part()
     yield work.part()
     work.close()
+    if not known.session and not known.session_trouble:
+        yield from _foreign_parts(found, known, reading)
     progress(1.0)
+
+
+def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part]:
+    """Yield the samples of another program's log as a replay takes them, up to the first damage."""
+    try:
+        for log in reader.parts(found.path, MESSAGES, reading=reading):
+            known.assumed = log.assumed
+            part = Part(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature_degc, log.packets, None, None)
+            _take_note(known, part)
+            yield part
+    except UnreadableLogError:
+        if not found.damages:
+            raise
 
 
 def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
@@ -318,22 +337,20 @@ class _Work(Channels):
     def _assign(self, channel: Channel, typename: str) -> None:
         self.audit.types[channel.topic] = typename
         self.audit.encodings[channel.topic] = channel.message_encoding
-        cdr = channel.message_encoding == "cdr"
-        ours = cdr and schemas.is_own(channel.topic, typename)
-        imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
-        self._roles[channel.id] = IMU if imu else _PLAIN.get(channel.topic, OTHER) if ours else IGNORED
+        ours = channel.message_encoding == "cdr" and schemas.is_own(channel.topic, typename)
+        # samples of another program are read as a replay takes them
+        own = ours and bool(self.audit.session or self.audit.session_trouble)
+        self._roles[channel.id] = _PLAIN.get(channel.topic, OTHER) if own else IGNORED
 
     def _other(self, topic: str, message: Message) -> None:
         data = message.data
-        if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
-            return
         if topic == schemas.EVENTS:
             self.audit.events.append(schemas.decode_event(data))
         elif topic == schemas.DIAGNOSTICS:
             values = schemas.decode_diagnostics(data)
             self.audit.diagnostics = self.audit.diagnostics if values is None else values
         else:
-            schemas.decode(schemas.TYPES[topic], data)
+            layout.layout_in(schemas.TYPES[topic], data)
 
     def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
         self.audit.undecodable_count += 1
@@ -347,12 +364,15 @@ class _Work(Channels):
         roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
-        samples, packets = self.columns.imu(), self.columns.packets()
-        _, degc = self.columns.temperatures()
+        samples, packets = self.columns.all(IMU), self.columns.all(RAW)["packets"]
+        degc = self.columns.all(TEMPERATURE)["degc"]
         each = [heads[roles == role] for role in (IMU, RAW)]
-        paired = [own if own.size == rows.size else None for own, rows in zip(each, (samples[0], packets), strict=True)]
+        counts = (samples["stamp_ns"].size, packets.size)
+        sample_heads, packet_heads = (own if own.size == n else None for own, n in zip(each, counts, strict=True))
         self._heads, self.columns = [], Columns()
-        part = Part(*samples, degc, packets, *paired)
+        part = Part(
+            **samples, temperature_degc=degc, packets=packets, sample_heads=sample_heads, packet_heads=packet_heads
+        )
         _take_note(self.audit, part)
         return part
 

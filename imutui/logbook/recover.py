@@ -4,6 +4,7 @@ What it leaves out: parts of a chunk. A chunk's checksum is over all of it, and 
 so a rebuilt file gives the same estimates as the unfinished one did.
 """
 
+import contextlib
 import hashlib
 import time
 from collections.abc import Callable
@@ -15,8 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 
 import imutui
-from imutui.logbook import mcap_format, mcap_stream, schemas
-from imutui.logbook.columns import S1_SIZE
+from imutui.logbook import layout, mcap_format, mcap_stream, schemas
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.mcap_writer import McapWriter
@@ -186,13 +186,9 @@ class _Copy:
             return
         topic, typename = list(schemas.TYPES.items())[number - 1]
         if topic == schemas.RAW:
-            typename = schemas.raw_type(details=len(data) == S1_SIZE)
-        try:
-            message = schemas.decode(typename, data)
-            same = schemas.encode_as(typename, message) == data
-        except schemas.UndecodableError:
-            return
-        if same:
+            typename = schemas.raw_type(details=len(data) == schemas.RAW_DTYPE.itemsize)
+        with contextlib.suppress(layout.UndecodableError):
+            layout.layout_in(typename, data)
             definition = schemas.definition(typename).encode()
             self._schemas[-number] = Schema(id=-number, name=typename, encoding="ros2msg", data=definition)
             self._channels[number] = Channel(

@@ -100,6 +100,7 @@ class Scan:
     # whole records in file order: chunks, attachments, metadata, and what stands outside of chunks
     pieces: Pieces = field(default_factory=Pieces)
     damages: list[Damage] = field(default_factory=list)  # bytes left out between them
+    has_index: bool = True  # whether the footer states that there is a summary
     index: Index | None = None  # the summary, if it can be read and its checksum is right
     finished: bool = False  # whether the file has its footer
     cut: bool = False  # whether it ends before its footer
@@ -199,6 +200,7 @@ class _FileWalk:
             return self._after_damage(at, why, end, opcode)
         if opcode == Opcode.FOOTER:
             self._found.finished = True
+            self._found.has_index = any(self._data[at + HEAD.size : at + HEAD.size + 8])
         elif opcode == Opcode.DATA_END:
             self._end_of_data(at)
         elif opcode >= mcap_format.PRIVATE:

@@ -179,7 +179,8 @@ def choose(table: Table, asked: Asked, guess: Guess) -> dict[str, Channel]:
         asked_unit = stated or asked_units.get(name) or asked_units.get(kind)
         unit = asked_unit or of_file
         unit = unit if factor(kind, unit or "s") and unit else _spelt(kind, unit, table, asked)
-        who = "user" if asked_unit else "file" if unit else ""
+        is_sure = column < 0 or table.columns[column].is_sure
+        who = "user" if asked_unit else "file" if unit and is_sure else ""
         channels[name] = Channel(name, column, unit or OWN_UNITS.get(kind, ""), who, name in candidates)
     return channels
 

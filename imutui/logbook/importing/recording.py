@@ -1,6 +1,5 @@
 """A recording of another program, read once and checked, and read again in pieces for its log."""
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -8,17 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from imutui import outside_file
-from imutui.command_line import command
 from imutui.logbook import arrival_stamps, sample_check
 from imutui.logbook.importing import arrays, columns, rows, scale, text
 from imutui.logbook.importing.columns import ACCEL, GYRO, REFERENCES, Channel
 from imutui.logbook.importing.rows import Clock, Part, Repairs
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
+from imutui.logbook.power_on import ContentId
 from imutui.logbook.session_info import SessionInfo
 
 STARTED = "started at the modification time of its file"
 _STAMPS = f"the recording's own time, {STARTED}"
+_BAGS = (".bag", ".db3", ".mcap", ".mcap.zst")
 _LARGEST = 1e9  # largest angle or place, of either sign, in the units of the file
 _UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _SIX = [*GYRO, *ACCEL]
@@ -103,7 +104,25 @@ def load(path: Path, asked: Asked | None = None, progress: Progress = lambda sha
     return of_table(_table(path, asked or Asked()), asked or Asked(), progress)
 
 
+def is_bag(path: Path) -> bool:
+    """Return True for a bag of ROS, an MCAP file, or a folder of them."""
+    return path.is_dir() or path.name.lower().endswith(_BAGS)
+
+
 def _table(path: Path, asked: Asked) -> Table:
+    if is_bag(path):
+        from imutui.logbook import bag
+        from imutui.logbook.foreign_log import RefusedLogError
+
+        try:
+            return bag.opened(path, asked.topic or None)
+        except RefusedLogError as error:
+            cures = ", or ".join(f"`{asked.command(path, topic=flags[1])}`" for _, flags in error.cures)
+            raise ImportDataError(f"{path}: {error}. Type: {cures}") from error
+        except OSError as error:
+            raise ImportDataError(f"{path}: {error.strerror or error}. Name a bag, or a table.") from error
+        except InputError as error:
+            raise ImportDataError(f"{path}: {error}. Name another bag, or a table.") from error
     try:
         with outside_file.opened(path) as stream:
             magic = stream.read(16)
@@ -115,8 +134,6 @@ def _table(path: Path, asked: Asked) -> Table:
         return arrays.read_npy(path)
     if magic.startswith(b"PAR1"):
         return arrays.read_parquet(path)
-    if magic.startswith(b"\x89MCAP0"):
-        raise ImportDataError(f"{path} is a log already. To look at it: `{command('info', path)}`")
     if path.suffix.lower() in (".npz", ".npy", ".parquet") or magic.startswith((b"\x80", b"SQLite", b"#ROSBAG")):
         raise ImportDataError(
             f"{path} is neither NPZ nor CSV: bytes as a unit sent them, or another format. Decode it first, and save it"
@@ -173,7 +190,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
         lacks=found.lacks,
         mean_g=mean_g,
         is_still=is_still,
-        content_id=found.digest.hexdigest()[:16],
+        content_id=found.content.text(),
         not_imported=columns.left(table, channels),
         known={name: np.concatenate(kept) for name, kept in known.items()},
         known_t=t - t[0] if t.size and fitted is None else t if fitted is None else fitted.t - fitted.t[0],
@@ -238,7 +255,7 @@ class _Found:
         self.count = 0
         self.first_row = self.last_row = 0
         self.first_t = self.last_t = 0.0
-        self.digest = hashlib.sha256()
+        self.content = ContentId()
         self._within_s = 0.0  # sum of the steps that are no gaps
         self._steps = 0
         self._missing = np.zeros(64, int)  # samples by which channels have no reading
@@ -258,7 +275,7 @@ class _Found:
         self._steps += usual.size - (0 if self.count else 1)
         self.count += part.t.size
         self.last_row, self.last_t = int(part.row.max()), float(part.t[-1])
-        self.digest.update(np.column_stack([part.t, readings[:, :6]]).tobytes())
+        self.content.add(part.t, readings[:, :3], readings[:, 3:6])
         missing = np.isnan(readings[:, :6]) @ (1 << np.arange(6))
         self._missing += np.bincount(missing, minlength=64)
         if not self._begun:

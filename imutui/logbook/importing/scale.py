@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from imutui.logbook.importing import columns
 from imutui.logbook.importing.columns import ACCEL, GYRO, Channel
 from imutui.logbook.importing.rows import Part
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
@@ -77,8 +78,13 @@ def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Loo
     with np.errstate(invalid="ignore"):
         norms = np.linalg.norm(sample[:, 3:6], axis=1)
     known = norms[np.isfinite(norms)]
-    norm = float(np.median(known)) if known.size else 1.0
+    of_file = accel[0].unit if accel else "g"
+    norm = float(np.median(known)) / (columns.factor("accel", of_file) or (1.0, 0.0))[0] if known.size else 1.0
     unit = next((unit for unit, (low, high) in _GRAVITY.items() if low <= norm <= high), "")
+    if unit == of_file:
+        unit, norm = "", 1.0
+    elif not unit and of_file != "g" and 0.9 < norm < 1.1:
+        unit = "g"
     if accel and not all(c.stated for c in accel) and (unit or not _PLAUSIBLE[0] < norm < _PLAUSIBLE[1]):
         if norm < 0.3 and float(np.median(np.abs(sample[:, 3:6][np.isfinite(norms)]).max(axis=1))) < 0.3:
             alone = asked.command(table.path, columns="accel=none")
@@ -95,10 +101,14 @@ def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Loo
         why.append(f"the accelerometers read {norm:.5g} in the median, as gravity does in {unit}")
         units["accel"] = unit
     if gyro and not all(c.stated for c in gyro):
-        if (said := _not_degrees(look.head())) and not units.get("accel", "").startswith("g/"):
+        if (
+            gyro[0].unit == "deg/s"
+            and (said := _not_degrees(look.head()))
+            and not units.get("accel", "").startswith("g/")
+        ):
             units["gyro"] = "rad/s"
             why.append(said)
-        elif units:
+        elif units and gyro[0].unit == "deg/s":
             units["gyro"] = "deg/s/131" if units["accel"].startswith("g/") else "deg/s"
     degc = sample[:, 6][np.isfinite(sample[:, 6])]
     temp = channels.get("temp")

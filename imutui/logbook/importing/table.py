@@ -22,6 +22,7 @@ class Column:
 
     name: str
     unit: str = ""
+    is_sure: bool = True  # False for the unit of a convention, which the numbers may contradict
 
 
 Rows: TypeAlias = tuple[float, list[np.ndarray]]
@@ -53,12 +54,13 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What the user asked of an import. `columns`, `units`, `drop` and `stamps` are the texts of the options."""
+    """What the user asked of an import; texts are those of the options."""
 
     columns: str = ""
     units: str = ""
     drop: str = ""
     stamps: str = "sampling"
+    topic: str = ""
     # start, end: part to take, s since the first sample
     start: float | None = None
     end: float | None = None
@@ -69,7 +71,7 @@ class Asked:
     def command(self, path: Path, **changes: str) -> str:
         """Return the same import with other options; entries of `columns`, `units` and `drop` are added."""
         words: list[str | Path] = ["import", path, "-o", self.output]
-        for option in fields(self)[:6]:
+        for option in fields(self)[:7]:
             value = getattr(self, option.name)
             if option.name in changes:
                 value = _joined(value, changes[option.name]) if option.name in _LISTS else changes[option.name]

@@ -1,5 +1,6 @@
 """The log of a recording made elsewhere."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import imutui
-from imutui.logbook import log_time, power_on, schemas
+from imutui.logbook import log_time, schemas
 from imutui.logbook.importing.recording import MOVING, STARTED, Piece, Recording
 from imutui.logbook.importing.table import ImportDataError
 from imutui.logbook.log_stream import MODE
@@ -46,7 +47,7 @@ def write(
     source = in_line(recording.path.name)
     stamps = recording.stamps if first_ns is None else recording.stamps.replace(STARTED, f"after {info.continues}")
     axes = f"{recording.content_id} {info.mount} {info.accel_sign} {info.gyro_sign} {info.g_unit}"
-    own = power_on.content_id(axes.encode())
+    own = hashlib.sha256(axes.encode()).hexdigest()[:16]
     info = replace(
         info,
         sampling="imported",
@@ -125,7 +126,6 @@ class _Table:
             if self._next_ns is None or stamp >= self._next_ns:
                 self._next_ns = stamp + _S_NS
                 due.add(k)
-        return {
-            k: schemas.encode_table_reference(int(stamp_ns[k]), self._kind, both[k, :3].tolist(), both[k, 3:].tolist())
-            for k in due
-        }
+        at = np.array(sorted(due), int)
+        encoded = schemas.encode_table_references(stamp_ns[at], self._kind, angles[at], rates[at]) if due else []
+        return dict(zip(at.tolist(), encoded, strict=True))

@@ -146,11 +146,11 @@ def _recovered(path: Path) -> Any:
 
 
 def _take_replay(path: Path) -> None:
-    from imutui.jobs.replay import ReplayOptions, replay
+    from imutui.jobs.replay import EstimatesFile, replay
     from imutui.report import replay_text
 
-    options = ReplayOptions(output=path.with_name("estimates.mcap"), overwrite=True)
-    _told(lambda log: replay(log, options), replay_text.text)(path)
+    written = EstimatesFile(path.with_name("estimates.mcap"), overwrite=True)
+    _told(lambda log: replay(log, output=written), replay_text.text)(path)
 
 
 def _arrays() -> dict[str, np.ndarray]:
