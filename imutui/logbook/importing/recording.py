@@ -19,7 +19,7 @@ from imutui.logbook.session_info import SessionInfo
 
 STARTED = "started at the modification time of its file"
 _STAMPS = f"the recording's own time, {STARTED}"
-_BAGS = (".bag", ".db3", ".mcap", ".mcap.zst")
+_BAGS = (".bag", ".db3", ".mcap", ".mcap.zst", ".mcap.zstd")
 _LARGEST = 1e9  # largest angle or place, of either sign, in the units of the file
 _UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _SIX = [*GYRO, *ACCEL]
@@ -115,6 +115,8 @@ def _table(path: Path, asked: Asked) -> Table:
         from imutui.logbook.foreign_log import RefusedLogError
 
         try:
+            if not path.is_dir():
+                outside_file.opened(path).close()  # a pipe would be waited for
             return bag.opened(path, asked.topic or None)
         except RefusedLogError as error:
             cures = ", or ".join(f"`{asked.command(path, topic=flags[1])}`" for _, flags in error.cures)
@@ -169,8 +171,8 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
     repairs.keep(first, last, table.reasons, dropped)
     rows.check_order(table, asked, repairs)
     found.check_count(table, asked, repairs.end_t)
-    rows.check_rate(table, asked, channels["t"], found.rate_hz)
-    scale.check(table, asked, channels, look)
+    of_time = rows.fitting_unit(table, asked, channels["t"], found.rate_hz)
+    scale.check(table, asked, channels, look, of_time)
     found.check(table, asked)
     t = np.concatenate(times) if times else np.empty(0)
     fitted = arrival_stamps.from_arrivals(t) if asked.stamps == "arrival" else None

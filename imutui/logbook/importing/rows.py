@@ -383,27 +383,28 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
         )
 
 
-def check_rate(table: Table, asked: Asked, clock: Channel, rate: float) -> None:
-    """Refuse a rate (Hz) that no unit samples at, by the unit of `clock`.
+def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> tuple[str, str]:
+    """Return the unit of time that fits a rate (Hz, by the unit of `clock`), and why; "" for both if that one does.
 
-    Raises ImportDataError with a command that works.
+    Raises ImportDataError with a command that works if none fits.
     """
     path = table.path
     if not clock.stated and not _SLOWEST <= rate <= _FASTEST:
-        rates = {unit: rate / scale for unit, scale in _SCALES.items() if _SLOWEST <= rate / scale <= _FASTEST}
-        unit = min(rates, key=lambda unit: abs(np.log(rates[unit] / _USUAL)), default="")
-        if unit or rate * LEAST_STEP_S < 1.0:
-            mended = f"t:{unit or 's'}"
-            how = f"The rate fits if `t` is in {unit}" if unit else "If it is in s nevertheless"
+        rates = {unit: rate / scale for unit, scale in SCALES.items() if _SLOWEST <= rate / scale <= _FASTEST}
+        if rates:
+            unit = min(rates, key=lambda unit: abs(np.log(rates[unit] / _USUAL)))
+            return unit, f"`t` would give {rate:.4g} Hz if it were in s, and {rates[unit]:.4g} Hz in {unit}"
+        if rate * LEAST_STEP_S < 1.0:
             raise ImportDataError(
-                f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. {how}:"
-                f" `{asked.command(path, units=mended)}`"
+                f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. If it is in s"
+                f" nevertheless: `{asked.command(path, units='t:s')}`"
             )
     if rate * LEAST_STEP_S > 1.0:
         raise ImportDataError(
             f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond: `t` has another unit. If rows are"
             f" equally spaced, give their rate (100 Hz here): `{asked.command(path, columns='t=row:100Hz')}`"
         )
+    return "", ""
 
 
-_SCALES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+SCALES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}

@@ -9,7 +9,7 @@ import numpy as np
 
 from imutui.logbook.importing import columns
 from imutui.logbook.importing.columns import ACCEL, GYRO, Channel
-from imutui.logbook.importing.rows import Part
+from imutui.logbook.importing.rows import SCALES, Part
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
 
 _ROWS = 2**16
@@ -69,12 +69,18 @@ class Look:
         return np.concatenate(self._head)
 
 
-def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Look) -> None:
-    """Raise ImportDataError, with the option that mends it, if a unit that is not stated contradicts the readings."""
+def check(
+    table: Table, asked: Asked, channels: Mapping[str, Channel], look: Look, of_time: tuple[str, str] = ("", "")
+) -> None:
+    """Refuse units that are not stated and that the readings contradict.
+
+    `of_time`: the unit of time that fits better than s, and why; "" for none.
+    Raises ImportDataError with the command that states all units that fit.
+    """
     sample = look.sample()
     accel, gyro = ([channels[name] for name in names if name in channels] for names in (ACCEL, GYRO))
-    units: dict[str, str] = {}
-    why: list[str] = []
+    units: dict[str, str] = {"t": of_time[0]} if of_time[0] else {}
+    why: list[str] = [of_time[1]] if of_time[0] else []
     with np.errstate(invalid="ignore"):
         norms = np.linalg.norm(sample[:, 3:6], axis=1)
     known = norms[np.isfinite(norms)]
@@ -103,12 +109,12 @@ def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Loo
     if gyro and not all(c.stated for c in gyro):
         if (
             gyro[0].unit == "deg/s"
-            and (said := _not_degrees(look.head()))
+            and (said := _not_degrees(look.head(), SCALES.get(of_time[0], 1.0)))
             and not units.get("accel", "").startswith("g/")
         ):
             units["gyro"] = "rad/s"
             why.append(said)
-        elif units and gyro[0].unit == "deg/s":
+        elif "accel" in units and gyro[0].unit == "deg/s":
             units["gyro"] = "deg/s/131" if units["accel"].startswith("g/") else "deg/s"
     degc = sample[:, 6][np.isfinite(sample[:, 6])]
     temp = channels.get("temp")
@@ -130,8 +136,12 @@ def check(table: Table, asked: Asked, channels: Mapping[str, Channel], look: Loo
         )
 
 
-def _not_degrees(head: np.ndarray) -> str:
-    """Return why gyros that are read as deg/s are rather in rad/s; "" if nothing contradicts deg/s."""
+def _not_degrees(head: np.ndarray, second: float) -> str:
+    """Return why gyros that are read as deg/s are rather in rad/s; "" if nothing contradicts deg/s.
+
+    `second`: seconds of one unit of time.
+    """
+    head = head * np.r_[second, np.ones(7)]
     t, gyro, accel = head[:, 0], head[:, 1:4], head[:, 4:7]
     good = np.isfinite(head[:, :7]).all(axis=1)
     if np.count_nonzero(good) < 100:
