@@ -40,6 +40,7 @@ _UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
+_FEWEST = 5  # rows with the time of the one before that are left out unasked, at the least
 _FEW = 0.01  # largest share of rows with the time of the one before that are left out unasked
 _RATES = (0.45, 20_000.0)  # usual rates of recordings, Hz; others have to be stated
 _ROOM_DEGC = 150.0  # a mean temperature above it is in kelvin
@@ -201,6 +202,12 @@ def _flat(path: Path, arrays: dict[str, np.ndarray]) -> Source:
         if name not in flat and vector in flat:
             array = arrays[vector]
             raise ImportDataError(f"{path}: `{vector}` has shape {array.shape} of {array.dtype}; it must be (N, 3).")
+    for name, width in REFERENCES.items():
+        if name in arrays and f"{name}_{PARTS[width][-1]}" not in flat:
+            array = arrays[name]
+            raise ImportDataError(
+                f"{path}: `{name}` has shape {array.shape} of {array.dtype}; it must be (N, {width})."
+            )
     _check_lengths(path, {name: array for name, array in arrays.items() if _is_known(name)})
     return Arrays(flat, notes)
 
@@ -348,8 +355,9 @@ class RecordingFile:
         self.stamps, self._dates, self._scale = STAMPS, False, 1.0
         self._origin: float | int | None = None
         self.look = Topic(path.name)
-        self._survey(progress)
-        self.assumed = [*self._source.notes, *self._assigned.assumed, *self._judge()]
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no readings
+            self._survey(progress)
+            self.assumed = [*self._source.notes, *self._assigned.assumed, *self._judge()]
         if options.arrival:
             self.assumed.append(self._fit())
 
@@ -587,7 +595,7 @@ class RecordingFile:
         equal = self._rows - self.count - len(options.drop) if whole else 0
         if self._rows < 2:
             raise ImportDataError(f"{self.path} has {self._rows} samples; at least two are needed.")
-        if equal > _FEW * self._rows and not options.arrival:
+        if equal > max(_FEWEST, _FEW * self._rows) and not options.arrival:
             raise ImportDataError(
                 f"{self.path}: {equal:,} of {self._rows:,} rows have the time of the one before: times are rounded.",
                 [_cure("--stamps", "arrival"), _cure("--rate", "100")] if self.count > 10 else [_cure("--rate", "100")],
@@ -699,7 +707,7 @@ class RecordingFile:
                     " needs it: export the raw accelerometer, or leave these columns out and have the gyros alone.",
                     [_cure("--columns", kept, "--reference", "level")],
                 )
-            elif force > 50.0:
+            elif 50.0 < force < _MOST_COUNTS:
                 bits = 2 ** round(math.log2(force))
                 words.append(f"at rest `accel` reads {force:.5g}: counts of the converter")
                 units.append(f"accel:g/{bits}")
@@ -733,6 +741,7 @@ _PERIODS = (60.0, 3600.0, 86400.0, 604800.0)  # after which clocks begin anew, s
 _LACKING = Column(0, "", "", "")  # of a quantity that the recording lacks
 _SPAN = 512  # samples of a median
 _FAR_NS = 9e18  # a time so far away is none
+_MOST_COUNTS = 1e7  # at rest, of a converter
 _SHOWN = 20  # rows that are named
 _LIMITS = np.repeat([_STILL_DPS, _STILL_G], 3)
 _FORCES = (("g", 1.0 / STANDARD_GRAVITY), ("m/s2", STANDARD_GRAVITY), ("mg", 1000.0), ("mm/s2", 1e3 * STANDARD_GRAVITY))
