@@ -116,7 +116,7 @@ DOORS = {
     "pyvisa": {"imutui.table.links"},
     "mcap": {"imutui.logbook"},
     "rosbags": {"imutui.logbook"},
-    "zstandard": {"imutui.logbook.bag", "imutui.logbook.mcap_format", "imutui.logbook.mcap_writer"},
+    "zstandard": {"imutui.logbook.mcap_format", "imutui.logbook.bag"},
     "lz4": {"imutui.logbook.mcap_format"},
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},

@@ -20,7 +20,6 @@ from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.scan import Scan
 
 VERSION = 1
-_SCANNED = 0.5
 _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
 
 
@@ -37,12 +36,13 @@ def check(
       was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
-    found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"), indexes=True)
-    content = audit.belongings(found)
-    health = Health(content)
-    rules: list[DataRule] = [*(rule(content) for rule in _DATA_RULES), health]
-    looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
-    for part in audit.parts(found, content, reading, looked):
+    found, content, rules = scan.Scan(path), Audit(), list[DataRule]()
+    health: Health | None = None
+    show = lambda share: progress(share, f"reading {path.name}")  # noqa: E731
+    for part in audit.parts(found, content, reading, show, indexes=True):
+        if health is None:
+            health = Health(content)
+            rules = [*(rule(content) for rule in _DATA_RULES), health]
         for rule in rules:
             rule.take(part)
     log = CheckContext(found, content, reader.sha256(path))
@@ -55,7 +55,7 @@ def check(
         "state": _state(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
-        "health": health.entries,
+        "health": [] if health is None else health.entries,
         "assumed": list(content.assumed),
         "notes": list(_notes(log)),
         "bytes": found.size,

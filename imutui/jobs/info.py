@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 SUFFIX = ".mcap"
 VERSION = 1
-_SCANNED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,10 +173,10 @@ def info(
     """
     # a list of logs does without
     from imutui.logbook.audit import audit
-    from imutui.logbook.scan import scan
+    from imutui.logbook.scan import Scan
 
-    found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
-    content = audit(found, reading, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, f"reading {path.name}"))
+    found = Scan(path)
+    content = audit(found, reading, lambda share: progress(share, f"reading {path.name}"))
     ends = summary.read(path)
     progress(1.0, "done")
     told = {

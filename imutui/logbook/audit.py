@@ -3,7 +3,6 @@
 Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
 """
 
-import mmap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -12,10 +11,10 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import layout, mcap_format, reader, sample_check, schemas, summary
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook import layout, reader, sample_check, schemas, summary
+from imutui.logbook.columns import ESTIMATE, IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.layout import UndecodableError
-from imutui.logbook.mcap_format import HEAD, Index, parse
+from imutui.logbook.mcap_format import parse
 from imutui.logbook.mcap_stream import (
     CHANNEL,
     JOINED,
@@ -24,12 +23,10 @@ from imutui.logbook.mcap_stream import (
     RecordTable,
     joined,
     records_of,
-    tabulate,
-    told_behind,
 )
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import AS_STATED, Reading
-from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
+from imutui.logbook.scan import Found, Scan, reason, walk
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 
@@ -40,6 +37,7 @@ _PLAIN = {
     schemas.TEMPERATURE: TEMPERATURE,
     schemas.REFERENCE: TABLE,
     schemas.STATE: STATE,
+    schemas.ESTIMATE: ESTIMATE,
 }
 _SHOWN = 20
 
@@ -188,19 +186,6 @@ class Audit:
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
 
 
-def belongings(found: Scan) -> Audit:
-    """What a scanned log has besides messages: its session and other metadata, attachments, the quality summary."""
-    known = Audit()
-    with found.path.open("rb") as stream:
-        for piece in found.pieces:
-            if piece.opcode in _BELONGINGS:
-                stream.seek(piece.at)
-                _take_belonging(known, piece.opcode, stream.read(piece.length))
-    if summary.SUMMARY in known.attachments:
-        known.result = summary.quality(known.attachments[summary.SUMMARY])
-    return known
-
-
 def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
     if opcode == Opcode.ATTACHMENT:
         attachment = parse(Attachment, body)
@@ -242,8 +227,8 @@ def _take_note(known: Audit, part: Part) -> None:
 
 
 def audit(found: Scan, reading: Reading = AS_STATED, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """Return what is known of a scanned log as a whole; see `parts`."""
-    known = belongings(found)
+    """Return what is known of a log as a whole; see `parts`."""
+    known = Audit()
     for _ in parts(found, known, reading, progress):
         pass
     return known
@@ -254,26 +239,26 @@ def parts(
     known: Audit,
     reading: Reading = AS_STATED,
     progress: Callable[[float], None] = lambda share: None,
+    *,
+    indexes: bool = False,
 ) -> Iterator[Part]:
-    """Every message that a scan found whole, `MESSAGES` at a time or a few more.
+    """Yield every message of a file that can be read, `MESSAGES` at a time or a few more.
 
-    `found`: of a log.
-    `known`: its `belongings`; what is known of the messages is put into it, and is whole after the last part.
-    `progress`: told the share done, 0 to 1.
+    `found`: of the file, filled while it is walked.
+    `known`: filled likewise; its session is there before the first part, since a log begins with it.
+    `progress`, `indexes`: as of `scan.walk`.
+    Raises UnreadableLogError as `scan.walk`.
     """
     work = _Work(known)
-    index = found.index or Index()
-    for schema in index.schemas.values():
-        work.declare(schema)
-    for channel in index.channels.values():
-        work.declare(channel)
-    for item in joined(_records(found, work, progress), min(JOINED, MESSAGES)):
+    for item in joined(_records(found, work, progress, indexes=indexes), min(JOINED, MESSAGES)):
         if isinstance(item, Schema | Channel):
             work.declare(item)
         elif isinstance(item, Batch) and work.take(item) >= MESSAGES:
             yield work.part()
     yield work.part()
     work.close()
+    if summary.SUMMARY in known.attachments:
+        known.result = summary.quality(known.attachments[summary.SUMMARY])
     if not known.session and not known.session_trouble:
         yield from _foreign_parts(found, known, reading)
     progress(1.0)
@@ -292,22 +277,20 @@ def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part
             raise
 
 
-def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
-    """Schemas, channels, and messages in batches, of all whole pieces."""
-    inflater, held_from = mcap_format.Inflater(found.size), 0
-    with found.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        for number, piece in enumerate(found.pieces):
-            if piece.opcode == Opcode.CHUNK:
-                inside = inflater.content(mcap_format.chunk_of(content(data, piece)))
-                told = told_behind(data, piece.at + piece.length).entries[:, 1]
-                yield from records_of(inside, work.meet(tabulate(inside, told=told)))
-            elif piece.opcode not in _BELONGINGS:
-                whole = HEAD.pack(piece.opcode, piece.length) + content(data, piece)
-                yield from records_of(whole, work.meet(tabulate(whole)))
-            if piece.at - held_from > WINDOW:
-                forget(data, held_from, piece.at)
-                held_from = piece.at
-            progress(number / len(found.pieces))
+def _records(
+    found: Scan, work: "_Work", progress: Callable[[float], None], *, indexes: bool
+) -> Iterator[McapRecord | Batch]:
+    """Yield schemas, channels, and messages in batches, of all whole records."""
+    declared = False
+    for record in walk(found, progress, indexes=indexes):
+        if not declared and found.index is not None:
+            yield from found.index.schemas.values()
+            yield from found.index.channels.values()
+        declared = True
+        if record.table is None:
+            work.belonging(record)
+        else:
+            yield from records_of(record.content, work.meet(record.table))
 
 
 class _Work(Channels):
@@ -318,6 +301,12 @@ class _Work(Channels):
         self.audit = known
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
         self._runs: dict[int, HeadRun | None] = {}
+
+    def belonging(self, record: Found) -> None:
+        """Take metadata or an attachment; a session makes the channels those of imutui."""
+        _take_belonging(self.audit, record.opcode, record.content)
+        for channel in self.channels.values():
+            self._assign(channel, self.types.get(channel.schema_id, ""))
 
     def meet(self, found: RecordTable) -> np.ndarray:
         """The rows that can be used, of a chunk that comes next; keeps the order in which channels have messages."""

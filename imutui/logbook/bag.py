@@ -15,7 +15,7 @@ import numpy as np
 import zstandard
 
 from filters.errors import InputError
-from imutui.logbook import layout
+from imutui.logbook import atomic_file, layout
 from imutui.logbook.foreign_log import RefusedLogError
 from imutui.logbook.importing.table import Column, Rows, Table
 
@@ -127,12 +127,15 @@ def _unpacked(path: Path) -> Path:
     """Return a file; one that was compressed as a whole is unpacked first, until the process ends."""
     if not path.is_file() or path.open("rb").read(4) != _ZSTD:
         return path
-    folder = tempfile.mkdtemp(prefix="imutui-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = _UNPACKED.enter_context(tempfile.TemporaryDirectory(prefix="imutui-"))
     made = Path(folder) / path.stem
-    with path.open("rb") as packed, made.open("wb") as stream:
+    with path.open("rb") as packed, atomic_file.part_of(made, overwrite=False) as part, part.open("r+b") as stream:
         shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed), stream)
     return made
+
+
+_UNPACKED = contextlib.ExitStack()
+atexit.register(_UNPACKED.close)
 
 
 class _RosBag:

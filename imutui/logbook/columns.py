@@ -10,10 +10,11 @@ from imutui.logbook import layout, schemas
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_stream import CHANNEL, LENGTH, OFFSET, Batch
 
-IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE, STATE = range(7)
-"""What a reader does with a channel's messages; those of the last five become columns."""
+IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE, STATE, ESTIMATE = range(8)
+"""What a reader does with a channel's messages; those from `IMU` on become columns, of estimates the stamp alone."""
 TOPICS = {
-    IMU: schemas.IMU, TEMPERATURE: schemas.TEMPERATURE, RAW: schemas.RAW, TABLE: schemas.REFERENCE, STATE: schemas.STATE
+    IMU: schemas.IMU, TEMPERATURE: schemas.TEMPERATURE, RAW: schemas.RAW, TABLE: schemas.REFERENCE,
+    STATE: schemas.STATE, ESTIMATE: schemas.ESTIMATE,
 }  # fmt: skip
 _PACKET: tuple[str, ...] = schemas.RAW_DTYPE.names or ()
 _TABLE = {"angles_deg": "angles_deg", "rates_dps": "rates_dps"}
@@ -26,6 +27,7 @@ _SOURCES = {
     RAW: dict(zip(_PACKET, _PACKET, strict=True)),
     TABLE: _TABLE,
     STATE: _TABLE | {"uncertainty_ns": "uncertainty_ns"},
+    ESTIMATE: {},
 }  # fmt: skip
 """Columns of each role, and the fields of its messages that fill them."""
 _ROWS: dict[int, list[Any]] = {
@@ -34,6 +36,7 @@ _ROWS: dict[int, list[Any]] = {
     RAW: [(name, schemas.RAW_DTYPE[name]) for name in _PACKET],
     TABLE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3)],
     STATE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3), ("uncertainty_ns", "i8")],
+    ESTIMATE: [],
 }
 DTYPES: dict[int, np.dtype[Any]] = {role: np.dtype([("stamp_ns", "i8"), *fields]) for role, fields in _ROWS.items()}
 _PACKETS = (schemas.TYPES[schemas.RAW], schemas.S1_PACKET)

@@ -119,9 +119,10 @@ class Topic:
             self.unknown[k] += np.count_nonzero(rows[name] == schemas.NO_ESTIMATE)
         readings = readings[number & ~zero]
         self.used += len(readings)
-        self.sum += readings.sum(axis=0)
-        self.squares += (readings**2).sum(axis=0)
-        self.changes += (np.diff(readings, axis=0) ** 2).sum(axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no readings
+            self.sum += readings.sum(axis=0)
+            self.squares += (readings**2).sum(axis=0)
+            self.changes += (np.diff(readings, axis=0) ** 2).sum(axis=0)
 
     @property
     def count(self) -> int:
@@ -141,11 +142,13 @@ class Topic:
 
     def noise(self) -> np.ndarray:
         """Standard deviation of each channel by the changes from sample to sample, shape (6,)."""
-        return np.asarray(np.sqrt(self.changes / max(2 * self.used, 1)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(np.sqrt(self.changes / max(2 * self.used, 1)))
 
     def is_still(self) -> bool:
         """Return whether the specific force keeps its direction and size."""
-        spread = np.sqrt(np.maximum(self.squares / max(self.used, 1) - self.mean**2, 0.0))[3:]
+        with np.errstate(over="ignore", invalid="ignore"):
+            spread = np.sqrt(np.maximum(self.squares / max(self.used, 1) - self.mean**2, 0.0))[3:]
         return bool(self.used and spread.max() < _STILL * np.linalg.norm(self.mean[3:]))
 
     def bursts(self) -> str:

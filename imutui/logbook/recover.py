@@ -14,14 +14,14 @@ from typing import IO
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Schema
+from mcap.writer import IndexType, Writer
 
 import imutui
-from imutui.logbook import layout, mcap_format, mcap_stream, schemas
-from imutui.logbook.mcap_format import MESSAGE, parse
+from imutui.logbook import layout, mcap_stream, schemas
+from imutui.logbook.mcap_format import HEAD, MAGIC, MESSAGE, OPCODES, parse
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.scan import RECOVERED, Scan
+from imutui.logbook.scan import RECOVERED, Found, Scan, walk
 from imutui.logbook.session_info import METADATA
 from imutui.plain_text import in_line
 
@@ -55,23 +55,25 @@ class RebuiltContent:
 
 
 def rebuild(
-    found: Scan, part: Path, note: Callable[[RebuiltContent], dict[str, str]], progress: Callable[[float], None]
+    found: Scan,
+    part: Path,
+    note: Callable[[RebuiltContent], dict[str, str]],
+    progress: Callable[[float], None],
 ) -> RebuiltContent:
-    """Write what a scan found whole, and read it back.
+    """Write the whole records of a file, and read them back.
 
-    `found`: of the source.
+    `found`: of the source, filled while it is walked.
     `part`: file to write, replaced.
-    `note`: makes the metadata `imutui.recovered` of what was kept.
-    `progress`: told the share done, 0 to 1.
+    `note`: makes the metadata `imutui.recovered` of the content that was kept.
+    `progress`: called with the share done, 0 to 1.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
-    with found.path.open("rb") as source, part.open("wb") as stream:
-        copy = _Copy(found, stream)
-        for number, piece in enumerate(found.pieces):
-            source.seek(piece.at)
-            copy.take(piece.opcode, source.read(piece.length))
-            progress(number / len(found.pieces))
-        kept = copy.finish(note)
+    with part.open("wb") as stream:
+        copy: _Copy | None = None
+        for record in walk(found, progress):
+            copy = copy or _Copy(found, stream)
+            copy.take(record)
+        kept = (copy or _Copy(found, stream)).finish(note)
     _read_back(part, kept)
     progress(1.0)
     return kept
@@ -82,7 +84,6 @@ class _Copy:
 
     def __init__(self, found: Scan, stream: IO[bytes]) -> None:
         self.kept = RebuiltContent()
-        self._inflater = mcap_format.Inflater(found.size)
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
         self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
@@ -93,45 +94,45 @@ class _Copy:
         self._path, self._registered = found.path, 0
         self._digest = hashlib.blake2b()
         profile = _PROFILE if found.profile is None else found.profile
-        self._writer = McapWriter(stream, profile, f"imutui {imutui.__version__}")
+        # an index of no attachments is an error to validators
+        index = (
+            IndexType.ALL if _has_attachments(found.path) else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
+        )
+        self._writer = Writer(stream, enable_data_crcs=True, index_types=index)
+        self._writer.start(profile, f"imutui {imutui.__version__}")
 
-    def take(self, opcode: int, body: bytes) -> None:
+    def take(self, record: Found) -> None:
         """Copy one whole record of the source, a chunk message by message."""
-        if opcode == Opcode.CHUNK:
-            self.kept.chunks += 1
-            inside = self._inflater.content(mcap_format.chunk_of(body))
-            for kind, at, length in mcap_format.records(inside):
-                self._record(kind, inside[at : at + length])
-            self._writer.flush()
-        elif opcode == Opcode.METADATA:
-            record = parse(Metadata, body)
-            self._own = self._own or record.name == METADATA
-            self._writer.add_metadata(record.name, record.metadata)
-            self.kept.metadata.append(record.name)
-        elif opcode == Opcode.ATTACHMENT:
-            a = parse(Attachment, body)
+        if record.opcode == Opcode.METADATA:
+            metadata = parse(Metadata, record.content)
+            self._own = self._own or metadata.name == METADATA
+            self._writer.add_metadata(metadata.name, metadata.metadata)
+            self.kept.metadata.append(metadata.name)
+        elif record.opcode == Opcode.ATTACHMENT:
+            a = parse(Attachment, record.content)
             self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
             self.kept.attachments.append(a.name)
-        else:
-            self._record(opcode, body)
+        elif record.table is not None:
+            for opcode, channel, at, length in record.table.rows.tolist():
+                if opcode == Opcode.MESSAGE:
+                    self._message(record.content, channel, at, length)
+                elif opcode == Opcode.CHANNEL:
+                    declared = parse(Channel, record.content[at : at + length])
+                    self._channels[declared.id] = declared
+                    self._register(declared)
+                elif opcode == Opcode.SCHEMA:
+                    schema = parse(Schema, record.content[at : at + length])
+                    self._schemas[schema.id] = schema
+            if record.opcode == Opcode.CHUNK:
+                self.kept.chunks += 1
+                self._writer.flush()  # type: ignore[no-untyped-call]
 
-    def _record(self, opcode: int, body: bytes) -> None:
-        if opcode == Opcode.MESSAGE:
-            self._message(body)
-        elif opcode == Opcode.CHANNEL:
-            channel = parse(Channel, body)
-            self._channels[channel.id] = channel
-            self._register(channel)
-        elif opcode == Opcode.SCHEMA:
-            schema = parse(Schema, body)
-            self._schemas[schema.id] = schema
-
-    def _message(self, body: bytes) -> None:
-        if len(body) < MESSAGE.size:  # shorter than its own head, so that nothing tells whose it is
+    def _message(self, content: bytes, channel: int, at: int, length: int) -> None:
+        if channel < 0:  # shorter than its own head, so that nothing tells whose it is
             self.kept.homeless += 1
             return
-        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
-        data = body[MESSAGE.size :]
+        _, sequence, log_time, publish_time = MESSAGE.unpack_from(content, at - MESSAGE.size)
+        data = content[at : at + length]
         if channel not in self._numbers:
             self._adopt(channel, data)
         number = self._numbers[channel]
@@ -208,8 +209,22 @@ class _Copy:
             if channel.id not in self._numbers:
                 self._register(channel)
         self._writer.add_metadata(RECOVERED, note(self.kept))
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         return self.kept
+
+
+def _has_attachments(path: Path) -> bool:
+    """Return whether an attachment stands in a file, as far as the heads of its records lead."""
+    with path.open("rb") as stream:
+        at = len(MAGIC)
+        while len(head := stream.read(HEAD.size) if stream.seek(at) >= 0 else b"") == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            if opcode == Opcode.ATTACHMENT:
+                return True
+            if opcode not in OPCODES:
+                return False
+            at += HEAD.size + length
+    return False
 
 
 def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:

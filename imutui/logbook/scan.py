@@ -29,7 +29,7 @@ from imutui.logbook.mcap_format import (
     Index,
     prefixed,
 )
-from imutui.logbook.mcap_stream import tabulate, told_behind
+from imutui.logbook.mcap_stream import OPCODE, RecordTable, tabulate, told_behind
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
 
@@ -111,26 +111,44 @@ class Scan:
     held: bool = False  # whether a recorder is writing to it
 
 
-def scan(path: Path, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False) -> Scan:
-    """Walk a file.
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A whole record of the file."""
 
-    `path`: any file.
-    `progress`: told the share done, 0 to 1.
-    `indexes`: whether the index behind each chunk is compared with it; nothing here reads them, and it takes time.
-    Raises UnreadableLogError if there is no such file, it is empty, or nothing in it is a record of an MCAP file.
-    """
-    with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        found = Scan(path, len(data))
-        found.held = file_lock.is_held(stream)
-        _FileWalk(data, found, progress, indexes=indexes).run()
-        if not found.pieces and data[: len(MAGIC)] != MAGIC:
-            raise UnreadableLogError(reader.foreign(path))
-        _judge(found, data)
+    opcode: int
+    content: bytes  # of the record; of a chunk what it holds, of a record outside of chunks all of it with its head
+    table: RecordTable | None = None  # records in the content; None for metadata and attachments
+
+
+def scan(path: Path, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False) -> Scan:
+    """Walk a file and return what it is; see `walk`."""
+    found = Scan(path)
+    for _ in walk(found, progress, indexes=indexes):
+        pass
     return found
 
 
-def _judge(found: Scan, data: mmap.mmap) -> None:
-    """Say of each damage between which instants it lies, as the chunks around it tell."""
+def walk(
+    found: Scan, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False
+) -> Iterator[Found]:
+    """Yield the whole records of a file in order, going on behind damage; each chunk is inflated once.
+
+    `found`: of the file; its index is there before the first record, and all of it after the last.
+    `progress`: called with the share done, 0 to 1.
+    `indexes`: whether the index behind each chunk is compared with it; nothing here reads them, and it takes time.
+    Raises UnreadableLogError if there is no such file, it is empty, or nothing in it is a record of an MCAP file.
+    """
+    with reader.opened(found.path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        found.size = len(data)
+        found.held = file_lock.is_held(stream)
+        yield from _FileWalk(data, found, progress, indexes=indexes).run()
+        if not found.pieces and data[: len(MAGIC)] != MAGIC:
+            raise UnreadableLogError(reader.foreign(found.path))
+        _judge(found)
+
+
+def _judge(found: Scan) -> None:
+    """State of each damage between which instants it lies, by the chunks around it."""
     if not found.damages:
         return
     pieces = np.frombuffer(found.pieces.numbers, np.uint64).reshape(-1, 5)
@@ -153,6 +171,8 @@ class _FileWalk:
     def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None], *, indexes: bool) -> None:
         self._indexes = indexes
         self._inside: bytes | None = None
+        self._table: RecordTable | None = None  # records inside of the last chunk
+        self._new: Found | None = None  # what the last step found
         self._fitting = 0  # up to where message indexes are known to be what they must be
         self._data = data
         self._found = found
@@ -164,13 +184,16 @@ class _FileWalk:
         self._held_from = 0
         self._in_summary = False
 
-    def run(self) -> None:
-        """Walk from the first byte to the last and note pieces and damages in the scan."""
+    def run(self) -> Iterator[Found]:
+        """Walk from the first byte to the last; note pieces and damages in the scan."""
         found = self._found
         found.index = self._index(found.size)
         at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else self._after_damage(0, "it does not begin as it must")
         while at < found.size and not found.finished:
             at = self._step(at)
+            if self._new is not None:
+                yield self._new
+                self._new = None
             if at - self._held_from > WINDOW:
                 forget(self._data, self._held_from, at)
                 self._held_from = at
@@ -222,6 +245,12 @@ class _FileWalk:
             self._chunks.add(mark)
             first_ns, last_ns = mcap_format.chunk_times(body)
             piece = replace(piece, first_ns=first_ns, last_ns=last_ns)
+            self._new = Found(piece.opcode, self._inside or b"", self._table)
+        elif piece.opcode in (Opcode.METADATA, Opcode.ATTACHMENT):
+            self._new = Found(piece.opcode, content(self._data, piece))
+        else:
+            whole = HEAD.pack(piece.opcode, piece.length) + content(self._data, piece)
+            self._new = Found(piece.opcode, whole, tabulate(whole))
         self._found.pieces.append(piece)
 
     def _end_of_data(self, at: int) -> None:
@@ -258,12 +287,12 @@ class _FileWalk:
             self._inside = None
             inside = self._inflater.content(mcap_format.chunk_of(body))
             told = told_behind(self._data, at + len(body))
-            found = tabulate(inside, _DECLARATIONS, told.entries[:, 1])
+            found = tabulate(inside, told=told.entries[:, 1])
             if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
-            for kind, _, start, length in found.rows.tolist():
+            for kind, _, start, length in found.rows[found.rows[:, OPCODE] != Opcode.MESSAGE].tolist():
                 mcap_format.parse(mcap_format.PARSED[kind], inside[start : start + length])
-            self._inside = inside
+            self._inside, self._table = inside, found
             # all of them at once; one by one, which takes longer, only to say which one is wrong
             self._fitting = told.end if not self._indexes or told.fits(inside) else 0
         elif opcode == Opcode.MESSAGE_INDEX and at >= self._fitting:
@@ -346,8 +375,6 @@ class _FileWalk:
 
 
 _MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
-_DECLARATIONS = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL])
-"""What a chunk says of its messages: without it, nothing knows what they are."""
 _SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from mcap.writer import Writer
 
 import imutui
 from imutui.logbook import atomic_file, checksum_file, log_stream, log_time, schemas
 from imutui.logbook.log_stream import Whereabouts
-from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
 
@@ -83,7 +83,8 @@ class LogWriter:
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
         with self._or_abandoned():
-            self._writer = McapWriter(self._file, "ros2", f"imutui {imutui.__version__}")
+            self._writer = Writer(self._file, enable_data_crcs=True)
+            self._writer.start("ros2", f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
             for topic, typename in (schemas.TYPES | {schemas.RAW: raw_type}).items():
@@ -150,7 +151,7 @@ class LogWriter:
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
         with self._or_abandoned():
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             os.fdatasync(self._file.fileno())
         self._take_note()
 
@@ -166,7 +167,7 @@ class LogWriter:
         with self._or_abandoned():
             text = json.dumps(summary, indent=1, allow_nan=False)
             self.attach(SUMMARY, "application/json", text.encode(), now_ns)
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
         self.sha256 = self._raw_file.sha256()
         # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing

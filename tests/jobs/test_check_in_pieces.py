@@ -90,9 +90,8 @@ def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
 
 def test_no_more_than_a_part_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(audit, "MESSAGES", 100)
-    found = scan.scan(SAMPLE)
-    known = audit.belongings(found)
-    sizes = [part.stamp_ns.size + part.packets.size for part in audit.parts(found, known)]
+    known = audit.Audit()
+    sizes = [part.stamp_ns.size + part.packets.size for part in audit.parts(scan.Scan(SAMPLE), known)]
     assert sum(sizes) == known.samples + known.packets > 1000
     assert max(sizes) < 500
 

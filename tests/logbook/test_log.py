@@ -1,6 +1,5 @@
 import os
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,11 @@ from helpers import ros_messages
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import IndexType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2.metadata import parse_qos
 
 from filters import attitude
 from imutui.logbook import SessionInfo, reader, schemas
-from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.writer import LogWriter
 
@@ -185,29 +182,3 @@ def test_an_own_log_without_samples_says_so(tmp_path: Path) -> None:
     write(tmp_path / "a.mcap", seconds=0)
     with pytest.raises(UnreadableLogError, match="no samples"):
         reader.read(tmp_path / "a.mcap")
-
-
-def fill(writer: Any, chunks: int, *, attached: bool) -> None:
-    """A file of two channels, flushed so often."""
-    schema = writer.register_schema("a", "jsonschema", b"{}")
-    channels = [writer.register_channel(topic, "json", schema, {"b": "ä"}) for topic in ("/a", "/b")]
-    writer.add_metadata("m", {"note": "nöte"})
-    if attached:
-        writer.add_attachment(3, 4, "c", "text/plain", b"d")
-    for k in range(chunks):
-        for number in range(1 + k % 3):
-            writer.add_message(channels[number % 2], 50 - k if k == 7 else k, b"{}" * 300_000 * (k == 5), k + 1, number)
-        writer.flush()
-    writer.add_metadata("m", {"note": "other"})
-    writer.finish()
-
-
-@pytest.mark.parametrize(("chunks", "attached"), [(50, True), (50, False), (0, True)])
-def test_a_file_is_that_of_the_reference_to_the_byte(chunks: int, attached: bool) -> None:
-    theirs, ours = BytesIO(), BytesIO()
-    index = IndexType.ALL if attached else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
-    reference = Writer(theirs, enable_data_crcs=True, index_types=index)
-    reference.start("p", "l")
-    fill(reference, chunks, attached=attached)
-    fill(McapWriter(ours, "p", "l"), chunks, attached=attached)
-    assert ours.getvalue() == theirs.getvalue()
