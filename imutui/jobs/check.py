@@ -20,7 +20,6 @@ from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import Scan
 
 VERSION = 1
-_SCANNED = 0.5
 _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
 
 
@@ -28,17 +27,17 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     """Look a log through.
 
     `path`: any log, finished or not.
-    `progress`: told the share done, 0 to 1, and what is being done.
+    `progress`: called with the share done, 0 to 1, and what is being done.
     Returns `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what
       was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
-    found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"), indexes=True)
-    content = audit.belongings(found)
-    health = Health(content)
-    rules: list[DataRule] = [*(rule(content) for rule in _DATA_RULES), health]
-    looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
-    for part in audit.parts(found, content, looked):
+    found, content = Scan(path), Audit()
+    rules: list[DataRule] = []
+    for part in audit.parts(found, content, lambda share: progress(share, f"reading {path.name}"), indexes=True):
+        if not rules:  # the session is known by now
+            health = Health(content)
+            rules = [*(rule(content) for rule in _DATA_RULES), health]
         for rule in rules:
             rule.take(part)
     if content.imu_topic is None and not found.damages:
@@ -56,7 +55,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "health": health.entries,
         "notes": list(_notes(log)),
         "bytes": found.size,
-        "chunks": sum(piece.last_ns > 0 for piece in found.pieces),
+        "chunks": found.chunks,
         "messages": sum(run.count for run in content.messages.values()),
         "topics": {topic: run.count for topic, run in content.messages.items()},
         "samples": content.samples,

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 SUFFIX = ".mcap"
 VERSION = 1
-_SCANNED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,10 +168,10 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
     """
     # a list of logs does without
     from imutui.logbook.audit import audit
-    from imutui.logbook.scan import scan
+    from imutui.logbook.scan import Scan
 
-    found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
-    content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, f"reading {path.name}"))
+    found = Scan(path)
+    content = audit(found, lambda share: progress(share, f"reading {path.name}"))
     ends = summary.read(path)
     progress(1.0, "done")
     told = {
@@ -223,7 +222,7 @@ def _kind(session: Mapping[str, str]) -> str:
 
 def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
     count = content.samples
-    first = content.first_ns if count else next((p.first_ns for p in found.pieces if p.first_ns), None)
+    first = content.first_ns if count else found.first_ns
     span = float(content.last_ns - content.first_ns) / 1e9 if count else None
     return {
         "start_utc": None if first is None else utc_text(first),

@@ -1,26 +1,24 @@
 """A finished, indexed log from an unfinished or damaged one; the source is never written to."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
 
 from filters.errors import InputError
 from imutui.jobs.check_context import at_end, lossy, place, since
 from imutui.jobs.documents import DamageField, RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import added_notes, atomic_file, checksum_file, pieces, reader, schemas, summary
+from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.recover import NotAsWrittenError, RebuiltContent
-from imutui.logbook.scan import Scan, scan
+from imutui.logbook.recover import RebuiltContent
+from imutui.logbook.scan import Scan
 from imutui.logbook.session_info import METADATA
 
 VERSION = 1
-_SCANNED, _WRITTEN = 0.3, 0.9
+_WRITTEN = 0.9
 _SHOWN = 20
 
 
@@ -48,16 +46,17 @@ def recover(
     Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
-    found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
-    if found.held:
+    with reader.opened(path) as stream:
+        held = file_lock.is_held(stream)
+    if held:
         raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
-    digest = reader.sha256(path)
+    found, digest = Scan(path), reader.sha256(path)
     with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
         kept = rebuilding.rebuild(
             found,
             part,
             lambda kept: rebuilding.note(found, kept, _lost(found, kept), digest),
-            lambda share: progress(_SCANNED + (_WRITTEN - _SCANNED) * share, f"writing {output.name}"),
+            lambda share: progress(_WRITTEN * share, f"writing {output.name}"),
         )
         if not kept.messages:
             raise UnreadableLogError(
@@ -66,8 +65,6 @@ def recover(
             )
         progress(_WRITTEN, f"reading {output.name} back")
         known, trouble = _samples(part, output)
-        if known is not None:
-            _compare(path, part, known)
     made = reader.sha256(output)
     with contextlib.suppress(OSError):  # the log is whole without it
         checksum_file.write(output, made, mode)
@@ -90,37 +87,6 @@ def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:
     except UnreadableLogError as error:
         return None, str(error).replace(str(path), str(output))
     return known, f"a replay stops at {known.seconds:.3f} s: {known.log.damage}" if known.log.damage else ""
-
-
-def _compare(path: Path, rebuilt: Path, known: Outline) -> None:
-    """Raise unless all that a replay of the source reads stands in the rebuilt file as well.
-
-    Where a replay refuses the rebuilt file for what it holds behind the damage, its bytes were compared; that is told.
-    """
-    try:
-        last_ns = pieces.outline(path, pieces.ROWS).last_ns
-    except UnreadableLogError:
-        return  # damaged at its beginning: there is nothing to compare
-    if known.log.damage:
-        # a message that nothing reads ends both, and in the source it may be of a topic that nothing declares
-        last_ns = known.last_ns
-    made, held = _rows(rebuilt), np.empty((0, 7), np.int64)
-    for part in _rows(path):
-        rows = part[part[:, 0] <= last_ns]
-        # more may be there: what a reader passes over because of what stands before it
-        while rows.size and not (held.size and held[-1, 0] >= rows[-1, 0]) and (more := next(made, None)) is not None:
-            held = np.concatenate([held[np.searchsorted(held[:, 0], rows[0, 0]) :], more])
-        at = np.searchsorted(held[:, 0], rows[:, 0])
-        if rows.size and (at[-1] >= len(held) or not np.array_equal(rows, held[at])):
-            raise NotAsWrittenError(
-                5, "the samples read back are not those of the source, so it was not kept", str(path)
-            )
-
-
-def _rows(path: Path) -> Iterator[np.ndarray]:
-    """Stamps of a log's samples and the bits of their readings, int64, shape (N, 7), in parts."""
-    for part in reader.parts(path, pieces.ROWS):
-        yield np.column_stack([part.stamp_ns, part.gyro.view(np.int64), part.accel.view(np.int64)])
 
 
 def _document(
@@ -203,9 +169,9 @@ def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
         )
     if found.repeated:
         told.append(f"{plural(found.repeated, 'chunk')} stood there twice and were taken once.")
-    if found.trailing:
-        told.append(f"{plural(found.trailing, 'byte')} behind the end of the log were left out.")
-    if found.checksum_wrong:
+    if found.end.trailing:
+        told.append(f"{plural(found.end.trailing, 'byte')} behind the end of the log were left out.")
+    if found.end.checksum_wrong:
         told.append(
             "The checksum over all data is wrong though each chunk's is right: metadata or an attachment differs."
         )
@@ -215,4 +181,4 @@ def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
 
 
 def _start(found: Scan) -> int | None:
-    return next((piece.first_ns for piece in found.pieces if piece.first_ns), None)
+    return found.first_ns

@@ -3,32 +3,20 @@
 Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
 """
 
-import mmap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import mcap_format, sample_check, schemas, summary
+from imutui.logbook import sample_check, schemas, summary
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
-from imutui.logbook.mcap_format import HEAD, Index, parse
-from imutui.logbook.mcap_stream import (
-    CHANNEL,
-    JOINED,
-    MESSAGE_HEAD,
-    Batch,
-    RecordTable,
-    joined,
-    records_of,
-    tabulate,
-    told_behind,
-)
-from imutui.logbook.scan import WINDOW, Scan, content, forget, reason
+from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, joined
+from imutui.logbook.scan import Content, Scan
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
+from imutui.logbook.walk import ChunkHead, reason
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
 _PLAIN = {
@@ -116,8 +104,6 @@ def _first(*found: int | None) -> int | None:
 
 # -------------------------------------------------------------------------------------------------------------- audit
 
-_BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
-
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -189,25 +175,13 @@ class Audit:
         return summary.imu_topic(self.types)
 
 
-def belongings(found: Scan) -> Audit:
-    """What a scanned log has besides messages: its session and other metadata, attachments, the quality summary."""
-    known = Audit()
-    with found.path.open("rb") as stream:
-        for piece in found.pieces:
-            if piece.opcode in _BELONGINGS:
-                stream.seek(piece.at)
-                _take_belonging(known, piece.opcode, stream.read(piece.length))
-    if summary.SUMMARY in known.attachments:
-        known.result = summary.quality(known.attachments[summary.SUMMARY])
-    return known
-
-
-def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
-    if opcode == Opcode.ATTACHMENT:
-        attachment = parse(Attachment, body)
-        known.attachments[attachment.name] = attachment.data
+def _take_belonging(known: Audit, record: Metadata | Attachment) -> None:
+    """Add metadata or an attachment; of several of one name, the last is kept."""
+    if isinstance(record, Attachment):
+        known.attachments[record.name] = record.data
+        if record.name == summary.SUMMARY:
+            known.result = summary.quality(record.data)
         return
-    record = parse(Metadata, body)
     known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
     if record.name == METADATA:
         known.session = known.metadata[record.name]
@@ -243,52 +217,36 @@ def _take_note(known: Audit, part: Part) -> None:
 
 
 def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """What is known of a scanned log as a whole; see `parts`."""
-    known = belongings(found)
+    """Return what is known of a log as a whole; see `parts`."""
+    known = Audit()
     for _ in parts(found, known, progress):
         pass
     return known
 
 
-def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
-    """Every message that a scan found whole, `MESSAGES` at a time or a few more.
+def parts(
+    found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False
+) -> Iterator[Part]:
+    """Yield every message that a walk finds whole, `MESSAGES` at a time or a few more.
 
-    `found`: of a log.
-    `known`: its `belongings`; what is known of the messages is put into it, and is whole after the last part.
-    `progress`: told the share done, 0 to 1.
+    `found`: of a log, not walked yet; it is whole after the last part.
+    `known`: empty; what is known of the log is put into it, and is whole after the last part. Metadata and attachments
+      before a part's messages are in it when the part is yielded.
+    `progress`: called with the share done, 0 to 1.
+    `indexes`: as in `Scan.items`.
+    Raises UnreadableLogError as `Scan.items`.
     """
     work = _Work(known)
-    index = found.index or Index()
-    for schema in index.schemas.values():
-        work.declare(schema)
-    for channel in index.channels.values():
-        work.declare(channel)
-    for item in joined(_records(found, work, progress), min(JOINED, MESSAGES)):
+    for item in joined(work.met(found, found.items(progress, indexes=indexes)), min(JOINED, MESSAGES)):
         if isinstance(item, Schema | Channel):
             work.declare(item)
+        elif isinstance(item, Metadata | Attachment):
+            _take_belonging(known, item)
         elif isinstance(item, Batch) and work.take(item) >= MESSAGES:
             yield work.part()
     yield work.part()
     work.close()
     progress(1.0)
-
-
-def _records(found: Scan, work: "_Work", progress: Callable[[float], None]) -> Iterator[McapRecord | Batch]:
-    """Schemas, channels, and messages in batches, of all whole pieces."""
-    inflater, held_from = mcap_format.Inflater(found.size), 0
-    with found.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        for number, piece in enumerate(found.pieces):
-            if piece.opcode == Opcode.CHUNK:
-                inside = inflater.content(mcap_format.chunk_of(content(data, piece)))
-                told = told_behind(data, piece.at + piece.length).entries[:, 1]
-                yield from records_of(inside, work.meet(tabulate(inside, told=told)))
-            elif piece.opcode not in _BELONGINGS:
-                whole = HEAD.pack(piece.opcode, piece.length) + content(data, piece)
-                yield from records_of(whole, work.meet(tabulate(whole)))
-            if piece.at - held_from > WINDOW:
-                forget(data, held_from, piece.at)
-                held_from = piece.at
-            progress(number / len(found.pieces))
 
 
 class _Work(Channels):
@@ -300,15 +258,22 @@ class _Work(Channels):
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
         self._runs: dict[int, HeadRun | None] = {}
 
-    def meet(self, found: RecordTable) -> np.ndarray:
-        """The rows that can be used, of a chunk that comes next; keeps the order in which channels have messages."""
-        short = found.short
-        rows: np.ndarray = found.rows[~short] if short.any() else found.rows
-        # the -1 of what is no message is counted as 0
-        for channel in (np.flatnonzero(np.bincount(rows[:, CHANNEL] + 1)[1:])).tolist():
-            self._runs.setdefault(channel, None)
-        self.audit.undecodable_count += len(found.rows) - len(rows)
-        return rows
+    def met(self, found: Scan, items: Iterator[Content]) -> Iterator[McapRecord | Batch]:
+        """Yield the items without the heads of chunks; keep the order in which channels have messages."""
+        index = None
+        for item in items:
+            if found.index is not index:
+                # the index comes before all records; it has the declarations that the file may have lost
+                index = found.index
+                assert index is not None
+                yield from [*index.schemas.values(), *index.channels.values()]
+            if isinstance(item, ChunkHead):
+                self.audit.undecodable_count += item.short
+                continue
+            if isinstance(item, Batch):
+                for channel in np.flatnonzero(np.bincount(item.table[:, CHANNEL])).tolist():
+                    self._runs.setdefault(channel, None)
+            yield item
 
     def take(self, batch: Batch) -> int:
         """Take messages; returns how many wait to be a part."""

@@ -6,25 +6,24 @@ layout than ours, and the rare kinds, are decoded one by one.
 
 import contextlib
 import hashlib
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
 from imutui import outside_file
-from imutui.logbook import mcap_stream, sample_check, schemas
+from imutui.logbook import sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
-from imutui.logbook.mcap_format import MAGIC, ChecksumError
+from imutui.logbook.mcap_format import MAGIC, Index
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
+from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
 
 
 class UnreadableLogError(InputError):
@@ -198,10 +197,8 @@ class Content(Channels):
                     self._session(record)
             case Attachment():
                 self.log.attachments[record.name] = record.data
-            case Footer():
-                self.log.finished = True
-            case _:
-                self.messages(record)  # type: ignore[arg-type]
+            case Batch():
+                self.messages(record)
 
     def _session(self, record: Metadata) -> None:
         self.log.own = True
@@ -285,15 +282,41 @@ def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | B
 
 def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
     try:
-        yield from mcap_stream.records(stream)
-    except InvalidMagic:
-        log.damage = "the file's end is damaged"
-    except (EndOfFile, struct.error):
-        log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
-    except ChecksumError:
-        log.damage = "a checksum is wrong: bytes were changed after recording"
-    except (McapError, OSError) as error:
+        for item in walk(stream):
+            match item:
+                case Damage():
+                    log.damage = _damage_of(item)
+                    return
+                case ChunkHead(short=short) if short:
+                    log.damage = "a record cannot be read (a message is shorter than its header)"
+                    return
+                case End():
+                    log.finished = item.finished and not item.checksum_wrong
+                    log.damage = _damage_of_end(item)
+                case ChunkHead() | Unknown() | Index():
+                    pass
+                case _:
+                    yield item
+    except OSError as error:
         log.damage = f"a record cannot be read ({error})"
+
+
+_CUT = "the file ends in the middle: the recorder was killed, or the file was cut"
+_CHANGED = "a checksum is wrong: bytes were changed after recording"
+
+
+def _damage_of(damage: Damage) -> str:
+    if damage.why.startswith(CUT):
+        return _CUT
+    return _CHANGED if damage.why == CHECKSUM else f"a record cannot be read ({damage.why})"
+
+
+def _damage_of_end(end: End) -> str:
+    if end.checksum_wrong:
+        return _CHANGED
+    if end.cut:
+        return _CUT
+    return "" if end.finished else "the file's end is damaged"
 
 
 def opened(path: Path) -> IO[bytes]:

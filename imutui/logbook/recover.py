@@ -8,21 +8,22 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import IO
 
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Footer, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 
 import imutui
-from imutui.logbook import mcap_format, mcap_stream, schemas
+from imutui.logbook import schemas
 from imutui.logbook.columns import S1_SIZE
-from imutui.logbook.mcap_format import MESSAGE, parse
+from imutui.logbook.mcap_format import MESSAGE, Index
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.scan import RECOVERED, Scan
+from imutui.logbook.scan import RECOVERED, Content, Scan
 from imutui.logbook.session_info import METADATA
+from imutui.logbook.walk import ChunkHead, End, walk
 from imutui.plain_text import in_line
 
 _MOST_CHANNELS = 2**16 - 1  # their numbers have 16 bits
@@ -57,20 +58,19 @@ class RebuiltContent:
 def rebuild(
     found: Scan, part: Path, note: Callable[[RebuiltContent], dict[str, str]], progress: Callable[[float], None]
 ) -> RebuiltContent:
-    """Write what a scan found whole, and read it back.
+    """Write what a walk finds whole, and read it back.
 
-    `found`: of the source.
+    `found`: of the source, not walked yet.
     `part`: file to write, replaced.
     `note`: makes the metadata `imutui.recovered` of what was kept.
-    `progress`: told the share done, 0 to 1.
+    `progress`: called with the share done, 0 to 1.
+    Raises UnreadableLogError as `Scan.items`.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
-    with found.path.open("rb") as source, part.open("wb") as stream:
+    with part.open("wb") as stream:
         copy = _Copy(found, stream)
-        for number, piece in enumerate(found.pieces):
-            source.seek(piece.at)
-            copy.take(piece.opcode, source.read(piece.length))
-            progress(number / len(found.pieces))
+        for item in found.items(progress):
+            copy.take(item)
         kept = copy.finish(note)
     _read_back(part, kept)
     progress(1.0)
@@ -82,54 +82,56 @@ class _Copy:
 
     def __init__(self, found: Scan, stream: IO[bytes]) -> None:
         self.kept = RebuiltContent()
-        self._inflater = mcap_format.Inflater(found.size)
-        self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
-        self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
+        self._found, self._stream = found, stream
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._index: Index | None = None
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
         self._numbers: dict[int, int | None] = {}
         self._declared: dict[int, Channel] = {}
         self._sequences: dict[int, int] = {}
         self._own = False
-        self._path, self._registered = found.path, 0
+        self._registered = 0
         self._digest = hashlib.blake2b()
-        profile = _PROFILE if found.profile is None else found.profile
-        self._writer = McapWriter(stream, profile, f"imutui {imutui.__version__}")
 
-    def take(self, opcode: int, body: bytes) -> None:
-        """Copy one whole record of the source, a chunk message by message."""
-        if opcode == Opcode.CHUNK:
-            self.kept.chunks += 1
-            inside = self._inflater.content(mcap_format.chunk_of(body))
-            for kind, at, length in mcap_format.records(inside):
-                self._record(kind, inside[at : at + length])
-            self._writer.flush()
-        elif opcode == Opcode.METADATA:
-            record = parse(Metadata, body)
-            self._own = self._own or record.name == METADATA
-            self._writer.add_metadata(record.name, record.metadata)
-            self.kept.metadata.append(record.name)
-        elif opcode == Opcode.ATTACHMENT:
-            a = parse(Attachment, body)
-            self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
-            self.kept.attachments.append(a.name)
-        else:
-            self._record(opcode, body)
+    @cached_property
+    def _writer(self) -> McapWriter:
+        # the profile is known once the walk has passed the header
+        profile = _PROFILE if self._found.profile is None else self._found.profile
+        return McapWriter(self._stream, profile, f"imutui {imutui.__version__}")
 
-    def _record(self, opcode: int, body: bytes) -> None:
-        if opcode == Opcode.MESSAGE:
-            self._message(body)
-        elif opcode == Opcode.CHANNEL:
-            channel = parse(Channel, body)
-            self._channels[channel.id] = channel
-            self._register(channel)
-        elif opcode == Opcode.SCHEMA:
-            schema = parse(Schema, body)
-            self._schemas[schema.id] = schema
+    def take(self, item: Content) -> None:
+        """Copy an item of the source; each of its chunks becomes one or more."""
+        if self._index is not self._found.index:
+            # the index comes before all records; it has the declarations that the file may have lost
+            self._index = self._found.index
+            assert self._index is not None
+            self._schemas |= self._index.schemas
+            self._channels |= self._index.channels
+        match item:
+            case ChunkHead():
+                self._writer.flush()
+                self.kept.chunks += 1
+                self.kept.homeless += item.short  # nothing tells whose they are
+            case Batch():
+                for _, _, at, length in item.table.tolist():
+                    self._message(item.content[at - MESSAGE.size : at + length])
+            case Schema():
+                self._schemas[item.id] = item
+            case Channel():
+                self._channels[item.id] = item
+                self._register(item)
+            case Metadata():
+                self._own = self._own or item.name == METADATA
+                self._writer.flush()
+                self._writer.add_metadata(item.name, item.metadata)
+                self.kept.metadata.append(item.name)
+            case Attachment():
+                self._writer.flush()
+                self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+                self.kept.attachments.append(item.name)
 
     def _message(self, body: bytes) -> None:
-        if len(body) < MESSAGE.size:  # shorter than its own head, so that nothing tells whose it is
-            self.kept.homeless += 1
-            return
         channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
         data = body[MESSAGE.size :]
         if channel not in self._numbers:
@@ -157,8 +159,8 @@ class _Copy:
         self._registered += 1
         if self._registered > _MOST_CHANNELS:
             raise UnreadableLogError(
-                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
-                " did not write it. `imutui export` makes a table of its samples."
+                f"{self._found.path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have:"
+                " imutui did not write it. `imutui export` makes a table of its samples."
             )
         schema = self._schemas.get(channel.schema_id)
         self._numbers[channel.id] = self._writer.register_channel(
@@ -233,12 +235,12 @@ def _read_back(path: Path, kept: RebuiltContent) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
     with path.open("rb") as stream:
-        for record in mcap_stream.records(stream):
-            if isinstance(record, Batch):
-                for _, _, at, length in record.table.tolist():
-                    digest.update(record.content[at - MESSAGE.size : at + length])
-                messages += len(record.table)
-            finished = finished or isinstance(record, Footer)
+        for item in walk(stream):
+            if isinstance(item, Batch):
+                for _, _, at, length in item.table.tolist():
+                    digest.update(item.content[at - MESSAGE.size : at + length])
+                messages += len(item.table)
+            finished = finished or (isinstance(item, End) and item.finished and not item.checksum_wrong)
     if not finished or messages != kept.messages or digest.hexdigest() != kept.digest:
         raise NotAsWrittenError(
             5,
