@@ -36,6 +36,8 @@ import numpy as np
 import reading
 from helpers.processes import children, processor_s
 
+from imutui.logbook.reading import Reading
+
 SECONDS, RATE = 60, 133
 DISTINCT = 6
 FEW = 2
@@ -65,7 +67,7 @@ def bare(log: Path) -> tuple[float, float]:
     one_log.prepare()
     read = reader.read(log)
     part = replay_input.select(read, None, None)
-    _, settings = replay.prepare(read, part, replay.ReplayOptions())
+    _, settings = replay.prepare(read, part, Reading())
     filters, replays = [], []
     for _ in range(8):
         estimator = Estimator(settings, np.inf)
@@ -74,7 +76,7 @@ def bare(log: Path) -> tuple[float, float]:
             pass
         filters.append(time.process_time() - started)
         started = time.process_time()
-        replay.replay(log, replay.ReplayOptions())
+        replay.replay(log, Reading())
         replays.append(time.process_time() - started)
     return statistics.median(filters), statistics.median(replays)
 

@@ -30,6 +30,7 @@ from pathlib import Path
 
 import bench
 import numpy as np
+from helpers import ros_messages
 
 HZ, WEEK_H, BASE_NS = 133.0, 168.0, 1_700_000_000_000_000_000
 YARDSTICKS = {"python -c pass": "pass", "import numpy": "import numpy", "import numba": "import numba"}
@@ -68,7 +69,7 @@ PARTS = {
     "kernels from the cache": "runner.warm_up(None)",
     "mcap, rosbags, reading": "log = reader.read(path)",
     "scipy.special, for the band of the NIS": "import scipy.special",
-    "hash, filter, result": "result = job.replay(path, job.ReplayOptions())",
+    "hash, filter, result": "result = job.replay(path, Reading())",
     "the table": "from imutui.report import replay_text; replay_text.text(result, 80)",
 }
 # names that a part uses, which are there by then
@@ -145,7 +146,6 @@ def make(path: Path, hours: float) -> None:
     """A level unit's log with samples, temperatures, packets and the reference, a chunk a second as it is recorded."""
     from filters.simulation import simulate
     from imutui.logbook import SessionInfo, schemas
-    from imutui.logbook.schemas import RawPacket
     from imutui.logbook.writer import LogWriter
 
     setattr(os, "fdatasync", lambda _: None)  # noqa: B010 - a chunk a second would only wait for the disk here
@@ -156,11 +156,13 @@ def make(path: Path, hours: float) -> None:
     for k in range(count):
         stamp = BASE_NS + round(k / HZ * 1e9)
         row = k % minute.t.size
-        log.raw(RawPacket(k, k * 7_518_797, counts, 1600, (65535 - 9517 * k) % 65536), stamp, stamp)
+        log.encoded(
+            schemas.RAW, ros_messages.packet(k, k * 7_518_797, counts, 1600, (65535 - 9517 * k) % 65536), stamp, stamp
+        )
         log.imu(stamp, stamp, minute.gyro[row], minute.accel[row])
         if k % 133 == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 25.0), stamp, stamp)
-            table = schemas.encode_table_reference(stamp, "level", [0.0] * 3, [0.0] * 3)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 25.0)[0], stamp, stamp)
+            table = schemas.encode_table_references(stamp, "level", [0.0] * 3, [0.0] * 3)[0]
             log.encoded(schemas.REFERENCE, table, stamp, stamp)
             log.flush()
     log.finish({}, BASE_NS)

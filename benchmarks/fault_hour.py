@@ -32,6 +32,7 @@ from pathlib import Path
 
 import bench
 import numpy as np
+from helpers import ros_messages
 from helpers.processes import processor_s
 from mcap.reader import make_reader
 
@@ -110,19 +111,19 @@ def recorded(path: Path) -> Recorded:
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
             if channel.topic == schemas.RAW:
-                packet = schemas.decode_raw(message.data)
+                packet = ros_messages.decode(schemas.TYPES[schemas.RAW], message.data)
                 words = [*packet.counts, packet.temperature, packet.ticks]
                 payload = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
                 frames.append(b"\xff" + payload + bytes([sum(payload) % 256]))
                 stamp_ns.append(message.publish_time + packet.host_monotonic_ns - message.log_time)
             elif channel.topic == schemas.EVENTS:
-                event = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
+                event = ros_messages.decode(schemas.TYPES[schemas.EVENTS], message.data)
                 found = _BOUNDS.search(event.msg)
                 if event.name == "gap" and found:
                     # written behind its packet, but as late as what was written before that
                     gaps[len(frames) - 1] = int(found[1]), int(found[2])
             elif channel.topic == schemas.DIAGNOSTICS:
-                values = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], message.data).status[0].values
+                values = ros_messages.decode(schemas.TYPES[schemas.DIAGNOSTICS], message.data).status[0].values
                 lost = int(next(v.value for v in values if v.key == "lost_packets"))
     return Recorded(frames, np.array(stamp_ns), gaps, lost)
 

@@ -25,6 +25,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import bench
 import numpy as np
+from helpers import ros_messages
 from mcap.reader import make_reader
 
 from filters.imu import STANDARD_GRAVITY
@@ -126,8 +127,8 @@ def settled(estimates: Path) -> np.ndarray:
     stamps, rows = [], []
     with estimates.open("rb") as stream:
         for _, _, message in make_reader(stream).iter_messages(topics=[schemas.ESTIMATE], log_time_order=False):
-            estimate = schemas.decode(schemas.TYPES[schemas.ESTIMATE], message.data)
-            stamps.append(schemas.stamp_ns(estimate.header))
+            estimate = ros_messages.decode(schemas.TYPES[schemas.ESTIMATE], message.data)
+            stamps.append(ros_messages.stamp_ns(estimate.header))
             rows.append(np.concatenate([estimate.accel_bias_mg, estimate.gyro_bias_dps]))
     return _settled((np.array(stamps) - stamps[0]) / 1e9, np.array(rows))
 

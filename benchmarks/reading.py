@@ -27,10 +27,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import bench
 import numpy as np
+from helpers import ros_messages
 from mcap.reader import make_reader
 
 from imutui.logbook import SessionInfo, reader, schemas
-from imutui.logbook.schemas import RawPacket
+from imutui.logbook.reading import Reading
 from imutui.logbook.writer import LogWriter
 
 Values = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps (N,), angular rate and specific force (N, 3)
@@ -57,36 +58,35 @@ def write(path: Path, seconds: int, rate: int, flush: Callable[[LogWriter], None
             n = second * rate + k
             stamp = START_NS + n * 1_000_000_000 // rate
             a, b, c, d, e, f = counts[k].tolist()
-            log.raw(RawPacket(n, n * 7_500_000, (a, b, c, d, e, f), 1587, -n * 9500 % 65536), stamp + 900_000, stamp)
+            log.encoded(
+                schemas.RAW,
+                ros_messages.packet(n, n * 7_500_000, (a, b, c, d, e, f), 1587, -n * 9500 % 65536),
+                stamp + 900_000,
+                stamp,
+            )
             log.imu(stamp + 900_000, stamp, gyro[k], accel[k])
             log.encoded(
-                schemas.TEMPERATURE, schemas.encode_temperature(stamp, 25.0 + k % 3 * 0.02), stamp + 900_000, stamp
+                schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 25.0 + k % 3 * 0.02)[0], stamp + 900_000, stamp
             )
             if k % (rate // 10) == 0:
                 # as large as an estimate, which nobody reads here
-                log.message(schemas.ESTIMATE, _estimate(stamp), stamp, stamp)
+                log.encoded(schemas.ESTIMATE, _estimate(stamp), stamp, stamp)
         values["packets"] += rate
         texts = {key: str(value) for key, value in values.items()} | {"lost_packets": "0", "bad_checksums": "0"}
         log.encoded(
-            schemas.REFERENCE, schemas.encode_table_reference(stamp, "level", np.zeros(3), np.zeros(3)), stamp, stamp
+            schemas.REFERENCE,
+            schemas.encode_table_references(stamp, "level", np.zeros(3), np.zeros(3))[0],
+            stamp,
+            stamp,
         )
-        log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "ok", texts), stamp, stamp)
+        log.encoded(schemas.DIAGNOSTICS, schemas.encode_diagnostics(stamp, 0, "ok", texts), stamp, stamp)
         flush(log)
     log.finish({}, START_NS)
 
 
-def _estimate(stamp: int) -> object:
-    three = np.zeros(3)
-    names = ("position_deg_m", "velocity_mps", "rpy_deg", "accel_bias_mg", "gyro_bias_dps")
-    sds = ("position_sd_m", "velocity_sd_mps", "rpy_sd_deg", "accel_bias_sd_mg", "gyro_bias_sd_dps")
-    return schemas.make(
-        schemas.TYPES[schemas.ESTIMATE],
-        header=schemas.header(stamp, "table"),
-        **dict.fromkeys((*names, *sds), three),
-        nis=1.0,
-        nis_dof=9,
-        converged=np.zeros(6, bool),
-    )
+def _estimate(stamp: int) -> bytes:
+    (data,) = schemas.encode_estimates(stamp, np.append(np.zeros(30), 1.0)[None], 9, [False] * 6)
+    return data
 
 
 # ------------------------------------------------------------------------------------------------------------- reader
@@ -111,13 +111,13 @@ def loop(path: Path) -> Values:
     with path.open("rb") as stream:
         topics = [schemas.IMU, schemas.TEMPERATURE]
         for _, channel, message in make_reader(stream).iter_messages(topics=topics, log_time_order=False):
-            m = schemas.decode(schemas.TYPES[channel.topic], message.data)
+            m = ros_messages.decode(schemas.TYPES[channel.topic], message.data)
             if channel.topic == schemas.IMU:
                 w, f = m.angular_velocity, m.linear_acceleration
-                stamps.append(schemas.stamp_ns(m.header))
+                stamps.append(ros_messages.stamp_ns(m.header))
                 rows.append((w.x, w.y, w.z, f.x, f.y, f.z))
             else:
-                temperatures.append((schemas.stamp_ns(m.header), m.temperature))
+                temperatures.append((ros_messages.stamp_ns(m.header), m.temperature))
     values = np.array(rows)
     return np.array(stamps), values[:, :3], values[:, 3:]
 
@@ -169,7 +169,7 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     part = replay_input.select(read, None, None)
     reader.sha256(log)
     reading_s = time.process_time() - started
-    _, settings = replay.prepare(read, part, replay.ReplayOptions())
+    _, settings = replay.prepare(read, part, Reading())
     runner.warm_up()
     estimator = Estimator(settings, np.inf)
     started = time.process_time()

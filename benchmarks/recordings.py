@@ -23,6 +23,8 @@ import bench
 import numpy as np
 from bench import DATA
 
+from imutui.logbook.reading import Reading
+
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 
@@ -142,10 +144,10 @@ def cubic(folder: Path, training: Sequence[str], heldout: str) -> dict[str, floa
     from filters.tracing import validation
     from filters.tracing.blocks import average
     from filters.tracing.stack import Stack
-    from imutui.jobs import replay, runs
+    from imutui.jobs import runs
 
     def blocks(log: str) -> Any:
-        return average(runs.read_run(folder / log, log, replay.ReplayOptions()).run)
+        return average(runs.read_run(folder / log, log, Reading()).run)
 
     fitted, judged = Stack.of([blocks(log) for log in training]), Stack.of([blocks(heldout)])
 

@@ -31,7 +31,7 @@ from helpers.commands import imutui
 from helpers.paths import DATA
 
 from filters.errors import InputError
-from imutui.jobs.trace import TraceOptions, trace
+from imutui.jobs.trace import trace
 from imutui.logbook.json_text import dumps
 from imutui.report import trace_tables
 
@@ -181,7 +181,7 @@ def ends(case: Case, folder: Path) -> tuple[str, str]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             holdout = None if case.holdout is None else logs[case.holdout]
-            traced = trace(logs, TraceOptions(holdout, seed=case.seed))
+            traced = trace(logs, holdout=holdout, seed=case.seed)
             dumps(traced.document)
             trace_tables.text(traced.document, traced.source, 80)
             return "result", traced.document["sentence"]

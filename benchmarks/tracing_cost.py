@@ -30,9 +30,9 @@ from mcap.stream_reader import StreamReader
 from filters.imu import STANDARD_GRAVITY
 from filters.tracing.run import Run
 from filters.tracing.trace import trace
-from imutui.jobs.trace import TraceOptions
 from imutui.jobs.trace import trace as trace_logs
 from imutui.logbook import SessionInfo, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.writer import LogWriter
 
 RATE = 133.0
@@ -56,8 +56,8 @@ def write(path: Path, hours: float) -> None:
     setattr(os, "fdatasync", lambda _: None)  # noqa: B010 - what would be waited for here is the disk
     log = LogWriter(path, SessionInfo(rate_hz=RATE, kind="simulated"), "", BASE_NS, checksum=False)
     marks = np.arange(6) + 1.25
-    of_imu = schemas.encode_imu(BASE_NS, marks[:3], marks[3:])
-    of_degc = schemas.encode_temperature(BASE_NS, marks[0])
+    of_imu = schemas.encode_imus(BASE_NS, marks[:3], marks[3:])[0]
+    of_degc = schemas.encode_temperatures(BASE_NS, marks[0])[0]
     log.imu(BASE_NS, BASE_NS, np.zeros(3), np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     log.encoded(schemas.TEMPERATURE, of_degc, BASE_NS, BASE_NS)
     log.flush()
@@ -125,7 +125,7 @@ def measure(what: str) -> tuple[float, int, float, float]:
         trace(runs[:-1], runs[-1])
         count = sum(run.t.size for run in runs)
     else:
-        told = trace_logs([Path(what)], TraceOptions(), so_far=lambda text: first.append(time.monotonic() - began))
+        told = trace_logs([Path(what)], Reading(), so_far=lambda text: first.append(time.monotonic() - began))
         count = told.document["runs"][0]["samples"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     return time.process_time() - start, count, first[-1], peak

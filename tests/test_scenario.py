@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from helpers import ros_messages
 from helpers.commands import imutui_json
 from helpers.documents import dwell, profile_toml, rate, toml
 from helpers.processes import virtual_process
@@ -294,7 +295,9 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
     heading, *rows = (home / "sent.csv").read_text().split()
     assert heading == "sampled_monotonic_ns,mode,ticks,frame"
     sent = [bytes.fromhex(row.split(",")[3]) for row in rows]
-    received = [struct.pack(">6h2H", *packet.counts, packet.temperature, packet.ticks) for packet in log.raw]
+    received = [
+        struct.pack(">6h2H", *packet.counts, packet.temperature, packet.ticks) for packet in ros_messages.packets(log)
+    ]
     rest = iter(sent)
     assert all(any(frame[1:17] == words for frame in rest) for words in received), "each was sent, in this order"
     assert sent[-1][0] == 0xFF

@@ -13,6 +13,7 @@ from unittest.mock import patch
 from xml.etree import ElementTree
 
 import pytest
+from helpers import ros_messages
 from helpers.paths import ROOT, SAMPLE
 from rosbags.interfaces import Nodetype
 
@@ -57,7 +58,7 @@ def is_shown(path: str) -> bool:
         if kind is not Nodetype.NAME or found is None:
             return False
         name, element = found.groups()
-        kind, what = dict(schemas.typestore().get_msgdef(what).fields).get(name, (None, None))
+        kind, what = dict(ros_messages.typestore().get_msgdef(what).fields).get(name, (None, None))
         if kind is Nodetype.ARRAY and element is not None and int(element) < what[1]:
             kind, what = what[0]
     return not fields or (kind is Nodetype.BASE and what[0] == "float64")

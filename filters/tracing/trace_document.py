@@ -346,6 +346,7 @@ class RunEntry(TypedDict):
     identity: NotRequired[IdentityEntry]
     start_utc: NotRequired[str]
     temperature_degc: NotRequired[list[float] | None]
+    assumed: list[str]  # of another program's log, in words
     health: list[HealthEntry]
 
 

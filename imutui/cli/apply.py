@@ -7,7 +7,21 @@ import typer
 
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output, say, say_if_not_kept
-from imutui.cli.options import Force, Json, Reference, reference_of
+from imutui.cli.options import (
+    AccelSign,
+    Force,
+    Gravity,
+    GyroSign,
+    Json,
+    Mount,
+    Reference,
+    SiteText,
+    StampsOf,
+    Topic,
+    reading_of,
+    reference_of,
+    say_assumed,
+)
 
 if TYPE_CHECKING:
     from imutui.jobs.apply import Applied
@@ -22,6 +36,13 @@ def command(
     output: Annotated[Path, typer.Option("-o", "--output", help="Log to write.")],
     reference: Reference = None,
     force: Force = False,
+    topic: Topic = None,
+    stamps: StampsOf = None,
+    mount: Mount = None,
+    accel_sign: AccelSign = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Write a log as a corrected unit would have read it, for programs that know nothing of effects.
@@ -38,11 +59,24 @@ def command(
     check_output(output, force, log)
     content = effects_file.from_file(effects)
     file, kind = reference_of(reference)
+    overrides = {} if kind is None or file is not None else {"reference": kind}
+    reading = reading_of(
+        topic=topic,
+        stamps=stamps,
+        mount=mount,
+        accel_sign=accel_sign,
+        gyro_sign=gyro_sign,
+        site=site,
+        gravity=gravity,
+        overrides=overrides,
+        reference=file,
+    )
     say_if_not_kept()
     made = job.apply(
-        log, content, output, reference=file, kind=kind if file is None else None, overwrite=force,
+        log, content, output, reading=reading, overwrite=force,
         mode=config.load().file_mode, progress=lambda share: progress(share, str(log)),
     )  # fmt: skip
+    say_assumed(log, made.assumed)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is corrected.")
     if made.other_unit:
@@ -51,6 +85,7 @@ def command(
         "version": 1, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
         "set_aside": made.set_aside, "corrected": list(made.corrected), "left": list(made.left),
         "largest": made.largest, "damage": made.damage, "other_unit": made.other_unit,
+        "assumed": list(made.assumed),
     }  # fmt: skip
     answer(document, lambda: _text(output, made), json=json)
     raise typer.Exit(FINDINGS if made.damage else FINE)

@@ -89,9 +89,9 @@ def command(
         return
     from imutui import config
     from imutui.jobs.campaign import log_list, stored_rows
-    from imutui.jobs.campaign.one_log import CampaignSettings
+    from imutui.jobs.campaign.one_log import Settings
     from imutui.jobs.campaign.run import Campaign, run
-    from imutui.jobs.replay import ReplayOptions
+    from imutui.logbook.reading import Reading
 
     if not logs or output is None:
         raise fail(USAGE, "what is asked for? Name logs and -o RESULTS, or --summary RESULTS. imutui campaign -h")
@@ -103,7 +103,7 @@ def command(
     check_results(output, force)
     file, name = reference_of(reference)
     overrides = overrides_of(filter_name, name, set_ or [])
-    settings = CampaignSettings(ReplayOptions(overrides=overrides, reference=file, effects=effects_of(effects)), trace)
+    settings = Settings(Reading(overrides=overrides, reference=file, effects=effects_of(effects)), trace)
     head = stored_rows.head_of(output)
     found = log_list.find(logs)
     found = found if head is None else found.below(head["root"])

@@ -8,6 +8,7 @@ from typing import TypeVar
 import typer
 
 from imutui.cli.exit_codes import FINDINGS, FINE, in_words, print_json, say, show_progress, tell
+from imutui.cli.options import say_assumed
 
 _WIDEST = 100
 
@@ -39,6 +40,8 @@ def over(
             say(f"imutui: {words}")
             code = max(code, wrong)
             continue
+        assumed = document.get("assumed")
+        say_assumed(log, assumed if isinstance(assumed, list) else [])
         code = max(code, FINE if fine(document) else FINDINGS)
         if not json:
             tell(("\n" if documents else "") + text(document, width()))

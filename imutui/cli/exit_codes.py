@@ -238,11 +238,11 @@ def in_words(error: Exception) -> tuple[int, str]:
 
     for code, names in _CODES.items():
         if any(_raised(name, error) for name in names):
-            return getattr(error, "exit_code", code), str(error)
+            return getattr(error, "exit_code", code), _with_cures(error)
     if _raised("filters.kalman.spkf.DivergenceError", error):
         return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
     if isinstance(error, InputError):
-        return USAGE, str(error)
+        return USAGE, _with_cures(error)
     if isinstance(error, MemoryError):
         words = error or "memory ran out"
         return FINDINGS, f"{words}. Take fewer logs at a time, or a part with --start and --end."
@@ -257,6 +257,16 @@ def in_words(error: Exception) -> tuple[int, str]:
     from imutui import defects
 
     return FINDINGS, f"{defects.told(error)} Recordings are not affected."
+
+
+def _with_cures(error: Exception) -> str:
+    """Return what is wrong with an input, and the commands that take it."""
+    from imutui.command_line import command
+
+    cures = getattr(error, "cures", ())
+    lines = [command(*((name,) if name else sys.argv[1:]), *flags) for name, flags in cures]
+    said = str(error)
+    return said if not lines else f"{said.rstrip('.')}. Type: " + ", or ".join(f"`{line}`" for line in lines)
 
 
 _CODES = {

@@ -7,7 +7,21 @@ import typer
 
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, lacking, say, show_progress
-from imutui.cli.options import End, Force, Json, Start
+from imutui.cli.options import (
+    AccelSign,
+    End,
+    Force,
+    Gravity,
+    GyroSign,
+    Json,
+    Mount,
+    SiteText,
+    StampsOf,
+    Start,
+    Topic,
+    reading_of,
+    say_assumed,
+)
 
 if TYPE_CHECKING:
     from imutui.jobs.export import Export, Exported
@@ -19,11 +33,15 @@ def command(
     form: Annotated[
         str | None, typer.Option("--format", metavar="csv|npz|parquet", help="Unless the name of the file says it.")
     ] = None,
-    topic: Annotated[
-        str | None, typer.Option("--topic", help="Messages of this topic as they are, instead of the samples.")
-    ] = None,
     start: Start = None,
     end: End = None,
+    topic: Topic = None,
+    stamps: StampsOf = None,
+    mount: Mount = None,
+    accel_sign: AccelSign = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -44,15 +62,27 @@ def command(
     if (extra := job.lacks(kind)) is not None:
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
-    wanted = job.Export(log, output, kind, topic, start, end, force)
+    reading = reading_of(
+        topic=topic,
+        stamps=stamps,
+        mount=mount,
+        accel_sign=accel_sign,
+        gyro_sign=gyro_sign,
+        site=site,
+        gravity=gravity,
+        start=start,
+        end=end,
+    )
+    wanted = job.Export(log, output, kind, force, reading)
     made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
+    say_assumed(log, made.assumed)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
     reference = None if made.reference is None else str(made.reference)
     document = {
         "version": 1, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
         "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
-        "damage": made.damage,
+        "damage": made.damage, "assumed": list(made.assumed),
     }  # fmt: skip
     answer(document, lambda: _text(wanted, made), json=json)
     raise typer.Exit(FINDINGS if made.damage else 0)
@@ -64,10 +94,8 @@ def _text(wanted: "Export", made: "Exported") -> str:
     from imutui.command_line import joined
 
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
-    told = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
-    if wanted.topic is not None:
-        return told
+    rows = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
     reference = ("--reference", made.reference) if made.reference else ()
     words = joined("imutui", "import", wanted.output, "-o", "LOG.mcap")
     flags = " ".join(filter(None, (made.about["import"], joined(*reference))))
-    return f"{told}\nTo read it back: {words} {flags}"
+    return f"{rows}\nTo read it back: {words} {flags}"

@@ -7,13 +7,30 @@ import typer
 
 from imutui.cli.each_log import over
 from imutui.cli.exit_codes import USAGE, answer, fail
-from imutui.cli.options import Json
+from imutui.cli.options import (
+    AccelSign,
+    Gravity,
+    GyroSign,
+    Json,
+    Mount,
+    SiteText,
+    StampsOf,
+    Topic,
+    reading_of,
+)
 
 
 def command(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...|FOLDER...", help="Logs, finished or not; or folders of logs.")
     ],
+    topic: Topic = None,
+    stamps: StampsOf = None,
+    mount: Mount = None,
+    accel_sign: AccelSign = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Say what is in logs.
@@ -32,7 +49,16 @@ def command(
     from imutui.jobs.info import info
     from imutui.report.logs import info_text
 
-    over(logs, info, info_text, json=json)
+    reading = reading_of(
+        topic=topic,
+        stamps=stamps,
+        mount=mount,
+        accel_sign=accel_sign,
+        gyro_sign=gyro_sign,
+        site=site,
+        gravity=gravity,
+    )
+    over(logs, lambda path, show: info(path, show, reading), info_text, json=json)
 
 
 def _folders(folders: list[Path], *, json: bool) -> None:

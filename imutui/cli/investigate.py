@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from filters.tracing.trace_document import TraceFindings
     from imutui.cli.investigation_page import Page
     from imutui.jobs.investigation_diary import Diary, RoundEntry
-    from imutui.jobs.trace import TraceOptions
     from imutui.session.client import Client
     from imutui.session.plan import Plan
 
@@ -355,14 +354,14 @@ class _Laboratory:
         """Runs of the logs of rounds."""
         from imutui.jobs.trace import read_together
 
-        return read_together(self._logs(rounds), self._options(rounds))
+        return read_together(self._logs(rounds), _power_ons(rounds))
 
     def judged(self, rounds: "Sequence[RoundEntry]") -> "TraceFindings":
         """Trace with the last round held out; result and effects file are written."""
         from imutui.jobs.trace import trace
         from imutui.logbook import atomic_file, json_text
 
-        traced = trace(self._logs(rounds), self._options(rounds))
+        traced = trace(self._logs(rounds), power_on_numbers=_power_ons(rounds))
         for name, text in (("result.json", json_text.dumps(traced.document) + "\n"), ("effects.toml", traced.effects)):
             atomic_file.write(self._folder / name, text, overwrite=True)
         return traced.document
@@ -370,10 +369,9 @@ class _Laboratory:
     def _logs(self, rounds: "Sequence[RoundEntry]") -> list[Path]:
         return [self._folder / entry["log"] for entry in rounds]
 
-    def _options(self, rounds: "Sequence[RoundEntry]") -> "TraceOptions":
-        from imutui.jobs.trace import TraceOptions
 
-        return TraceOptions(power_ons=tuple(entry["power_on"] for entry in rounds))
+def _power_ons(rounds: "Sequence[RoundEntry]") -> tuple[int, ...]:
+    return tuple(entry["power_on"] for entry in rounds)
 
 
 def _finish(folder: Path, laboratory: _Laboratory, diary: "Diary", *, json: bool) -> None:

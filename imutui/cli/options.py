@@ -9,8 +9,10 @@ import typer
 from imutui.cli.exit_codes import FINE, USAGE, fail, say, tell
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+    from typing import Any
 
+    from imutui.logbook.reading import Reading
     from imutui.logbook.reference_file import ReferenceFile
     from imutui.logbook.session_info import Overrides
     from imutui.session.client import Client
@@ -50,6 +52,20 @@ AccelSign = Annotated[
 ]
 Mount = Annotated[str | None, typer.Option("--mount", help='Table x, y, z in instrument axes, such as "x,-y,-z".')]
 GyroSign = Annotated[str | None, typer.Option("--gyro-sign", help='Signs of the gyro readings, such as "-1,1,1".')]
+Topic = Annotated[
+    str | None,
+    typer.Option(
+        "--topic", metavar="NAME[,NAME]", help="Samples' topic in another program's log; two: rates, then forces."
+    ),
+]
+StampsOf = Annotated[
+    str | None,
+    typer.Option(
+        "--stamps",
+        metavar="header|log|arrival",
+        help="Times of the samples in another program's log; arrival: instants fitted under the log times.",
+    ),
+]
 SiteText = Annotated[str | None, typer.Option("--site", metavar="LAT,LON,H", help="Site in degrees and metres.")]
 Gravity = Annotated[
     float | None,
@@ -185,6 +201,46 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     if reference is not None:
         overrides["reference"] = reference
     return overrides
+
+
+def reading_of(
+    *,
+    topic: str | None,
+    stamps: str | None,
+    mount: str | None,
+    accel_sign: int | None,
+    gyro_sign: str | None,
+    site: str | None,
+    gravity: float | None,
+    **others: "Any",
+) -> "Reading":
+    """Return the reading that a command's options state; `others` are the further arguments of `Reading`.
+
+    Raises InputError for an option that is none.
+    """
+    from filters.errors import InputError
+    from imutui.logbook.reading import STAMPS, Reading
+    from imutui.logbook.session_info import FOREIGN
+
+    if stamps is not None and stamps not in STAMPS:
+        raise InputError(f'--stamps is "{stamps}", not one of: {", ".join(STAMPS)}')
+    stated = {"mount": mount, "accel_sign": accel_sign, "gyro_sign": gyro_sign}
+    overrides = {name: value for name, value in stated.items() if value is not None}
+    if site is not None or gravity is not None:
+        placed = FOREIGN.placed(parse_site(site), gravity)
+        overrides |= {name: getattr(placed, name) for name in _PLACED}
+    FOREIGN.overridden(overrides).axes()
+    topics = tuple(name.strip() for name in topic.split(",")) if topic else ()
+    return Reading(**others, topics=topics, stamps=stamps or "").with_overrides(overrides)
+
+
+_PLACED = ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2", "site_stated")
+
+
+def say_assumed(log: Path, assumed: "Sequence[str]") -> None:
+    """Print in one line what was assumed of another program's log."""
+    if assumed:
+        say(f"imutui: {log}: {'; '.join(assumed)}")
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:

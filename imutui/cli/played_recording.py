@@ -109,9 +109,9 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
 
 def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
     from imutui.instrument import registry
-    from imutui.jobs import replay
     from imutui.jobs.log_motion import motion_of
     from imutui.logbook import reader
+    from imutui.logbook.reading import Reading
 
     log = reader.read(path)
     t = log.seconds()
@@ -125,7 +125,7 @@ def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
     g = axes.accel_to_instrument(log.accel) / log.info.g_unit
     motion = None
     if log.info.reference in _OWN_MOTION:
-        known = motion_of(log, log.info, replay.ReplayOptions())
+        known = motion_of(log, log.info, Reading())
         angles, rates = np.broadcast_to(known.angles, (t.size, 3)), np.broadcast_to(known.rates, (t.size, 3))
         told = part & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=1)
         if known.unknown is not None:

@@ -22,21 +22,31 @@ from imutui.cli.exit_codes import (
     show_progress,
 )
 from imutui.cli.options import (
+    AccelSign,
     Effects,
     End,
     FilterName,
     Force,
+    Gravity,
+    GyroSign,
     Json,
+    Mount,
     Output,
     Reference,
     Set,
+    SiteText,
+    StampsOf,
     Start,
+    Topic,
     effects_of,
     overrides_of,
+    reading_of,
     reference_of,
+    say_assumed,
 )
 
 if TYPE_CHECKING:
+    from imutui.logbook.reading import Reading
     from imutui.logbook.results import ResultDocument
 
 
@@ -56,6 +66,13 @@ def command(
         float, typer.Option("--estimates", metavar="HZ", help="Estimates a second in the output; 0 for all.")
     ] = 1.0,
     force: Force = False,
+    topic: Topic = None,
+    stamps: StampsOf = None,
+    mount: Mount = None,
+    accel_sign: AccelSign = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Run the filter over logs, headless, with the same steps as live.
@@ -65,7 +82,7 @@ def command(
     Example: imutui replay logs/*.mcap --json
     """
     from imutui import config
-    from imutui.jobs.replay import ReplayOptions
+    from imutui.jobs.replay import EstimatesFile
     from imutui.report import replay_text
     from imutui.verdict import sources
 
@@ -80,10 +97,25 @@ def command(
     file, name = reference_of(reference)
     overrides = overrides_of(filter_name, name, set_ or [])
     mode = config.load().file_mode
-    options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force, mode)
+    reading = reading_of(
+        topic=topic,
+        stamps=stamps,
+        mount=mount,
+        accel_sign=accel_sign,
+        gyro_sign=gyro_sign,
+        site=site,
+        gravity=gravity,
+        start=start,
+        end=end,
+        overrides=overrides,
+        reference=file,
+        effects=effects_of(effects),
+    )
+    written = None if output is None else EstimatesFile(output, estimates, force, mode)
+    wanted = {"speed": speed, "output": written}
     say_if_not_kept()
     documents, code = [], FINE
-    for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
+    for log, outcome in zip(logs, _outcomes(logs, reading, wanted), strict=True):
         if isinstance(outcome, tuple):
             say(f"imutui: {outcome[1]}")
             code = max(code, outcome[0])
@@ -98,31 +130,32 @@ def command(
     raise typer.Exit(code)
 
 
-def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
+def _outcomes(logs: list[Path], reading: "Reading", wanted: dict[str, Any]) -> Iterator[Any]:
     """Result of each log in order, or its exit code and what went wrong: one log's trouble is not the others'."""
     if len(logs) == 1:
-        yield _one(logs[0], options, lambda share: progress(share, logs[0].name))
+        yield _one(logs[0], reading, wanted, lambda share: progress(share, logs[0].name))
         return
     from filters.kalman import runner
     from imutui.jobs.parallel import each
 
     runner.warm_up(show_progress)  # once, or each process would compile the step for itself
     show_progress(f"0 of {len(logs)} logs")
-    for number, outcome in enumerate(each(partial(_one, options=options), logs), 1):
+    for number, outcome in enumerate(each(partial(_one, reading=reading, wanted=wanted), logs), 1):
         show_progress(f"{number} of {len(logs)} logs")
         yield outcome
 
 
-def _one(log: Path, options: Any, show: Any = None) -> Any:
+def _one(log: Path, reading: "Reading", wanted: dict[str, Any], show: Any = None) -> Any:
     from imutui.jobs.replay import replay
 
     try:
-        return replay(log, options, show or (lambda share: None), show_progress if show else None)
+        return replay(log, reading, show or (lambda share: None), show_progress if show else None, **wanted)
     except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
         return in_words(error)
 
 
 def _tell(log: Path, document: "ResultDocument") -> None:
+    say_assumed(log, document["assumed"])
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
         from imutui.command_line import command as command_of

@@ -132,7 +132,7 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json
 
     from imutui import config
     from imutui.jobs.campaign import batch, local, log_list, run, stored_rows
-    from imutui.jobs.campaign.one_log import CampaignSettings
+    from imutui.jobs.campaign.one_log import Settings
     from imutui.report import batch_report, page
 
     effective = config.load()
@@ -143,7 +143,7 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json
         check_folder(output / folder, force, "-o", page.may_write)
     head = stored_rows.head_of(output)
     found = found if head is None else found.below(head["root"])
-    campaign = run.Campaign(found, CampaignSettings(), output, mode=effective.file_mode)
+    campaign = run.Campaign(found, Settings(), output, mode=effective.file_mode)
     workers = local.Processes(len(os.sched_getaffinity(0)))
     run.run(campaign, workers, lambda pace: show_progress(f"{pace.done} of {pace.wanted} logs"))
     rows = stored_rows.read(output).rows
@@ -168,7 +168,7 @@ def _unit_page(folder: Path, logs: "Sequence[Path]", *, force: bool) -> None:
     for log in logs:
         show_progress(f"filtering {log.name}")
         try:
-            documents.append(replay.replay(log, replay.ReplayOptions()))
+            documents.append(replay.replay(log))
         except InputError:  # the batch's page says it
             continue
     folder.mkdir(exist_ok=True)

@@ -7,7 +7,22 @@ import typer
 
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_signs, say, say_if_not_kept
-from imutui.cli.options import Force, Json, Output, Reference, reference_of
+from imutui.cli.options import (
+    AccelSign,
+    Force,
+    Gravity,
+    GyroSign,
+    Json,
+    Mount,
+    Output,
+    Reference,
+    SiteText,
+    StampsOf,
+    Topic,
+    reading_of,
+    reference_of,
+    say_assumed,
+)
 from imutui.cli.report import check_folder, write_page
 
 if TYPE_CHECKING:
@@ -32,6 +47,13 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 0,
     force: Force = False,
+    topic: Topic = None,
+    stamps: StampsOf = None,
+    mount: Mount = None,
+    accel_sign: AccelSign = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Find what the model of the unit lacks: residual, effect, filter with the effect, error before and after.
@@ -40,7 +62,7 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.jobs.trace import TraceOptions, trace
+    from imutui.jobs.trace import trace
     from imutui.report import trace_tables
     from imutui.report.page import may_write
 
@@ -52,11 +74,29 @@ def command(
     if report is not None:
         check_folder(report, force, "--report", may_write)
     file, name = reference_of(reference)
-    options = TraceOptions(
-        holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
+    reading = reading_of(
+        topic=topic,
+        stamps=stamps,
+        mount=mount,
+        accel_sign=accel_sign,
+        gyro_sign=gyro_sign,
+        site=site,
+        gravity=gravity,
+        overrides={} if name is None else {"reference": name},
+        reference=file,
     )
     say_if_not_kept()
-    traced = trace(logs, options, progress, lambda text: say(text) if text else None)
+    traced = trace(
+        logs,
+        reading,
+        progress,
+        lambda text: say(text) if text else None,
+        holdout=holdout,
+        about=tuple(about or ()),
+        seed=seed,
+    )
+    for entry in traced.document["runs"]:
+        say_assumed(Path(entry["log"]), entry["assumed"])
     for sentence in traced.damage:
         say(f"imutui: {sentence}")
     answer(

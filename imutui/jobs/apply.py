@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,11 @@ from filters.kalman.settings import Settings
 from filters.motion.reference import COLUMNS, FORCE, RATE
 from filters.types import Array
 from imutui.jobs import linear_correction, replay, replay_input
-from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
 from imutui.logbook import effects_file, log_time, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
-from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import whole_log
 from imutui.plain_text import in_line
@@ -42,6 +41,7 @@ APPLIED = "applied_effects.toml"
 _BY_READINGS = ("gravity", "turned")
 _SENSED = np.r_[RATE, FORCE]
 _DRIFTS = ("random_walk", "gauss_markov")
+_ROWS = 2**13  # samples that are encoded at once
 _Message: TypeAlias = tuple[int, int, str, bytes]  # Stamp, rank among those of the same stamp, topic, bytes
 
 
@@ -56,6 +56,7 @@ class Applied:
     largest: dict[str, float]  # by channel, the largest correction, deg/s and mg
     damage: str  # what is wrong with the log, if anything: all before it was corrected
     other_unit: str  # said where the effects are of another unit
+    assumed: tuple[str, ...]  # of another program's log, in words
 
 
 def apply(
@@ -63,8 +64,7 @@ def apply(
     effects: bytes,
     output: Path,
     *,
-    reference: ReferenceFile | None = None,
-    kind: str | None = None,
+    reading: Reading = AS_STATED,
     overwrite: bool = False,
     mode: int = MODE,
     progress: Callable[[float], None] = lambda share: None,
@@ -72,19 +72,18 @@ def apply(
     """Write a log whose samples are free of the effects of a file.
 
     `effects`: content of the effects file.
-    `reference`: profile or trajectory instead of what the log has.
-    `kind`: reference instead of the log's own: "level" and so on.
+    `reading`: what replaces the statements of the log; its effects do not count.
     `progress`: told the share done, 0 to 1.
     Raises UnreadableLogError if the log cannot be read.
     Raises InputError if the effects cannot be: the message says which, and why.
     Raises FileExistsError if `output` exists and may not be replaced.
     """
-    log = reader.read(path)
+    log = reader.read(path, reading=reading)
     part = replay_input.select(log, None, None)
-    options = ReplayOptions(overrides={} if kind is None else {"reference": kind}, reference=reference, effects=effects)
-    info = replay.session_of(log, options)
+    reading = replace(reading, effects=effects)
+    info = replay.session_of(log, reading)
     filled = replay_input.filled(part, info, path)
-    info, settings = replay.prepare(log, filled, options, advice="")
+    info, settings = replay.prepare(log, filled, reading, advice="")
     document = effects_file.parse(effects)
     found = _listen(settings, info, filled, log, _states_taken_out(document.effects), progress)
     found = _of_sensed(found, document.effects, info)
@@ -105,6 +104,7 @@ def apply(
         _largest(found.correction, log.info),
         log.damage,
         effects_file.of_other_unit(effects, info),
+        log.assumed,
     )
 
 
@@ -225,10 +225,11 @@ def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
 
 def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> SessionInfo:
     """The log's own session; it says what was done to it."""
-    own = power_on.content_id(log.seconds(), log.gyro, log.accel)
+    own = power_on.ContentId()
+    own.add(log.seconds(), log.gyro, log.accel)
     told = f"{in_line(log.path.name)} corrected by effects of {in_line(source)}"
     return replace(info, source=told, corrected_from_sha256=reader.sha256(log.path),
-                   applied_effects_sha256=effects_file.digest(effects), log_id=own, effects_sha256="", memory="",
+                   applied_effects_sha256=effects_file.digest(effects), log_id=own.text(), effects_sha256="", memory="",
                    continues="", continues_id="", continues_sha256="",
                    previous="", previous_id="", previous_end="", restart="")  # fmt: skip
 
@@ -254,33 +255,41 @@ def _summary(log: Log) -> dict[str, object]:
 
 def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
     """Messages of the corrected log, a stream a topic, each in the order of its stamps."""
-    yield _in_order((e.stamp_ns, 0, schemas.EVENTS, _event(e)) for e in log.events)
+    yield _in_order(
+        (e.stamp_ns, 0, schemas.EVENTS, schemas.encode_event(e.stamp_ns, e.name, e.text)) for e in log.events
+    )
     table = log.table
     kind = log.reference or info.reference
     yield _in_order(
-        (int(stamp), 1, schemas.REFERENCE, schemas.encode_table_reference(int(stamp), kind, angles, rates))
-        for stamp, angles, rates in zip(
-            table.stamp_ns.tolist(), table.angles_deg.tolist(), table.rates_dps.tolist(), strict=True
+        (stamp, 1, schemas.REFERENCE, data)
+        for stamp, data in zip(
+            table.stamp_ns.tolist(),
+            schemas.encode_table_references(table.stamp_ns, kind, table.angles_deg, table.rates_dps),
+            strict=True,
         )
     )
     yield _in_order(
-        (stamp, 2, schemas.TEMPERATURE, schemas.encode_temperature(stamp, degc))
-        for stamp, degc in zip(log.temperature_stamp_ns.tolist(), log.temperature_degc.tolist(), strict=True)
+        (stamp, 2, schemas.TEMPERATURE, data)
+        for stamp, data in zip(
+            log.temperature_stamp_ns.tolist(),
+            schemas.encode_temperatures(log.temperature_stamp_ns, log.temperature_degc),
+            strict=True,
+        )
     )
     yield (
-        (stamp, 3, schemas.IMU, schemas.encode_imu(stamp, gyro, accel, valid=valid))
-        for stamp, gyro, accel, valid in zip(
-            log.stamp_ns.tolist(), log.gyro, log.accel, log.valid.tolist(), strict=True
+        (stamp, 3, schemas.IMU, data)
+        for first in range(0, log.stamp_ns.size, _ROWS)
+        for rows in (slice(first, first + _ROWS),)
+        for stamp, data in zip(
+            log.stamp_ns[rows].tolist(),
+            schemas.encode_imus(log.stamp_ns[rows], log.gyro[rows], log.accel[rows], log.valid[rows]),
+            strict=True,
         )
     )
     if log.diagnostics:
         last = int(log.stamp_ns[-1])
-        message = schemas.diagnostics(last, 0, "as it was recorded", log.diagnostics)
-        yield iter([(last, 4, schemas.DIAGNOSTICS, schemas.encode(schemas.DIAGNOSTICS, message))])
-
-
-def _event(event: Any) -> bytes:
-    return schemas.encode(schemas.EVENTS, schemas.event(event.stamp_ns, event.name, event.text))
+        data = schemas.encode_diagnostics(last, 0, "as it was recorded", log.diagnostics)
+        yield iter([(last, 4, schemas.DIAGNOSTICS, data)])
 
 
 def _in_order(messages: Iterator[_Message]) -> Iterator[_Message]:

@@ -9,6 +9,7 @@ from filters.health.monitor import HealthMonitor
 from imutui.instrument.registry import of_model
 from imutui.logbook import health, pieces, reader
 from imutui.logbook.reader import seconds_since
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 
 
@@ -61,10 +62,12 @@ class LogHealth:
         return health.entries(self._monitor.findings(bias_sd, moving=moving, final=True))
 
 
-def of_log(path: Path, info: SessionInfo, first_ns: int | None = None, last_ns: int | None = None) -> LogHealth:
+def of_log(
+    path: Path, info: SessionInfo, reading: Reading, first_ns: int | None = None, last_ns: int | None = None
+) -> LogHealth:
     """Return the health of a log's channels from one instant to another, UTC, ns; None for no bound."""
     found = LogHealth(info)
-    for part in reader.parts(path, pieces.ROWS, raw=True):
+    for part in reader.parts(path, pieces.ROWS, raw=True, reading=reading):
         use = _between(part.packet_stamp_ns, first_ns, last_ns)
         found.packets(part.packet_stamp_ns[use], part.packets[use])
         use = _between(part.stamp_ns, first_ns, last_ns)

@@ -16,32 +16,35 @@ from imutui.jobs.info import lacking_channels, status_words
 from imutui.jobs.quantities import plural
 from imutui.logbook import audit, checksum_file, reader, scan, summary
 from imutui.logbook.audit import Audit
-from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.scan import Scan
 
 VERSION = 1
 _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
 
 
-def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> CheckDocument:
+def check(
+    path: Path,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+    reading: Reading = AS_STATED,
+) -> CheckDocument:
     """Look a log through.
 
     `path`: any log, finished or not.
-    `progress`: called with the share done, 0 to 1, and what is being done.
+    `progress`: told the share done, 0 to 1, and what is being done.
     Returns `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what
       was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
-    found, content = Scan(path), Audit()
-    rules: list[DataRule] = []
-    for part in audit.parts(found, content, lambda share: progress(share, f"reading {path.name}"), indexes=True):
-        if not rules:  # the session is known by now
+    found, content, rules = scan.Scan(path), Audit(), list[DataRule]()
+    health: Health | None = None
+    show = lambda share: progress(share, f"reading {path.name}")  # noqa: E731
+    for part in audit.parts(found, content, reading, show, indexes=True):
+        if health is None:
             health = Health(content)
             rules = [*(rule(content) for rule in _DATA_RULES), health]
         for rule in rules:
             rule.take(part)
-    if content.imu_topic is None and not found.damages:
-        raise UnreadableLogError(_no_samples(path, content))
     log = CheckContext(found, content, reader.sha256(path))
     findings = [finding for rule in check_file.RULES for finding in rule(log)]
     findings += [finding for rule in rules for finding in rule.findings(log)]
@@ -52,7 +55,8 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "state": _state(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
-        "health": health.entries,
+        "health": [] if health is None else health.entries,
+        "assumed": list(content.assumed),
         "notes": list(_notes(log)),
         "bytes": found.size,
         "chunks": found.chunks,
@@ -69,6 +73,8 @@ def _notes(log: CheckContext) -> Iterator[str]:
     a, found = log.audit, log.found
     if found.held:
         yield "A recorder is writing to it: this is how far it had come."
+    if found.finished and not found.end.indexed:
+        yield "It was written without an index, so viewers read all of it to find a topic."
     if not a.session:
         yield "Another program's file: it has no session, so only its samples were looked at."
     elif a.session.get("kind", "") not in ("measured", "simulated"):
@@ -117,11 +123,3 @@ def _state(found: Scan) -> str:
     if lossy(found) or not (found.finished or found.cut):
         return summary.DAMAGED
     return summary.FINISHED if found.finished else summary.UNFINISHED
-
-
-def _no_samples(path: Path, content: Audit) -> str:
-    topics = ", ".join(content.types) or "none"
-    return (
-        f"{path} is an MCAP file without IMU samples: no channel of type sensor_msgs/msg/Imu (topics: {topics})."
-        " Name a log, or import the recording with `imutui import`."
-    )

@@ -9,7 +9,7 @@ from filters.kalman.settings import GAP_PERIODS
 from imutui.instrument.registry import of_model
 from imutui.jobs.check_context import CheckContext, Finding, integer
 from imutui.jobs.quantities import plural, that_many
-from imutui.logbook import polled_rate
+from imutui.logbook import polled_rate, schemas
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.reader import seconds_since
 
@@ -97,6 +97,7 @@ def median(values: np.ndarray, counts: np.ndarray) -> float:
 # -------------------------------------------------------------------------------------------------------- check times
 
 _RATE_OFF = 0.02
+_WHOLE = 0.1  # a step so near to whole periods, in periods, is of samples that are missing
 _STAMP_SLACK_NS = 20_000_000
 _EARLIEST_NS = 946_684_800_000_000_000  # 2000: before that it is no UTC but some other clock
 _CLOCK = "The times are not to be trusted there; replay a part without it (--start, --end)."
@@ -170,7 +171,8 @@ class Times:
             if run.first_ns < _EARLIEST_NS:
                 what = f"{topic}: the log time is not UTC: it begins before the year 2000."
                 yield Finding("log_time", what, "from the first message on", _CLOCK)
-            if run.back_ns is not None:
+            # samples of another program are put into order where they can be
+            if run.back_ns is not None and self._own:
                 what = f"{topic}: log time goes back in {plural(run.back, 'place')}."
                 yield Finding("log_time", what, f"first {log.at(run.back_ns)}", _CLOCK)
         yield from self._of_samples(log)
@@ -189,7 +191,7 @@ class Times:
             what = f"{that_many(count, 'sample', 'is no number', 'are not numbers')}; a replay refuses the log."
             cure = "Remove them in the program that wrote the file."
             yield Finding("stamps", what, f"first {log.at(first_ns)}", cure)
-        run = log.audit.messages.get(log.audit.imu_topic or "")
+        run = log.audit.messages.get(schemas.IMU)
         if run is None or not self._own or run.count != log.audit.samples:
             return
         if self._other.count:
@@ -241,10 +243,13 @@ class Gaps:
         period = 1.0 / info.rate_hz if info is not None else steps.median() / 1e9
         long = steps.steps / 1e9 > GAP_PERIODS * period
         count = int(steps.counts[long].sum())
+        missing = self._missing(period) if info is None else 0
         # bursts of a host's stamps are no gaps in the samples
-        if count and (count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)):
+        if count and (missing or count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)):
             longest, at = self._longest
             what = f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."
+            if missing:
+                what = f"{what} By the times {that_many(missing, 'sample', 'is', 'are')} missing."
             first = log.seconds_at(int(steps.before_ns[steps.first(long)]))
             where = f"first at {first:.3f} s, longest at {at:.3f} s"
             yield Finding("gaps", what, where, "The filter predicts through 2 s at most; trace leaves gaps out.")
@@ -254,6 +259,14 @@ class Gaps:
             yield from self._polled_rate(log, info.rate_hz)
         elif not count:
             yield from _rate(log, min(info.rate_hz, of_model(info.instrument).most_rate_hz))
+
+    def _missing(self, period: float) -> int:
+        """Return how many samples are missing, if all long steps are of whole periods."""
+        ratio, counts = self._steps.steps / 1e9 / period, self._steps.counts
+        long = ratio > 1.0 + _WHOLE
+        whole = long & (np.abs(ratio - np.rint(ratio)) < _WHOLE)
+        even = counts[whole].sum() > 0.9 * counts[long].sum()
+        return int((counts * (np.rint(ratio) - 1.0))[whole].sum()) if even else 0
 
     def _polled_rate(self, log: CheckContext, rate_hz: float) -> Iterator[Finding]:
         """Whether so many packets a second were asked for as should be, while the unit answered."""

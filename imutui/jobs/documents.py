@@ -116,6 +116,7 @@ class InfoDocument(SessionFields):
     marks: list[EventField]
     events: list[EventField]
     version: int
+    assumed: list[str]  # of another program's log, in words
     log: str
     bytes: int
     state: str
@@ -145,6 +146,7 @@ class CheckDocument(TypedDict):
     """Whether a log is whole, and whether its parts agree; `imutui check --json`."""
 
     version: int
+    assumed: list[str]  # of another program's log, in words
     log: str
     state: str
     fine: bool

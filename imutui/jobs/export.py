@@ -1,4 +1,4 @@
-"""A log, or one topic of it, as CSV, NPZ or Parquet: whole or not at all."""
+"""Export of a log's samples as CSV, NPZ or Parquet: complete or absent."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,9 +6,10 @@ from pathlib import Path
 
 from filters.errors import InputError
 from imutui.logbook import atomic_file, parquet, pieces, reader
-from imutui.logbook.export import formats, samples, topic
+from imutui.logbook.export import formats, samples
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
+from imutui.logbook.reading import AS_STATED, Reading
 
 __all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
 
@@ -16,7 +17,7 @@ FORMATS = formats.FORMATS
 
 
 def lacks(kind: str) -> str | None:
-    """The extra that a format needs and that is not installed, if so."""
+    """Return the extra that a format needs and that is not installed, None if all is there."""
     return parquet.EXTRA if kind == "parquet" and not parquet.available() else None
 
 
@@ -27,45 +28,40 @@ class Export:
     log: Path  # from there
     output: Path  # the file to make
     kind: str  # one of `FORMATS`
-    topic: str | None = None  # one topic as it is; None for the samples, as `imutui import` reads them
-    # start, end: part to take, s
-    start: float | None = None
-    end: float | None = None
     overwrite: bool = False  # whether existing files may be replaced
+    reading: Reading = AS_STATED  # the part to take, and how another program's log is read
 
     @property
     def whole(self) -> bool:
-        """Whether all of the log is asked for."""
-        return self.start is None and self.end is None
+        """Whether the export takes all of the log."""
+        return self.reading.start is None and self.reading.end is None
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
     """What was made."""
 
-    rows: int  # samples or messages
+    rows: int  # samples
     columns: tuple[str, ...]  # names of the columns
     units: dict[str, str]  # unit of each that has one
-    about: dict[str, str]  # what is said of them in the file
+    about: dict[str, str]  # what the file states of them
     damage: str  # what is wrong with the log, if anything: all before it was exported
+    assumed: tuple[str, ...]  # of another program's log, in words
     reference: Path | None  # file with the log's motion, for `imutui import --reference`
 
 
 def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, mode: int = MODE) -> Exported:
-    """Write a log's samples, or a topic's messages.
+    """Write a log's samples as `imutui import` reads them.
 
-    `progress`: told the number of rows written, now and then.
+    `progress`: called with the number of rows written, now and then.
     Raises UnreadableLogError if the log cannot be read.
-    Raises InputError if it has nothing of what is asked for.
+    Raises InputError if the part has no sample.
     Raises FileExistsError if a file exists and may not be replaced.
     """
-    known = pieces.outline(wanted.log) if wanted.topic is None else None
-    if known is None:
-        made = topic.table(wanted.log, wanted.topic or "", wanted.start, wanted.end)
-    else:
-        made = samples.table(known, wanted.start, wanted.end)
+    known = pieces.outline(wanted.log, reading=wanted.reading)
+    made = samples.table(known, wanted.reading.start, wanted.reading.end)
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
-    reference = _reference(wanted, known) if known is not None and wanted.whole else None
+    reference = _reference(wanted, known) if wanted.whole else None
     if reference is not None and reference[0].exists() and not wanted.overwrite:
         raise atomic_file.taken(reference[0])
     with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
@@ -75,7 +71,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     if reference is not None:
         atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
     names = tuple(column.name for column in made.columns)
-    return Exported(rows, names, made.units(), made.about, made.damage(), reference and reference[0])
+    return Exported(rows, names, made.units(), made.about, made.damage(), known.log.assumed, reference and reference[0])
 
 
 def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:

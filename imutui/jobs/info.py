@@ -12,6 +12,7 @@ from imutui.instrument.registry import of_model
 from imutui.jobs.documents import EventField, InfoDocument, QualityFields, SessionFields
 from imutui.jobs.quantities import utc_text
 from imutui.logbook import added_notes, sample_check, schemas, summary
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 from imutui.plain_text import NOTE_LIMIT, in_line, one_line
 
@@ -159,7 +160,11 @@ def row(b: Brief) -> dict[str, object]:
     }
 
 
-def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> InfoDocument:
+def info(
+    path: Path,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+    reading: Reading = AS_STATED,
+) -> InfoDocument:
     """All that is in a log, read from beginning to end; damaged parts are passed over.
 
     `progress`: told the share done, 0 to 1, and what is being done.
@@ -171,7 +176,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
     from imutui.logbook.scan import Scan
 
     found = Scan(path)
-    content = audit(found, lambda share: progress(share, f"reading {path.name}"))
+    content = audit(found, reading, lambda share: progress(share, f"reading {path.name}"))
     ends = summary.read(path)
     progress(1.0, "done")
     told = {
@@ -182,6 +187,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         "why": ends.why,
         "finished": found.finished,
         **_session(content),
+        "assumed": list(content.assumed),
         **_extent(content, found),
         "temperature_degc": _temperature(content),
         "effects": _effects(content),

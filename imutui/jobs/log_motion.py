@@ -19,6 +19,7 @@ from imutui.jobs import replay
 from imutui.jobs.replay_input import level_force
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 
 _IMPORTED = "imported"
@@ -53,26 +54,26 @@ class Motion:
     carried: NDArray[np.bool_] | None = None
 
 
-def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, latency: Array | None = None) -> Motion:
+def motion_of(log: Log, info: SessionInfo, reading: Reading, latency: Array | None = None) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
     `info`: from `replay.session_of`.
-    `options`: `reference` and `overrides` count.
+    `reading`: `reference` and `overrides` count.
     `latency`: how late the six channels are known to read, s, shape (6,): a profile that is joined by them is joined
       so much too late.
     Raises InputError if the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
-    own = options.reference is None
+    own = reading.reference is None
     if own and log.states.stamp_ns.size >= _LEAST_STATES:
-        return _from_states(log, info, options)
+        return _from_states(log, info, reading)
     if info.reference in ("level", "turned"):  # turned by hand: the readings themselves say where it rests
         return Motion(still, still)
     if info.reference == "gravity":
         return Motion(still, still, _levelled(log, info))
     if own and info.reference == "trajectory" and np.isfinite(log.table.angles_deg).all(axis=1).any():
         return _from_table(log, info)
-    known = replay.motion_of(log, info, options, 0.0)
+    known = replay.motion_of(log, info, reading, 0.0)
     if isinstance(known, Profile):
         return _from_profile(log, info, known, np.zeros(6) if latency is None else latency)
     if isinstance(known, Trajectory):
@@ -147,9 +148,9 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, latency: Array)
 # ------------------------------------------------------------------------ angles that a table's controller measured
 
 
-def _from_states(log: Log, info: SessionInfo, options: replay.ReplayOptions) -> Motion:
+def _from_states(log: Log, info: SessionInfo, reading: Reading) -> Motion:
     """Angles that the table's controller measured, joined at their own stamps; the sign is the profile's, if any."""
-    known = replay.motion_of(log, info, options, 0.0) if info.reference in ("profile", "trajectory") else None
+    known = replay.motion_of(log, info, reading, 0.0) if info.reference in ("profile", "trajectory") else None
     sign = np.array(known.sign if isinstance(known, Profile) else (1, 1, 1))
     t, states = log.seconds(), log.states
     seconds = reader.seconds_since(states.stamp_ns, log.first_ns)

@@ -21,6 +21,7 @@ from imutui.jobs.residuals import NoiseLevel
 from imutui.jobs.result_files import Result
 from imutui.logbook import effects_file, reader
 from imutui.logbook.reader import Log
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.results import EstimatePoints, ResultDocument
 
 # -------------------------------------------------------------------------------------------------------- log quality
@@ -122,7 +123,7 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
     asked = d.get("asked", {})
     path, without = Path(d["log"]), "biases and NIS over time, residual and Allan deviation are left out"
     progress(path.name)
-    log, why = _log(path, d["log_sha256"])
+    log, why = _log(path, d["log_sha256"], replace(Reading.of(asked), start=None, end=None))
     if log is None:
         return LogData(effects=asked.get("effects", ""), missing=(f"{why}: {without}.",))
     effects = asked.get("effects") or _attached(log) if d.get("effects") else ""
@@ -133,13 +134,10 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
     if "reference" in asked:
         why = f"{path.name} was filtered with the reference of another file, which the result does not hold"
         return replace(made, missing=(f"{why}: {without}.",))
-    options = replay.ReplayOptions(
-        start, end, asked.get("overrides"), None, asked["effects"].encode() if "effects" in asked else None, points=True
-    )
     courses: tuple[Course, ...] = ()
     missing: list[str] = []
     try:
-        again = replay.replay(path, options)
+        again = replay.replay(path, Reading.of(asked), points=True)
         if _same(again, d):
             courses = (_course(again, ""),)
         else:
@@ -149,7 +147,7 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
             )
     except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
-    told = residuals.of_log(path, replay.ReplayOptions(overrides=asked.get("overrides")), start, end)
+    told = residuals.of_log(path, replace(Reading.of(asked), effects=None), start, end)
     missing += [told.why] if told.why else []
     return replace(
         made, courses=courses, curves=told.curves, levels=told.levels, levels_of=path.name, missing=tuple(missing)
@@ -181,7 +179,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         overrides: dict[str, str | float] = (
             {"reference": run["reference"]} if run["reference"] in ("level", "gravity") else {}
         )
-        told = residuals.of_log(path, replay.ReplayOptions(overrides=overrides), None, None)
+        told = residuals.of_log(path, Reading(overrides=overrides), None, None)
         levels = told.levels
         courses, why = _without_and_with(path, overrides, d.get("effects_file"))
         missing += [why] if why else []
@@ -209,9 +207,9 @@ def _without_and_with(
         contents.append(("with what was found", effects.encode()))
     made: list[Course] = []
     for name, content in contents:
-        options = replay.ReplayOptions(overrides=overrides, effects=content, points=True)
+        reading = Reading(overrides=overrides, effects=content)
         try:
-            made.append(_course(replay.replay(path, options), name))
+            made.append(_course(replay.replay(path, reading, points=True), name))
         except InputError as error:
             return made, f"{path.name} could not be filtered {name} ({error}): biases and NIS are left out."
     return made, ""
@@ -236,14 +234,14 @@ def _same(again: ResultDocument, d: ResultDocument) -> bool:
     return bool(equal.all()) and again["samples"] == d["samples"]
 
 
-def _log(path: Path, sha256: str | None) -> tuple[Log | None, str]:
+def _log(path: Path, sha256: str | None, reading: Reading = AS_STATED) -> tuple[Log | None, str]:
     """A log that is where a result says and unchanged, or why there is none."""
     try:
         if not path.is_file():
             return None, f"{path} is not there"
         if reader.sha256(path) != sha256:
             return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
-        return reader.read(path), ""
+        return reader.read(path, reading=reading), ""
     except (OSError, InputError) as error:
         return None, f"{path} cannot be read ({error})"
 

@@ -46,10 +46,7 @@ def recover(
     Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
-    with reader.opened(path) as stream:
-        held = file_lock.is_held(stream)
-    if held:
-        raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
+    _refuse_held(path)
     found, digest = Scan(path), reader.sha256(path)
     with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
         kept = rebuilding.rebuild(
@@ -73,6 +70,12 @@ def recover(
     return _document(found, output, kept, known, trouble, (digest, made))
 
 
+def _refuse_held(path: Path) -> None:
+    with reader.opened(path) as stream:
+        if file_lock.is_held(stream):
+            raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
+
+
 def _refuse(path: Path, output: Path) -> None:
     if output.is_dir():
         raise InputError(f"{output} is a folder: name the file to make")
@@ -84,7 +87,7 @@ def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:
     """What a replay finds in the rebuilt file, or None and why it can't."""
     try:
         known = pieces.outline(path, pieces.ROWS)
-    except UnreadableLogError as error:
+    except InputError as error:
         return None, str(error).replace(str(path), str(output))
     return known, f"a replay stops at {known.seconds:.3f} s: {known.log.damage}" if known.log.damage else ""
 

@@ -1,11 +1,12 @@
 """The filter over a log: the same step as live, fed with what the file holds."""
 
+import contextlib
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from imutui.logbook import (
     checksum_file,
     effects_file,
     estimates,
+    foreign_log,
     health,
     log_time,
     reader,
@@ -34,9 +36,9 @@ from imutui.logbook import (
 from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
-from imutui.logbook.reference_file import ReferenceFile
-from imutui.logbook.results import ReplayChoices, ResultDocument
-from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
+from imutui.logbook.reading import AS_STATED, Reading
+from imutui.logbook.results import ResultDocument
+from imutui.logbook.session_info import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line, quoted
 
@@ -46,40 +48,18 @@ _PART = 65536
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayOptions:
-    """What a replay may set differently from the recording."""
+class EstimatesFile:
+    """A log of estimates that a replay writes."""
 
-    # start, end: part of the log, s since its first sample
-    start: float | None = None
-    end: float | None = None
-    # fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
-    overrides: Overrides | None = None
-    reference: ReferenceFile | None = None  # a profile or trajectory instead of what the log has
-    effects: bytes | None = None  # an effects file's content instead of what the log has; empty for no effects
-    speed: float | None = None  # times real time to pace the samples at; None goes as fast as it can
-    output: Path | None = None  # Log of estimates to write
-    estimates_hz: float = ESTIMATES_HZ  # how many estimates a second go into it; 0 for all
-    overwrite: bool = False  # replace `output` if it exists
-    mode: int = MODE  # permissions of `output`
-    course: bool = False  # whether the result has the biases over time, for plots; not with an `output`, which has them
-    points: bool = False  # whether it has biases and NIS at instants, for figures
+    path: Path
+    hz: float = ESTIMATES_HZ  # estimates a second; 0 for all
+    overwrite: bool = False  # replace the file if it exists
+    mode: int = MODE  # permissions
 
-    def every(self) -> float:
-        """Least time between two estimates that are asked for, s."""
-        if self.output is None:
-            return np.inf
-        return 1.0 / self.estimates_hz if self.estimates_hz > 0.0 else 0.0
-
-    def asked(self) -> ReplayChoices:
-        """What of it differs from the recording, as a result keeps it."""
-        made = {
-            "start": self.start,
-            "end": self.end,
-            "overrides": dict(self.overrides) if self.overrides else None,
-            "effects": None if self.effects is None else self.effects.decode("utf-8", "replace"),
-            "reference": None if self.reference is None else hashlib.sha256(self.reference.content).hexdigest(),
-        }
-        return cast("ReplayChoices", {key: value for key, value in made.items() if value is not None})
+    @property
+    def every_s(self) -> float:
+        """Least time between two estimates, s."""
+        return 1.0 / self.hz if self.hz > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,65 +75,82 @@ class Replayed:
 
 def replay(
     path: Path,
-    options: ReplayOptions,
+    reading: Reading = AS_STATED,
     progress: Callable[[float], None] = lambda share: None,
     say: Callable[[str], None] | None = None,
+    **wanted: Any,
 ) -> ResultDocument:
-    """Result of the filter over one log: see `replayed`, which tells of the log too."""
-    return replayed(path, options, progress, say).result
+    """Return the result of the filter over one log; the arguments are those of `replayed`."""
+    return replayed(path, reading, progress, say, **wanted).result
 
 
 def replayed(
     path: Path,
-    options: ReplayOptions,
+    reading: Reading = AS_STATED,
     progress: Callable[[float], None] = lambda share: None,
     say: Callable[[str], None] | None = None,
+    *,
+    speed: float | None = None,
+    output: EstimatesFile | None = None,
+    course: bool = False,
+    points: bool = False,
 ) -> Replayed:
     """Run the filter over one log.
 
-    `progress`: told the share done, 0 to 1, now and then.
-    `say`: told in a sentence how far compiling has come, the first time on a machine.
+    `progress`: called with the share done, 0 to 1, now and then.
+    `say`: called with a sentence on how far compiling has come, the first time on a machine.
+    `speed`: times real time to pace the samples at; None goes as fast as it can.
+    `output`: file of estimates to write.
+    `course`: whether the result has the biases over time, for plots; not with an `output`, which has them.
+    `points`: whether the result has biases and NIS at instants, for figures.
     Raises UnreadableLogError if there is nothing to replay.
     Raises InputError if an override is not possible; the message names it.
     Raises DivergenceError if the filter broke down; the message names the sample.
     """
-    if options.output is not None and options.output.exists() and options.output.samefile(path):
-        raise InputError(f"{options.output} is the log itself: estimates go into a file of their own")
-    if options.output is None:
-        return _replayed(path, options, None, progress, say)
-    with atomic_file.part_of(options.output, overwrite=options.overwrite, mode=options.mode) as part:
-        made = _replayed(path, options, part, progress, say)
-    checksum_file.remove(options.output)  # of an earlier file of that name
+    if output is not None and output.path.exists() and output.path.samefile(path):
+        raise InputError(f"{output.path} is the log itself: estimates go into a file of their own")
+    with contextlib.ExitStack() as stack:
+        part = None
+        if output is not None:
+            part = stack.enter_context(atomic_file.part_of(output.path, overwrite=output.overwrite, mode=output.mode))
+        sink = None if part is None or output is None else replace(output, path=part)
+        made = _replayed(path, reading, sink, progress, say, speed, course=course, points=points)
+    if output is not None:
+        checksum_file.remove(output.path)  # of an earlier file of that name
     return made
 
 
 def _replayed(
     path: Path,
-    options: ReplayOptions,
-    output: Path | None,
+    reading: Reading,
+    output: EstimatesFile | None,
     progress: Callable[[float], None],
     say: Callable[[str], None] | None,
+    speed: float | None,
+    *,
+    course: bool,
+    points: bool,
 ) -> Replayed:
     started = time.perf_counter()
-    fed = _fed(path, options)
+    fed = _fed(path, reading)
     log, first_ns = fed.log, fed.first.first_ns
     log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
-    info, settings = prepare(log, fed.first, options, parts=fed.parts)
-    course = ReplayCourse(info, fed.seconds) if options.course else None
-    points = ReplayPoints(info, fed.seconds) if options.points else None
-    wanted = [taker.every for taker in (course, points) if taker is not None]
-    estimator = Estimator(settings, min([options.every(), *wanted]))
+    info, settings = prepare(log, fed.first, reading, parts=fed.parts)
+    course_of = ReplayCourse(info, fed.seconds) if course else None
+    points_of = ReplayPoints(info, fed.seconds) if points else None
+    wanted = [taker.every for taker in (course_of, points_of) if taker is not None]
+    estimator = Estimator(settings, min([np.inf if output is None else output.every_s, *wanted]))
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, first_ns), event.text)
     estimator.warm_up(say)
-    sink = None if output is None else _EstimateSink(output, info, log, first_ns, options.mode)
+    sink = None if output is None else _EstimateSink(output.path, info, log, first_ns, output.mode)
     temperature = replay_input.Temperatures()
     started = time.perf_counter()
-    for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
-        for taker in (course, points):
+    for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, speed, progress):
+        for taker in (course_of, points_of):
             if taker is not None:
                 taker.take(rows, estimator)
         if sink is not None:
@@ -161,9 +158,9 @@ def _replayed(
     if estimator.latest is None:
         raise InputError(f"{path}: {_nothing_used(info)}")
     filter_s = time.perf_counter() - started
-    first = None if options.start is None else first_ns
-    last = None if options.end is None else first_ns + round(fed.seconds * 1e9)
-    channels = channel_health.of_log(path, info, first, last)
+    first = None if reading.start is None else first_ns
+    last = None if reading.end is None else first_ns + round(fed.seconds * 1e9)
+    channels = channel_health.of_log(path, info, reading, first, last)
     result = results.document(
         estimator,
         info,
@@ -176,35 +173,36 @@ def _replayed(
         log_sha256=log_sha256,
         health=channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256),
     )
+    result["assumed"] = list(log.assumed)
     if log.damage:
         result["damage"] = log.damage
-    if other := effects_file.of_other_unit(effects_of(log, options), info):
+    if other := effects_file.of_other_unit(effects_of(log, reading), info):
         result["effects_of_other_unit"] = other
     if sink is not None:
         sink.finish(result)
-    if course is not None:
-        result["course"] = course.rows(result)
-    if points is not None:
-        result["points"] = points.points()
-    if asked := options.asked():
+    if course_of is not None:
+        result["course"] = course_of.rows(result)
+    if points_of is not None:
+        result["points"] = points_of.points()
+    if asked := reading.document():
         result["asked"] = asked
     return Replayed(result, info, first_ns, temperature.figures())
 
 
-def _fed(path: Path, options: ReplayOptions) -> Feed:
+def _fed(path: Path, reading: Reading) -> Feed:
     """Samples of a log: those of a long one in pieces, unless something has to be looked for in all of them at once."""
-    known = replay_input.outline_of_long(path)
-    if known is None or not known.log.own or known.lacks.any() or _is_aligned(known.log, options):
-        log = reader.read(path)
-        part = replay_input.select(log, options.start, options.end)
-        part = replay_input.filled(part, session_of(log, options), path)
+    known = replay_input.outline_of_long(path, reading)
+    if known is None or known.lacks.any() or _is_aligned(known.log, reading):
+        log = reader.read(path, reading=reading)
+        part = replay_input.select(log, reading.start, reading.end)
+        part = replay_input.filled(part, session_of(log, reading), path)
         return Feed(log, part, lambda: iter([part]), float(part.t[-1]))
-    return replay_input.in_pieces(known, options.start, options.end)
+    return replay_input.in_pieces(known, reading.start, reading.end)
 
 
-def _is_aligned(log: Log, options: ReplayOptions) -> bool:
+def _is_aligned(log: Log, reading: Reading) -> bool:
     """Whether a profile's place in time is found in the samples."""
-    motion = motion_of(log, session_of(log, options), options, 0.0)
+    motion = motion_of(log, session_of(log, reading), reading, 0.0)
     return isinstance(motion, Profile) and motion.align == "gyro"
 
 
@@ -220,7 +218,7 @@ def _nothing_used(info: SessionInfo) -> str:
 def prepare(
     log: Log,
     part: Part,
-    options: ReplayOptions,
+    reading: Reading,
     advice: str = ". --effects none leaves effects out",
     parts: Callable[[], Iterable[Part]] | None = None,
 ) -> tuple[SessionInfo, Settings]:
@@ -228,17 +226,17 @@ def prepare(
 
     `part` is the first of `parts`, or all of them; `advice` follows the reason why effects cannot be.
     """
-    info = session_of(log, options)
-    if options.start:
+    info = session_of(log, reading)
+    if reading.start:
         # what was remembered is of the file's first sample
         info = replace(info, memory="")
-    motion = motion_of(log, info, options, part.start)
+    motion = motion_of(log, info, reading, part.start)
     offset, offset_sd = -part.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
     noise = replay_input.measured_noise(info, parts or (lambda: [part])) if info.noise == FROM_LOG else None
     try:
-        content = effects_of(log, options)
+        content = effects_of(log, reading)
         _refuse_twice(log.info, content)
         make = effects_file.maker(content, info)
     except InputError as error:
@@ -251,38 +249,39 @@ def _refuse_twice(info: SessionInfo, effects: bytes) -> None:
         raise InputError(f"the effects of this file are taken out of it already ({in_line(info.source)})")
 
 
-def session_of(log: Log, options: ReplayOptions) -> SessionInfo:
-    """Session of a log with overrides; a foreign file's rate is that of its samples."""
+def session_of(log: Log, reading: Reading) -> SessionInfo:
+    """Return the session of a log with what the caller states in place of it.
+
+    Raises RefusedLogError if another program's log is said to be level and its forces say otherwise.
+    """
     info = log.info
-    if not log.own:
-        stamps = log.stamp_ns
-        span = float(stamps[-1] - stamps[0]) / 1e9 if stamps.size > 1 else 0.0
-        rate = (stamps.size - 1) / span if span > 0.0 else 1.0
-        info = replace(info, rate_hz=rate, sampling="foreign", accel_sign=1)
     if log.reference is not None:
         info = replace(info, reference=log.reference)
     if info.filter == "none":
         info = replace(info, filter="spkf")
-    if options.reference is not None:
-        digest = hashlib.sha256(options.reference.content).hexdigest()
-        info = replace(info, reference=options.reference.kind, reference_sha256=digest)
-    info = replace(info, effects_sha256=effects_file.digest(effects_of(log, options)))
-    return info.overridden(options.overrides or {})
+    if reading.reference is not None:
+        digest = hashlib.sha256(reading.reference.content).hexdigest()
+        info = replace(info, reference=reading.reference.kind, reference_sha256=digest)
+    info = replace(info, effects_sha256=effects_file.digest(effects_of(log, reading)))
+    info = info.overridden(reading.overrides)
+    if log.mean_force is not None and info.reference == "level":
+        foreign_log.refuse_upside_down(log.path, log.mean_force, info.axes(), info.gravity_mps2)
+    return info
 
 
-def effects_of(log: Log, options: ReplayOptions) -> bytes:
+def effects_of(log: Log, reading: Reading) -> bytes:
     """Content of the effects file that a replay takes: the one asked for, else the log's own."""
     return (
-        log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE) if options.effects is None else options.effects
+        log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE) if reading.effects is None else reading.effects
     )
 
 
-def motion_of(log: Log, info: SessionInfo, options: ReplayOptions, start: float) -> Profile | Trajectory | None:
+def motion_of(log: Log, info: SessionInfo, reading: Reading, start: float) -> Profile | Trajectory | None:
     """Motion that the reference needs, its time counted from `start` s of the log where it has no offset of its own."""
     if info.reference not in ("profile", "trajectory"):
         return None
-    if options.reference is not None:
-        motion = options.reference.motion()
+    if reading.reference is not None:
+        motion = reading.reference.motion()
     else:
         name = next((name for name in reference_file.ATTACHMENTS if name in log.attachments), None)
         if name is None:

@@ -16,6 +16,7 @@ from filters.motion import reference as references
 from imutui.logbook import pieces, sample_check
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 
 WHOLE_BYTES = 64 * 2**20  # size of a log up to which it is read at once: an hour and a half at 133 Hz
@@ -47,13 +48,13 @@ class Feed:
     seconds: float  # how long they are
 
 
-def outline_of_long(path: Path) -> Outline | None:
-    """What is known of a log that is too long to be read at once; None for others."""
+def outline_of_long(path: Path, reading: Reading) -> Outline | None:
+    """Return what is known of a log that is too long to be read at once; None for others."""
     try:
         long = path.stat().st_size > WHOLE_BYTES
     except OSError:
         return None  # whoever opens it says why not
-    return pieces.outline(path, pieces.ROWS) if long else None
+    return pieces.outline(path, pieces.ROWS, reading=reading) if long else None
 
 
 def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
@@ -103,7 +104,7 @@ def _nothing_left(path: Path, seconds: float) -> str:
 
 def select(log: Log, start: float | None, end: float | None) -> Part:
     """Samples from `start` to `end`, s since the first, without those that are flagged as no reading."""
-    begin_ns, nothing = int(log.stamp_ns[0]), np.empty((log.stamp_ns.size, 0))
+    begin_ns, nothing = log.first_ns, np.empty((log.stamp_ns.size, 0))
     every = Piece(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature(), nothing, nothing)
     piece = _chosen(every, begin_ns, start, end)
     if not piece.stamp_ns.size:

@@ -17,7 +17,8 @@ from filters.errors import InputError
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import ChannelCurvesEntry, CurveEntry, RunCurvesEntry
 from filters.types import Array
-from imutui.jobs import replay, residuals, runs
+from imutui.jobs import residuals, runs
+from imutui.logbook.reading import Reading
 
 _SCALE = np.repeat([180.0 / np.pi, 1e3 / STANDARD_GRAVITY], 3)
 _POINTS = 300
@@ -144,16 +145,16 @@ class Residual:
     why: str = ""  # why there are none, a sentence; empty where there are
 
 
-def of_log(path: Path, options: replay.ReplayOptions, start: float | None, end: float | None) -> Residual:
+def of_log(path: Path, reading: Reading, start: float | None, end: float | None) -> Residual:
     """Residual of a log, its spectrum and Allan deviation by channel, and its noise.
 
-    `options`: reference and overrides of the session.
+    `reading`: reference and overrides of the session.
     `start`, `end`: part of it, s since its first sample.
     """
     from filters.tracing import residual
 
     try:
-        read = runs.read_run(path, path.stem, options, _SHORTEST_S)
+        read = runs.read_run(path, path.stem, reading, _SHORTEST_S)
     except InputError as error:
         return Residual(why=f"{path.name}: the residual and its Allan deviation are left out ({error}).")
     run = read.run

@@ -4,7 +4,7 @@ Samples that the log flags as no reading (a count at its limit) stay in and are 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from imutui.jobs.log_motion import Motion, motion_of
 from imutui.logbook import pieces, reader, summary
 from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import Log
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 
 Tell = Callable[[float, str], None]
@@ -41,22 +42,24 @@ class LoggedRun:
     how: str  # how the motion is known, where that is worth a word
     first_ns: int  # its first sampling instant, UTC, ns
     sha256: str  # of the file
+    reading: Reading  # how it was read
+    assumed: tuple[str, ...]  # of another program's log, in words
 
 
-def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = 0.0) -> LoggedRun:
+def read_run(path: Path, name: str, reading: Reading, shortest: float = 0.0) -> LoggedRun:
     """Read a log as one run.
 
-    `options`: reference and overrides of the session.
+    `reading`: reference and overrides of the session.
     `shortest`: least length, s; how much a trace takes depends on what it is of.
     Raises UnreadableLogError if there is nothing to read.
     Raises InputError if it is too short, or its motion is not known.
     """
-    log = reader.read(path)
-    info = replay.session_of(log, options)
+    log = reader.read(path, reading=reading)
+    info = replay.session_of(log, reading)
     seconds = float(log.seconds()[-1])
     if seconds < shortest:
         raise InputError(f"{path} lasts {seconds:.1f} s; at least {shortest:.0f} s are needed. Record a longer one.")
-    motion = motion_of(log, info, options, (_figures(info) if log.own else _UNKNOWN)[2])
+    motion = motion_of(log, info, reading, (_figures(info) if log.own else _UNKNOWN)[2])
     first_ns = log.first_ns
     return LoggedRun(
         path,
@@ -67,21 +70,25 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
         motion.how,
         first_ns,
         reader.sha256(path),
+        reading,
+        log.assumed,
     )
 
 
-def read_beginning(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
+def read_beginning(path: Path, name: str, reading: Reading) -> LoggedRun:
     """Read the first samples of a log as a run, twenty minutes at 133 Hz; it is not said whether the file is whole.
 
     Raises as `read_run`, and InputError where only all of a log tells its motion.
     """
-    log = next(reader.parts(path, _BEGINNING))
-    info = replay.session_of(log, options)
+    log = next(reader.parts(path, _BEGINNING, reading=reading))
+    info = replay.session_of(log, reading)
     if info.reference not in _IN_PIECES or not log.stamp_ns.size:
         raise InputError(f"{path}: its beginning says too little")
-    motion = motion_of(log, info, options)
+    motion = motion_of(log, info, reading)
     run = _run(name, log, info, motion)
-    return LoggedRun(path, info, run, True, "", motion.how, log.first_ns, f"the beginning of {path}")
+    return LoggedRun(
+        path, info, run, True, "", motion.how, log.first_ns, f"the beginning of {path}", reading, log.assumed
+    )
 
 
 def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
@@ -130,7 +137,7 @@ _OUTLINED = 0.4  # share of the time that the first reading takes
 
 
 def read_runs(
-    paths: Sequence[Path], names: Sequence[str], options: replay.ReplayOptions, fitted: int, tell: Tell
+    paths: Sequence[Path], names: Sequence[str], reading: Reading, fitted: int, tell: Tell
 ) -> list[LoggedRun]:
     """Read logs as runs; as means over rows, in pieces, if they are long.
 
@@ -138,14 +145,14 @@ def read_runs(
     `tell`: told the share done, 0 to 1, and what is being done.
     Raises as `read_run`.
     """
-    known = _outlines(paths, options, tell)
+    known = _outlines(paths, reading, tell)
     if not known:
         made = []
         for number, (path, name) in enumerate(zip(paths, names, strict=True)):
             tell(number / len(paths), f"reading {path.name}")
-            made.append(read_run(path, name, options))
+            made.append(read_run(path, name, reading))
         return made
-    logs = [_LongLog(name, outline, options) for name, outline in zip(names, known, strict=True)]
+    logs = [_LongLog(name, outline, reading) for name, outline in zip(names, known, strict=True)]
     stretches = [[log.run(part) for part in log.known.kept] for log in logs]
     still = all(part.still for own in stretches for part in own)
     period = block_s(sum(log.known.seconds for log in logs[:fitted]), still=still)
@@ -167,7 +174,7 @@ def is_long(paths: Sequence[Path]) -> bool:
     return sum(path.stat().st_size for path in paths if path.is_file()) > replay_input.WHOLE_BYTES
 
 
-def _outlines(paths: Sequence[Path], options: replay.ReplayOptions, tell: Tell) -> list[Outline]:
+def _outlines(paths: Sequence[Path], reading: Reading, tell: Tell) -> list[Outline]:
     """What is known of logs that are to be read in pieces; empty if they are not."""
     if not is_long(paths):
         return []
@@ -179,8 +186,8 @@ def _outlines(paths: Sequence[Path], options: replay.ReplayOptions, tell: Tell) 
             share = (before + min(1.0, seconds / of)) / len(paths)
             tell(_OUTLINED * share, f"reading {name}, {seconds / 3600.0:.0f} h")
 
-        known.append(pieces.outline(path, pieces.ROWS, keep, told))
-        if replay.session_of(known[-1].log, options).reference not in _IN_PIECES:
+        known.append(pieces.outline(path, pieces.ROWS, keep, told, reading))
+        if replay.session_of(known[-1].log, reading).reference not in _IN_PIECES:
             return []
     return known if sum(outline.samples for outline in known) > _HELD else []
 
@@ -189,17 +196,15 @@ class _LongLog:
     """A log that is read in pieces.
 
     `known`: of the log, with stretches of it.
-    `options`: reference and overrides of the session.
+    `reading`: reference and overrides of the session.
     Raises InputError if it is too short, or its motion is not known.
     """
 
-    def __init__(self, name: str, known: Outline, options: replay.ReplayOptions) -> None:
+    def __init__(self, name: str, known: Outline, reading: Reading) -> None:
         self.name, self.known, path = name, known, known.log.path
-        self.info = replay.session_of(known.log, options)
-        if not known.log.own:
-            self.info = replace(self.info, rate_hz=(known.samples - 1) / known.seconds)
+        self.info = replay.session_of(known.log, reading)
         valid, accel = (np.concatenate([getattr(part, x) for part in known.kept]) for x in ("valid", "accel"))
-        self._motion = motion_of(Log(path, valid=valid, accel=accel), self.info, options)
+        self._motion = motion_of(Log(path, valid=valid, accel=accel), self.info, reading)
 
     def run(self, part: Log) -> Run:
         """A part of it, which gives up its samples."""
@@ -213,13 +218,24 @@ class _LongLog:
         run = long_run.condensed(self._pieces(tell), stretches, lines, block_s, known.samples)
         digest = reader.sha256(known.log.path)
         log = known.log
-        return LoggedRun(log.path, self.info, run, log.finished, log.damage, self._motion.how, known.first_ns, digest)
+        return LoggedRun(
+            log.path,
+            self.info,
+            run,
+            log.finished,
+            log.damage,
+            self._motion.how,
+            known.first_ns,
+            digest,
+            known.reading,
+            log.assumed,
+        )
 
     def _pieces(self, tell: Callable[[int], None]) -> Iterator[Run]:
         done, known = 0, self.known
         # what was said of temperature last, before a part begins
         stamps, values = np.array([known.first_ns]), np.array([known.first_temperature])
-        for part in reader.parts(known.log.path, pieces.ROWS):
+        for part in reader.parts(known.log.path, pieces.ROWS, reading=known.reading):
             part.temperature_stamp_ns = np.append(stamps[-1:], part.temperature_stamp_ns)
             part.temperature_degc = np.append(values[-1:], part.temperature_degc)
             stamps, values = part.temperature_stamp_ns, part.temperature_degc

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from filters.tracing.trace_document import TraceDocument
-    from imutui.jobs import replay, trace
     from imutui.jobs.documents import CheckDocument, InfoDocument, RecoverDocument
     from imutui.logbook.results import ResultDocument
 
@@ -30,16 +29,15 @@ class TraceResult:
     experiment: str  # profile (TOML) of the motion that would separate the causes; empty if none is needed
 
 
-def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> "ResultDocument":
+def replay_log(path: Path, tell: Tell) -> "ResultDocument":
     """The filter over one log: the result document, docs/formats.md."""
     from imutui.jobs import replay
 
     tell(0.0, f"reading {path.name}")
-    wanted = options or replay.ReplayOptions(course=True)
-    return replay.replay(path, wanted, lambda share: tell(share, f"filtering {path.name}"))
+    return replay.replay(path, progress=lambda share: tell(share, f"filtering {path.name}"), course=True)
 
 
-def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell: Tell) -> TraceResult:
+def trace_logs(logs: Sequence[Path], tell: Tell) -> TraceResult:
     """A trace over logs, one log a run; while it goes on, what is found so far stands below what is being done."""
     tell(0.0, "starting")
     from imutui.jobs import trace
@@ -47,9 +45,8 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
     found: list[str] = []
     traced = trace.trace(
         list(logs),
-        options or trace.TraceOptions(),
-        lambda share, what: tell(share, "\n".join([what, *found])),
-        lambda text: found.extend([text] if text else []),
+        progress=lambda share, what: tell(share, "\n".join([what, *found])),
+        so_far=lambda text: found.extend([text] if text else []),
     )
     experiment = traced.document["separating_experiment"]
     return TraceResult(

@@ -6,7 +6,7 @@ files that come of it.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,11 +19,12 @@ from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.run import Run
 from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
-from imutui.jobs import channel_health, power_ons, replay, residuals, run_consistency, runs
+from imutui.jobs import channel_health, power_ons, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import effects_file, power_on
-from imutui.logbook.reference_file import ReferenceFile, to_toml
+from imutui.logbook.reading import AS_STATED, Reading
+from imutui.logbook.reference_file import to_toml
 
 VERSION = 1
 Progress = Callable[[float, str], None]
@@ -32,15 +33,12 @@ _MOST_POINTS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class TraceOptions:
-    """What a trace may set."""
+class _Wanted:
+    """Arguments of `trace` that concern the tracing, not the reading."""
 
-    holdout: Path | None = None  # Log of the run that nothing is fitted to; by default the last of several logs
-    reference: ReferenceFile | None = None  # a profile or trajectory instead of what the logs have
-    overrides: dict[str, Any] = field(default_factory=dict)  # fields of `SessionInfo` to replace: reference
-    asked: tuple[str, ...] = ()  # effects whose limits are wanted even if nothing is found
-    seed: int = 0  # of everything random
-    power_ons: tuple[int, ...] = ()  # number of each log's power-on, of logs that do not say what they continue
+    about: tuple[str, ...]
+    seed: int
+    power_ons: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,58 +54,68 @@ class Traced:
 
 def trace(
     logs: Sequence[Path],
-    options: TraceOptions,
+    reading: Reading = AS_STATED,
     progress: Progress = lambda share, what: None,
     so_far: Callable[[str], None] = lambda text: None,
+    *,
+    holdout: Path | None = None,
+    about: tuple[str, ...] = (),
+    seed: int = 0,
+    power_on_numbers: tuple[int, ...] = (),
 ) -> Traced:
     """Trace a unit over its logs, one log a run or a part of one.
 
     `logs`: at least one.
-    `progress`: told the share done, 0 to 1, and what is being done.
-    `so_far`: told what the beginnings of long logs say, before all of them is read.
+    `reading`: what replaces the statements of the logs; its effects do not count.
+    `progress`: called with the share done, 0 to 1, and what is being done.
+    `so_far`: called with the result of the beginnings of long logs, before all of them is read.
+    `holdout`: log of the run that nothing is fitted to; by default the last of several logs.
+    `about`: effects whose limits are wanted even if nothing is found.
+    `seed`: of everything random.
+    `power_on_numbers`: number of each log's power-on, of logs that do not state what they continue.
     Raises UnreadableLogError if there is nothing to read in one of them.
     Raises InputError if they do not belong together, or do not follow their reference; the message says what to do.
     """
-    _check_asked(options.asked)
-    training, heldout, notes = _divided(logs, options.holdout)
+    _check_asked(about)
+    training, heldout, notes = _divided(logs, holdout)
     paths = [*training, *([heldout] if heldout is not None else [])]
     names = _names(paths)
-    wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
+    wanted = _Wanted(about, seed, power_on_numbers)
     long = runs.is_long(paths)
     if long:
         progress(0.0, "tracing the beginning")
-        so_far(_provisional(paths, names, wanted, options, heldout))
-    reading = _READING_LONG if long else _READING
-    reads = runs.read_runs(paths, names, wanted, len(training), lambda share, what: progress(reading * share, what))
+        so_far(_provisional(paths, names, reading, wanted, heldout))
+    share_read = _READING_LONG if long else _READING
+    reads = runs.read_runs(paths, names, reading, len(training), lambda share, what: progress(share_read * share, what))
     return _traced(
-        reads, heldout, options, notes, lambda share, what: progress(reading + (1.0 - reading) * share, what)
+        reads, heldout, wanted, notes, lambda share, what: progress(share_read + (1.0 - share_read) * share, what)
     )
 
 
-def read_together(logs: Sequence[Path], options: TraceOptions) -> list[Run]:
-    """Runs of logs of one unit, none held out; raises as `trace`."""
-    reads = runs.read_runs(logs, _names(logs), replay.ReplayOptions(), len(logs), lambda share, what: None)
+def read_together(logs: Sequence[Path], power_on_numbers: tuple[int, ...]) -> list[Run]:
+    """Return the runs of logs of one unit, none held out; raises as `trace`."""
+    reads = runs.read_runs(logs, _names(logs), Reading(), len(logs), lambda share, what: None)
     run_consistency.check_together(reads)
     for read in reads:
         run_consistency.check_reference(read)
-    return [read.run for read in power_ons.join(_as_told(reads, options))[0]]
+    return [read.run for read in power_ons.join(_of_power_ons(reads, power_on_numbers))[0]]
 
 
-def _as_told(reads: Sequence[LoggedRun], options: TraceOptions) -> Sequence[LoggedRun]:
-    return power_ons.parts_of(reads, options.power_ons) if options.power_ons else reads
+def _of_power_ons(reads: Sequence[LoggedRun], numbers: tuple[int, ...]) -> Sequence[LoggedRun]:
+    return power_ons.parts_of(reads, numbers) if numbers else reads
 
 
 def _provisional(
     paths: Sequence[Path],
     names: Sequence[str],
-    wanted: replay.ReplayOptions,
-    options: TraceOptions,
+    reading: Reading,
+    wanted: "_Wanted",
     heldout: Path | None,
 ) -> str:
     """What the beginnings of long logs say; empty if they can't be traced by themselves."""
     try:
-        reads = [runs.read_beginning(path, name, wanted) for path, name in zip(paths, names, strict=True)]
-        found = _traced(reads, heldout, options, [], lambda share, what: None).document
+        reads = [runs.read_beginning(path, name, reading) for path, name in zip(paths, names, strict=True)]
+        found = _traced(reads, heldout, wanted, [], lambda share, what: None).document
     except InputError:
         return ""  # whether the whole can be traced is said when it is read
     minutes = sum(read.run.seconds for read in reads) / len(reads) / 60.0
@@ -115,19 +123,19 @@ def _provisional(
 
 
 def _traced(
-    reads: list[LoggedRun], heldout: Path | None, options: TraceOptions, notes: list[str], progress: Progress
+    reads: list[LoggedRun], heldout: Path | None, wanted: "_Wanted", notes: list[str], progress: Progress
 ) -> Traced:
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
-    reads, joined = power_ons.join(_as_told(reads, options))
+    reads, joined = power_ons.join(_of_power_ons(reads, wanted.power_ons))
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += [_lacking(read) for read in reads if read.run.unread]
     find = _trace_turned if by_hand else _trace_known
-    found, own_notes = find(fitted, held, options.asked, options.seed, progress)
+    found, own_notes = find(fitted, held, wanted.about, wanted.seed, progress)
     notes += own_notes
     if by_hand and not all(read.info.site_stated for read in reads):
         notes.append(_SITE_NOT_STATED)
@@ -275,7 +283,8 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "history_known": run.history_known,
         "log_sha256": read.sha256,
         "identity": info.identity(),
-        "health": channel_health.of_log(read.path, info).entries(moving=False),
+        "assumed": list(read.assumed),
+        "health": channel_health.of_log(read.path, info, read.reading).entries(moving=False),
         # the stamps of an import begin when its file was last written
         "start_utc": "" if info.sampling == "imported" else utc_text(read.first_ns),
         "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],

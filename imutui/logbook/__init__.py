@@ -2,7 +2,7 @@
 
 `atomic_file` the one writer of files, `file_lock` whether a process writes one ·
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
-and its index, `mcap_writer` writes them · `mcap_stream` its records in order, `scan` those of a damaged one,
+and its index · `mcap_stream` its records in order, `scan` those of a damaged one,
 `summary` its ends ·
 `columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
 bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,

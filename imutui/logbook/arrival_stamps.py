@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-_SHORT = 0.25
+SHORT = 0.25  # a step shorter than this share of the mean period comes of a burst
 _SHARE = 0.2
 _PIECE_S = 20.0
 _SILENCE_S = 1.0
@@ -29,18 +29,26 @@ class Instants:
 
 
 def bursts(t: np.ndarray) -> str:
-    """What makes stamps look like arrivals in bursts, in figures; empty if they don't.
+    """Return what makes stamps look like arrivals in bursts, in figures; "" if they do not.
 
     `t`: s, shape (N,), increasing.
     """
     steps = np.diff(t)
     period = float(steps.mean())
-    share = float(np.mean(steps < _SHORT * period))
+    return burst_words(float(np.mean(steps < SHORT * period)), period, float(steps.max()))
+
+
+def burst_words(share: float, period: float, longest: float) -> str:
+    """Return stamps that look like arrivals in bursts in words; "" if they do not.
+
+    `share`: of the steps that are shorter than `SHORT` of the mean period.
+    `period`, `longest`: mean and longest step, s.
+    """
     if share <= _SHARE:
         return ""
     return (
         f"{100 * share:.0f} % of steps are shorter than a quarter of the mean period of {period * 1e3:.2f} ms,"
-        f" the longest is {steps.max() * 1e3:.0f} ms"
+        f" the longest is {longest * 1e3:.0f} ms"
     )
 
 

@@ -10,11 +10,14 @@ import numpy as np
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
-from imutui.logbook import sample_check, schemas, summary
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook import layout, reader, sample_check, schemas, summary
+from imutui.logbook.columns import ESTIMATE, IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, joined
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.scan import Content, Scan
-from imutui.logbook.schemas import LogEvent, UndecodableError
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.walk import ChunkHead, reason
 
@@ -25,6 +28,7 @@ _PLAIN = {
     schemas.TEMPERATURE: TEMPERATURE,
     schemas.REFERENCE: TABLE,
     schemas.STATE: STATE,
+    schemas.ESTIMATE: ESTIMATE,
 }
 _SHOWN = 20
 
@@ -139,6 +143,7 @@ class Audit:
     info: SessionInfo | None = None  # its session; None in another program's file
     # the same as strings, with fields that this version does not know
     session: dict[str, str] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()  # of another program's log, in words
     session_trouble: str = ""  # why the session cannot be used, if so
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # records by name
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
@@ -169,18 +174,11 @@ class Audit:
     homeless: int = 0  # messages of channels that nothing declares
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
 
-    @property
-    def imu_topic(self) -> str | None:
-        """Topic of the samples, if there is one."""
-        return summary.imu_topic(self.types)
-
 
 def _take_belonging(known: Audit, record: Metadata | Attachment) -> None:
     """Add metadata or an attachment; of several of one name, the last is kept."""
     if isinstance(record, Attachment):
         known.attachments[record.name] = record.data
-        if record.name == summary.SUMMARY:
-            known.result = summary.quality(record.data)
         return
     known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
     if record.name == METADATA:
@@ -216,24 +214,27 @@ def _take_note(known: Audit, part: Part) -> None:
 # -------------------------------------------------------------------------------------------------------------- parts
 
 
-def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
+def audit(found: Scan, reading: Reading = AS_STATED, progress: Callable[[float], None] = lambda share: None) -> Audit:
     """Return what is known of a log as a whole; see `parts`."""
     known = Audit()
-    for _ in parts(found, known, progress):
+    for _ in parts(found, known, reading, progress):
         pass
     return known
 
 
 def parts(
-    found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False
+    found: Scan,
+    known: Audit,
+    reading: Reading = AS_STATED,
+    progress: Callable[[float], None] = lambda share: None,
+    *,
+    indexes: bool = False,
 ) -> Iterator[Part]:
-    """Yield every message that a walk finds whole, `MESSAGES` at a time or a few more.
+    """Yield every message of a file that can be read, `MESSAGES` at a time or a few more.
 
-    `found`: of a log, not walked yet; it is whole after the last part.
-    `known`: empty; what is known of the log is put into it, and is whole after the last part. Metadata and attachments
-      before a part's messages are in it when the part is yielded.
-    `progress`: called with the share done, 0 to 1.
-    `indexes`: as in `Scan.items`.
+    `found`: of the file, filled while it is walked.
+    `known`: filled likewise; its session is there before the first part, since a log begins with it.
+    `progress`, `indexes`: as of `Scan.items`.
     Raises UnreadableLogError as `Scan.items`.
     """
     work = _Work(known)
@@ -241,12 +242,29 @@ def parts(
         if isinstance(item, Schema | Channel):
             work.declare(item)
         elif isinstance(item, Metadata | Attachment):
-            _take_belonging(known, item)
+            work.belonging(item)
         elif isinstance(item, Batch) and work.take(item) >= MESSAGES:
             yield work.part()
     yield work.part()
     work.close()
+    if summary.SUMMARY in known.attachments:
+        known.result = summary.quality(known.attachments[summary.SUMMARY])
+    if not known.session and not known.session_trouble:
+        yield from _foreign_parts(found, known, reading)
     progress(1.0)
+
+
+def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part]:
+    """Yield the samples of another program's log as a replay takes them, up to the first damage."""
+    try:
+        for log in reader.parts(found.path, MESSAGES, reading=reading):
+            known.assumed = log.assumed
+            part = Part(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature_degc, log.packets, None, None)
+            _take_note(known, part)
+            yield part
+    except UnreadableLogError:
+        if not found.damages:
+            raise
 
 
 class _Work(Channels):
@@ -258,14 +276,19 @@ class _Work(Channels):
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
         self._runs: dict[int, HeadRun | None] = {}
 
+    def belonging(self, record: Metadata | Attachment) -> None:
+        """Take metadata or an attachment; a session makes the channels those of imutui."""
+        _take_belonging(self.audit, record)
+        for channel in self.channels.values():
+            self._assign(channel, self.types.get(channel.schema_id, ""))
+
     def met(self, found: Scan, items: Iterator[Content]) -> Iterator[McapRecord | Batch]:
         """Yield the items without the heads of chunks; keep the order in which channels have messages."""
         index = None
         for item in items:
-            if found.index is not index:
+            if found.index is not None and found.index is not index:
                 # the index comes before all records; it has the declarations that the file may have lost
                 index = found.index
-                assert index is not None
                 yield from [*index.schemas.values(), *index.channels.values()]
             if isinstance(item, ChunkHead):
                 self.audit.undecodable_count += item.short
@@ -283,22 +306,20 @@ class _Work(Channels):
     def _assign(self, channel: Channel, typename: str) -> None:
         self.audit.types[channel.topic] = typename
         self.audit.encodings[channel.topic] = channel.message_encoding
-        cdr = channel.message_encoding == "cdr"
-        ours = cdr and schemas.is_own(channel.topic, typename)
-        imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
-        self._roles[channel.id] = IMU if imu else _PLAIN.get(channel.topic, OTHER) if ours else IGNORED
+        ours = channel.message_encoding == "cdr" and schemas.is_own(channel.topic, typename)
+        # samples of another program are read as a replay takes them
+        own = ours and bool(self.audit.session or self.audit.session_trouble)
+        self._roles[channel.id] = _PLAIN.get(channel.topic, OTHER) if own else IGNORED
 
     def _other(self, topic: str, message: Message) -> None:
         data = message.data
-        if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
-            return
         if topic == schemas.EVENTS:
             self.audit.events.append(schemas.decode_event(data))
         elif topic == schemas.DIAGNOSTICS:
             values = schemas.decode_diagnostics(data)
             self.audit.diagnostics = self.audit.diagnostics if values is None else values
         else:
-            schemas.decode(schemas.TYPES[topic], data)
+            layout.layout_in(schemas.TYPES[topic], data)
 
     def _passes_over(self, topic: str, message: Message, error: UndecodableError) -> bool:
         self.audit.undecodable_count += 1
@@ -312,12 +333,15 @@ class _Work(Channels):
         roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
-        samples, packets = self.columns.imu(), self.columns.packets()
-        _, degc = self.columns.temperatures()
+        samples, packets = self.columns.all(IMU), self.columns.all(RAW)["packets"]
+        degc = self.columns.all(TEMPERATURE)["degc"]
         each = [heads[roles == role] for role in (IMU, RAW)]
-        paired = [own if own.size == rows.size else None for own, rows in zip(each, (samples[0], packets), strict=True)]
+        counts = (samples["stamp_ns"].size, packets.size)
+        sample_heads, packet_heads = (own if own.size == n else None for own, n in zip(each, counts, strict=True))
         self._heads, self.columns = [], Columns()
-        part = Part(*samples, degc, packets, *paired)
+        part = Part(
+            **samples, temperature_degc=degc, packets=packets, sample_heads=sample_heads, packet_heads=packet_heads
+        )
         _take_note(self.audit, part)
         return part
 

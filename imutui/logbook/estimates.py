@@ -112,8 +112,4 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: BiasVerdicts, info:
             rows[:, layout.OUT_NIS],
         ]
     )
-    dofs = rows[:, layout.OUT_DOF].astype(int).tolist()
-    return [
-        schemas.encode_estimate(stamp, numbers, dof, verdict.converged)
-        for stamp, numbers, dof in zip(stamps_ns.tolist(), values.tolist(), dofs, strict=True)
-    ]
+    return schemas.encode_estimates(stamps_ns, values, rows[:, layout.OUT_DOF], verdict.converged)

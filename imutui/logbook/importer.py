@@ -1,50 +1,50 @@
-"""Recordings made elsewhere (NPZ, CSV) into a log; docs/formats.md.
+"""Recordings made elsewhere into a log: NPZ, tables of text, Parquet, bags; docs/formats.md.
 
-Checked before anything is written: names, lengths, numbers, time, and what gravity says of signs.
+A recording is read twice in pieces, so that its length does not matter: first to see what it is, then to write it. What
+is assumed of it is said; what cannot be taken as it was meant is refused with a command that takes it.
 """
 
-import csv
 import math
 import warnings
 import zipfile
-from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 import imutui
 from filters.errors import InputError
+from filters.imu import STANDARD_GRAVITY
 from imutui import outside_file
-from imutui.logbook import arrival_stamps, log_time, parquet, power_on, sample_check, schemas
-from imutui.logbook.arrival_stamps import Instants
+from imutui.logbook import arrival_stamps, columns, foreign_log, log_time, parquet, power_on, sample_check, schemas
+from imutui.logbook.foreign_log import Cure, Topic
 from imutui.logbook.log_stream import MODE
+from imutui.logbook.recording_columns import PARTS, REFERENCES, REQUIRED, Column, UnassignedError, assign
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
+from imutui.logbook.text_table import ROWS, Progress, TextTable
 from imutui.logbook.writer import whole_log
 from imutui.plain_text import in_line
 
 T = TypeVar("T")
 
-_REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
-_OPTIONAL = {"temp": 1}
-# what is known of the motion; NaN is "unknown" here
-_REFERENCES = {"ang": 3, "rate": 3, "ref_quat": 4, "gps_pos": 3, "gps_vel_ned": 3}
-_KNOWN = (*_REQUIRED, *_OPTIONAL, *_REFERENCES)
-_STEMS = {name.partition("_")[0] for name in _KNOWN}
-_PARTS = {3: "xyz", 4: "wxyz"}
-LIMIT = 2 * 2**30
-"""Most that is read of a recording, bytes: of an NPZ's arrays, or of a CSV's text. Two days of everything at 133 Hz."""
 _HEADS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """How the head of an array is read, by the version of its format; later ones are for names of columns."""
-_LARGEST = 1e9  # largest reading, angle or place, of either sign, in the units of the file
+LIMIT = 2 * 2**30
+"""Most that is held of a recording, bytes: of an NPZ's or a Parquet file's arrays. Two days of everything at 133 Hz."""
+_LARGEST = 1e9  # largest angle or place, of either sign, in the units of the file
 _UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
+_FEWEST = 5  # rows with the time of the one before that are left out unasked, at the least
+_FEW = 0.01  # largest share of rows with the time of the one before that are left out unasked
+_RATES = (0.45, 20_000.0)  # usual rates of recordings, Hz; others have to be stated
+_ROOM_DEGC = 150.0  # a mean temperature above it is in kelvin
+_QUIET_DPS = 0.004  # noise of rates below it is that of rad/s, taken for deg/s
 STARTED = "started at the modification time of its file"
 STAMPS = f"the recording's own time, {STARTED}"
 _WITH_ATTACHMENT = ("profile", "trajectory")
@@ -52,23 +52,256 @@ _MOVING = (*_WITH_ATTACHMENT, "turned")
 
 
 class ImportDataError(InputError):
-    """The recording cannot be imported as it is; the message says what, where, and what to do next."""
+    """The recording cannot be imported as it is; the message says what, where, and what to do next.
+
+    `cures`: flags that take it, added to the command that was given.
+    """
+
+    def __init__(self, message: str, cures: Sequence[Cure] = ()) -> None:
+        super().__init__(message)
+        self.cures = tuple(cures)
+
+
+def _cure(*flags: str) -> Cure:
+    return "", flags
+
+
+# ------------------------------------------------------------------------------------------------------------- sources
+
+
+class Source(Protocol):
+    """Columns of numbers, read anew by each call of `pieces`."""
+
+    notes: list[str]  # what was passed over or assumed, in words; complete after a pass
+    states_units: bool  # whether `units` are of the source, not of its kind
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the columns, in order."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of columns, by name, as the source states them."""
+
+    def pieces(self, wanted: list[int], progress: Progress = ..., /) -> Iterator[list[np.ndarray]]:
+        """Yield rows of some columns, by their places."""
+
+
+class Arrays:
+    """A source in memory."""
+
+    states_units = True
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> None:
+        self.names, self.units, self.notes = tuple(arrays), dict[str, str](), list(notes)
+        self._columns = list(arrays.values())
+
+    def pieces(self, wanted: list[int], progress: Progress = lambda share: None) -> Iterator[list[np.ndarray]]:
+        """Yield rows of some columns, by their places, a bounded number at a time."""
+        count = max((self._columns[k].size for k in wanted), default=0)
+        for first in range(0, count, ROWS):
+            yield [self._columns[k][first : first + ROWS] for k in wanted]
+            progress(min(1.0, (first + ROWS) / count))
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is one of a bag, or of an MCAP file."""
+    return path.is_dir() or path.name.lower().endswith(_BAGS)
+
+
+def opened(path: Path, topic: str | None = None) -> Source:
+    """Return the columns of a file by its content: NPZ, NPY, Parquet, a bag, or a table of text.
+
+    `topic`: of the samples in a bag, or of the rates and of the forces with a comma between.
+    Raises ImportDataError if it is none of them.
+    """
+    try:
+        if (
+            path.is_dir()
+            or path.suffix.lower() in (".bag", ".db3", ".mcap")
+            or path.name.endswith((".mcap.zstd", ".mcap.zst"))
+        ):
+            from imutui.logbook import bag
+
+            return bag.opened(path, topic)
+        with outside_file.opened(path) as stream:
+            magic = stream.read(8)
+        if magic.startswith(b"PK\x03\x04") or path.suffix.lower() == ".npz":
+            return _npz(path)
+        if magic.startswith(b"\x93NUMPY"):
+            return _npy(path)
+        if magic.startswith(b"PAR1"):
+            return _of_parquet(path)
+        if magic.startswith((b"#ROSBAG", b"\x89MCAP")):
+            from imutui.logbook import bag
+
+            return bag.opened(path, topic)
+        return TextTable(path)
+    except OSError as error:
+        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file, or a bag.") from error
+    except ImportDataError:
+        raise
+    except InputError as error:
+        if cures := getattr(error, "cures", ()):
+            raise ImportDataError(f"{path}: {error}", cures) from error
+        raise ImportDataError(f"{path} cannot be read as a CSV table ({error}). {_FORMATS}") from error
+
+
+_BAGS = (".bag", ".db3", ".mcap", ".mcap.zstd", ".mcap.zst")
+_FORMATS = "Name an NPZ file (numpy.savez with t in s, gyro in deg/s, accel in g), a table of text, or a bag."
+
+
+def _npz(path: Path) -> Source:
+    if not zipfile.is_zipfile(path):
+        raise ImportDataError(f"{path} is not an NPZ file, though it is named so. {_FORMATS}")
+    try:
+        archive = _parsed(lambda: np.load(path, allow_pickle=False))
+        with archive, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python 2 wrote such heads, and they are read
+            _check_sizes(archive)
+            arrays = {name: _member(archive, name) for name in archive.files}
+    except InputError as error:
+        raise ImportDataError(
+            f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…)."
+        ) from error
+    return _flat(path, arrays)
+
+
+def _npy(path: Path) -> Source:
+    array = _parsed(lambda: np.load(path, allow_pickle=False))
+    if array.ndim != 2 or array.dtype.kind not in "fiu":
+        raise ImportDataError(f"{path} holds {array.dtype} of shape {array.shape}, not a table. {_FORMATS}")
+    return Arrays({f"#{k + 1}": column for k, column in enumerate(array.T)})
+
+
+def _of_parquet(path: Path) -> Source:
+    if not parquet.available():
+        raise ImportDataError(f"{path}: Parquet needs pyarrow, the extra `{parquet.EXTRA}`. Or save it as NPZ or CSV.")
+    try:
+        found = parquet.read(path, lambda name: True, LIMIT)
+    except InputError as error:
+        raise ImportDataError(f"{path} cannot be read as Parquet ({error}). Name another file.") from error
+    return Arrays({name: column for name, column in found.items() if column.dtype.kind in "fiuM"})
+
+
+def _flat(path: Path, arrays: dict[str, np.ndarray]) -> Source:
+    """Return arrays as columns, vectors by their components."""
+    lengths = {name: array.shape[0] for name, array in arrays.items() if array.ndim}
+    usual = lengths.get("t", max(lengths.values(), default=0))
+    flat, notes = dict[str, np.ndarray](), list[str]()
+    for name, array in list(arrays.items()):
+        if array.ndim == 2 and array.shape[0] in PARTS and array.shape[1] == usual != array.shape[0]:
+            array = arrays[name] = array.T
+            notes.append(f"`{name}` has a column a sample, and is turned")
+        if array.ndim == 2 and array.shape[1] in PARTS:
+            flat |= {f"{name}_{part}": array[:, k] for k, part in enumerate(PARTS[array.shape[1]])}
+        else:
+            flat[name] = array
+    for name in REQUIRED:
+        vector = name.partition("_")[0]
+        if name not in flat and vector in flat:
+            array = arrays[vector]
+            raise ImportDataError(f"{path}: `{vector}` has shape {array.shape} of {array.dtype}; it must be (N, 3).")
+    for name, width in REFERENCES.items():
+        if name in arrays and f"{name}_{PARTS[width][-1]}" not in flat:
+            array = arrays[name]
+            raise ImportDataError(
+                f"{path}: `{name}` has shape {array.shape} of {array.dtype}; it must be (N, {width})."
+            )
+    _check_lengths(path, {name: array for name, array in arrays.items() if _is_known(name)})
+    return Arrays(flat, notes)
+
+
+def _is_known(name: str) -> bool:
+    return name in ("t", "gyro", "accel", "temp", *REFERENCES)
+
+
+def _parsed(parse: Callable[[], T], where: str = "") -> T:
+    """Return what numpy makes of foreign bytes, whose unpacking raises many kinds: InputError for all of them."""
+    try:
+        return parse()
+    except OSError:
+        raise
+    except Exception as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{where}{why}") from error
+
+
+def _head(archive: Any, told: zipfile.ZipInfo) -> tuple[tuple[int, ...], Any]:
+    """Return shape and type of an array of the archive, as its head has them."""
+    with archive.zip.open(told) as stream:
+        version = np.lib.format.read_magic(stream)
+        shape, _, dtype = _HEADS[version](stream)
+    return shape, dtype
+
+
+def _check_sizes(archive: Any) -> None:
+    """Refuse, before anything is unpacked, arrays that would be longer than they say, or than memory should hold."""
+    total = 0
+    for name in archive.files:
+        told = archive.zip.getinfo(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name)
+        try:
+            shape, dtype = _parsed(partial(_head, archive, told), f"`{name}`: ")
+        except InputError:
+            if _is_known(name):
+                raise
+            continue
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject:
+            if _is_known(name):
+                raise InputError(f"`{name}` holds Python's objects, which are not read")
+            continue
+        if not 0 <= size <= told.file_size:
+            raise InputError(f"`{name}` says that its shape is {shape}, which is more than the file holds")
+        total += size
+    if total > LIMIT:
+        raise InputError(f"its arrays take {total:,} bytes; the most is {LIMIT:,}: split the recording")
+
+
+def _member(archive: Any, name: str) -> np.ndarray:
+    """Return an array of the archive; one that is not numbers is only named."""
+    try:
+        array = _parsed(lambda: np.asarray(archive[name]), f"`{name}`: ")
+    except InputError:
+        if _is_known(name):
+            raise
+        return np.empty(0)
+    if array.dtype.kind not in "fiuM" and not _is_known(name):
+        return np.empty(0)
+    if array.dtype.kind not in "fiuM":
+        raise InputError(f"`{name}` has shape {array.shape} of {array.dtype}; it must be numbers")
+    return array
+
+
+def _check_lengths(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    lengths = {name: len(array) if np.ndim(array) else 0 for name, array in arrays.items()}
+    if len(set(lengths.values())) > 1:
+        shortest = min(lengths.values())
+        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise ImportDataError(
+            f"{path}: lengths differ ({listed} rows), from row {shortest} on something is missing."
+            " Every array needs one row a sample; cut them to the same length."
+        )
+
+
+# ----------------------------------------------------------------------------------------------------------- recording
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recording as its file has it: the instrument's axes and sign."""
+    """Samples of a recording in the instrument's axes and sign: all, or those of a piece."""
 
     t: np.ndarray  # s, shape (N,), increasing
-    # gyro_dps, accel_g: shape (N, 3)
+    # gyro_dps, accel_g: shape (N, 3); NaN where there is no reading
     gyro_dps: np.ndarray
     accel_g: np.ndarray
-    temperature_degc: np.ndarray | None  # shape (N,)
+    temperature_degc: np.ndarray | None  # shape (N,); NaN where none was taken
     not_imported: tuple[str, ...] = ()  # names of arrays that were left aside
-    # arrays that say something of the motion, by their names in the file (`ang`, `rate` in deg and deg/s, `ref_quat`,
-    # `gps_pos` in deg, deg, m, `gps_vel_ned` in m/s), a row a sample, NaN where unknown
+    # arrays that state the motion, by their names in the file (`ang`, `rate` in deg and deg/s, `ref_quat`, `gps_pos` in
+    # deg, deg, m, `gps_vel_ned` in m/s), a row a sample, NaN where unknown
     known: dict[str, np.ndarray] = field(default_factory=dict)
     stamps: str = STAMPS  # what `t` means
+    origin_s: float = 0.0  # what `t` has to be added to for the recording's own clock
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -81,86 +314,530 @@ class Recording:
         return float((self.t.size - 1) / (self.t[-1] - self.t[0]))
 
 
-def load(path: Path, start: float | None = None, end: float | None = None) -> Recording:
-    """Read and check a recording.
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the caller states of a recording."""
 
-    `path`: NPZ with arrays `t` (s), `gyro` (deg/s), `accel` (g), optionally `temp` (degC); or CSV with columns `t`,
-      `gyro_x` … `accel_z`, `temp`.
-    `start`, `end`: part to take, s since its first sample.
-    Raises ImportDataError if the file cannot be read, or its content is not what the names promise.
+    start: float | None = None  # s since its first sample
+    end: float | None = None
+    columns: str | None = None  # as of --columns
+    units: str | None = None  # as of --units
+    topic: str | None = None  # as of --topic
+    arrival: bool = False  # whether `t` are arrivals, under which instants are fitted
+    rate_hz: float | None = None  # at which rows follow each other, instead of their times
+    drop: tuple[int, ...] = ()  # rows to leave out, from 0
+
+
+class RecordingFile:
+    """A recording in a file, looked at once.
+
+    `assumed`: what is assumed of it, in words.
+    `look`: statistics of its samples, in SI.
+    `count`, `first_s`, `last_s`: samples, and times of the first and the last, s on the recording's clock.
+    `mean_g`: median specific force over parts of it, g, shape (3,).
+    Raises ImportDataError if it cannot be taken as it is.
     """
-    read = {".csv": _read_csv, ".parquet": _read_parquet}.get(path.suffix.lower(), _read_npz)
-    arrays = read(path)
-    for name, width in _REQUIRED.items():
-        if name not in arrays:
-            near = ", ".join(sorted(arrays)) or "nothing"
-            raise ImportDataError(
-                f"{path} has no `{name}`; it has: {near}. Needed: t in s, gyro in deg/s, accel in g, each sample a row."
+
+    def __init__(self, path: Path, options: Options = Options(), progress: Progress = lambda share: None) -> None:
+        self.path, self._options = path, options
+        self._source = opened(path, options.topic)
+        try:
+            self._assigned = assign(
+                self._source.names, self._source.units, options.columns, options.units, words=self._source.states_units
             )
-        _check_shape(path, name, arrays[name], width)
-    references = [name for name in _REFERENCES if name in arrays]
-    for name in references:
-        _check_shape(path, name, arrays[name], _REFERENCES[name])
-    used = dict.fromkeys(_REQUIRED) | {name: None for name in (*_OPTIONAL, *references) if name in arrays}
-    _check_lengths(path, {name: arrays[name] for name in used})
-    values = {name: np.asarray(arrays[name], dtype=float) for name in used}
-    t = values["t"]
-    _check_finite(path, "t", t, np.ones(t.size, bool))
-    if t.size < 2:
-        raise ImportDataError(f"{path} has {t.size} samples; at least two are needed.")
-    part = np.ones(t.size, bool)
-    if start is not None:
-        part &= t - t[0] >= start
-    if end is not None:
-        part &= t - t[0] <= end
-    for name, column in values.items():
-        if name not in references:
-            _check_finite(path, name, column, part)
-        if name != "t":  # whose step and span are looked at
-            _check_large(path, name, column)
-    if part.any() and sample_check.unread(values["gyro"][part], values["accel"][part]).all():
-        raise ImportDataError(f"{path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
-    _check_time(path, t)
-    if np.count_nonzero(part) < 2:
+        except UnassignedError as error:
+            cures = [_cure("--columns", error.columns)] if error.columns else []
+            raise ImportDataError(f"{path} {error}. {'' if cures else _NAMES}".rstrip(), cures) from error
+        except InputError as error:
+            raise ImportDataError(f"{path}: {error}") from error
+        self._whole: Recording | None = None
+        self._instants: np.ndarray | None = None
+        self.stamps, self._dates, self._scale = STAMPS, False, 1.0
+        self._origin: float | int | None = None
+        self.look = Topic(path.name)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no readings
+            self._survey(progress)
+            self.assumed = [*self._source.notes, *self._assigned.assumed, *self._judge()]
+        if options.arrival:
+            self.assumed.append(self._fit())
+
+    @property
+    def not_imported(self) -> tuple[str, ...]:
+        """Names of columns that are left out."""
+        return self._assigned.left
+
+    def pieces(self, progress: Progress = lambda share: None) -> Iterator[Recording]:
+        """Yield the samples, a bounded number at a time unless they have to be put into order."""
+        whole, first = self._whole, 0
+        for piece in self._chosen(self._read(progress)) if whole is None else _cut(whole):
+            if piece.t.size:
+                last = first + piece.t.size
+                yield piece if self._instants is None else replace(piece, t=self._instants[first:last])
+                first = last
+
+    def whole(self) -> Recording:
+        """Return all samples in memory."""
+        return _joined(list(self.pieces()), self.not_imported)
+
+    def content_id(self, info: SessionInfo) -> str:
+        """Return the id of a log of these samples."""
+        digest = power_on.ContentId()
+        for piece in self.pieces():
+            gyro, accel, _ = in_body(piece, info, self.lacks)
+            digest.add(piece.t, gyro, accel)
+        return digest.text()
+
+    # -- reading --
+
+    def _read(self, progress: Progress = lambda share: None) -> Iterator[Recording]:
+        """Yield all rows in our units, in the order of the file."""
+        targets = list(self._assigned.columns)
+        places = [self._assigned.columns[target].place for target in targets]
+        row = 0
+        try:
+            for values in self._source.pieces(places, progress):
+                found = dict(zip(targets, values, strict=True))
+                t = self._time(found.pop("t"), row)
+                row += t.size
+                yield self._piece(t, found)
+        except ImportDataError:
+            raise
+        except InputError as error:
+            raise ImportDataError(f"{self.path}: {error}. Correct it, or take a part before it: --end") from error
+        except OSError as error:
+            raise ImportDataError(f"{self.path}: {error.strerror or error}. Name another file.") from error
+
+    def _time(self, raw: np.ndarray, row: int) -> np.ndarray:
+        """Return times since the first, s; exact for whole numbers and dates."""
+        if self._options.rate_hz is not None:
+            self._origin = 0.0
+            return np.asarray((row + np.arange(raw.size)) / self._options.rate_hz)
+        column = self._assigned.columns["t"]
+        if raw.dtype.kind == "M":
+            raw = raw.astype("datetime64[ns]").astype(np.int64)
+            column = replace(column, scale=1e-9)
+            self._dates = True
+        self._scale = column.scale
+        if self._origin is None and raw.size:
+            finite = raw if raw.dtype.kind in "iu" else raw[np.isfinite(raw)]
+            self._origin = finite[0].item() if finite.size else 0.0
+        origin = 0 if self._origin is None else self._origin
+        if raw.dtype.kind in "iu":
+            return np.asarray((raw.astype(np.int64) - int(origin)) * column.scale)
+        # numbers in s keep their digits
+        return np.asarray(raw * column.scale - float(origin) * column.scale) if self._shifts else np.asarray(raw, float)
+
+    @property
+    def _shifts(self) -> bool:
+        """Whether times count from the first one: those in s that are small stay as the file has them."""
+        column = self._assigned.columns["t"]
+        return column.scale != 1.0 or bool(column.modulo) or abs(float(self._origin or 0.0)) > 1e7
+
+    @property
+    def origin_s(self) -> float:
+        """Time of the recording's own clock at which `t` is 0, s."""
+        origin = self._origin or 0
+        return float(origin) * self._scale if isinstance(origin, int) or self._shifts else 0.0
+
+    def _piece(self, t: np.ndarray, found: dict[str, np.ndarray]) -> Recording:
+        def of(name: str) -> np.ndarray:
+            column = self._assigned.columns.get(name, _LACKING)
+            values = np.asarray(found[name], float) if name in found else np.full(t.size, np.nan)
+            return values if column.scale == 1.0 and not column.offset else values * column.scale + column.offset
+
+        gyro, accel = (np.column_stack([of(f"{vector}_{axis}") for axis in "xyz"]) for vector in ("gyro", "accel"))
+        known = {
+            name: np.column_stack([of(f"{name}_{part}") for part in PARTS[width]])
+            for name, width in REFERENCES.items()
+            if all(f"{name}_{part}" in found for part in PARTS[width])
+        }
+        return Recording(t, gyro, accel, of("temp") if "temp" in found else None, known=known)
+
+    def _chosen(self, pieces: Iterator[Recording]) -> Iterator[Recording]:
+        """Yield the samples of the part, without rows that are dropped or have the time of the one before."""
+        options, last, row, wraps, part = self._options, -np.inf, 0, 0.0, None
+        for piece in pieces:
+            t, use = piece.t, np.ones(piece.t.size, bool)
+            use[[k - row for k in options.drop if row <= k < row + t.size]] = False
+            row += t.size
+            if modulo := self._assigned.columns["t"].modulo:
+                t = t + wraps + modulo * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * modulo)
+                wraps_here = t[-1] - piece.t[-1]
+                if np.isfinite(last) and t[0] < last - 0.5 * modulo:
+                    t, wraps_here = t + modulo, wraps_here + modulo
+                wraps = wraps_here
+            part = part or _Part(options, float(t[use][0]) if use.any() else 0.0)
+            use[use] &= part.has(t[use])
+            kept = t[use]
+            if not options.arrival:
+                use[use] &= np.diff(kept, prepend=last) != 0.0
+            last = float(kept[-1]) if kept.size else last
+            yield _rows(replace(piece, t=t), use)
+
+    # -- looking --
+
+    def _survey(self, progress: Progress) -> None:
+        """Go through all samples once: order of times, numbers, noise, direction of gravity."""
+        self.count, self._rows, self._first_bad = 0, 0, dict[str, tuple[int, int]]()
+        self.first_s = self.last_s = 0.0
+        self._known: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
+        self._large: dict[str, list[int]] = {}
+        self.lacks, self._degc = np.ones(6, bool), list[float]()
+        self._means: list[np.ndarray] = []
+        self._spread: list[np.ndarray] = []
+        for piece in self._read(progress):
+            self._check(piece)
+            self._rows += piece.t.size
+        for piece in self._chosen(self._read()):
+            if piece.t.size:
+                self._take(piece)
+
+    def _check(self, piece: Recording) -> None:
+        """Refuse rows that no command could read, in the part that is asked for."""
+        if not np.isfinite(piece.t).all():
+            k = int(np.argmin(np.isfinite(piece.t))) + self._rows
+            raise ImportDataError(
+                f"{self.path}: `t` is not a number in row {k} (first row is 0).", [_cure("--drop", str(k))]
+            )
+
+    def _take(self, piece: Recording) -> None:
+        for name, values in (("gyro", piece.gyro_dps), ("accel", piece.accel_g), ("temp", piece.temperature_degc)):
+            if values is not None:
+                self._note_large(name, values)
+        for name, values in piece.known.items():
+            self._note_large(name, values)
+        self.lacks &= sample_check.unread(piece.gyro_dps, piece.accel_g)
+        if not self.count:
+            self.first_s = float(piece.t[0])
+        self.last_s, self.count = float(piece.t[-1]), self.count + piece.t.size
+        if piece.known:
+            self._known.append((piece.t, piece.known))
+        if piece.temperature_degc is not None and np.isfinite(piece.temperature_degc).any():
+            self._degc.append(float(np.nanmedian(piece.temperature_degc)))
+        rows = np.zeros(piece.t.size, columns.DTYPES[columns.IMU])
+        rows["stamp_ns"] = np.clip(np.round((piece.t - self.first_s) * 1e9), -_FAR_NS, _FAR_NS)
+        rows["gyro"], rows["accel"] = np.deg2rad(piece.gyro_dps), piece.accel_g * STANDARD_GRAVITY
+        self.look.take(rows, rows["stamp_ns"])
+        for first in range(0, piece.t.size, _SPAN):
+            span = np.hstack([piece.gyro_dps, piece.accel_g])[first : first + _SPAN]
+            if np.isfinite(span).any():
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are missing
+                    median = np.nanmedian(span, axis=0)
+                    self._means.append(median)
+                    self._spread.append(1.4826 * np.nanmedian(np.abs(span - median), axis=0))
+
+    def _note_large(self, name: str, values: np.ndarray) -> None:
+        with np.errstate(invalid="ignore"):
+            beyond = (np.abs(values.reshape(len(values), -1)) > sample_check.LARGEST.get(name, _LARGEST)).any(axis=1)
+        if beyond.any():
+            self._large.setdefault(name, []).extend((np.flatnonzero(beyond) + self.count)[:_SHOWN].tolist())
+
+    def _refuse_large(self) -> None:
+        """Raise ImportDataError for readings that no unit has."""
+        for name, rows in self._large.items():
+            largest, unit = sample_check.LARGEST.get(name, _LARGEST), _UNITS.get(name, "")
+            few = len(rows) < _SHOWN
+            raise ImportDataError(
+                f"{self.path}: `{name}` is beyond ±{largest:,.0f}{unit} in row {rows[0]} (first row is 0;"
+                f" {len(rows)}{'' if few else ' or more'} such rows). Nothing is that large.",
+                [_cure("--drop", ",".join(map(str, rows)))] if few else [],
+            )
+
+    @property
+    def medians(self) -> np.ndarray:
+        """Medians of gyros (deg/s) and accelerometers (g) over the recording, shape (6,)."""
+        return np.asarray(np.median(self._means, axis=0)) if self._means else np.full(6, np.nan)
+
+    def moves(self, *, forces_only: bool = False) -> bool:
+        """Return whether the unit moves: single readings that are off do not count."""
+        means, spread = np.array(self._means), np.array(self._spread)
+        if not len(means):
+            return False
+        with np.errstate(invalid="ignore"):
+            wide = np.nanmedian(spread, axis=0)
+            apart = np.nanmax(means, axis=0) - np.nanmin(means, axis=0)
+            # forces in another unit than g are larger
+            limits = _LIMITS * np.repeat([1.0, max(1.0, float(np.linalg.norm(np.nan_to_num(self.medians[3:]))))], 3)
+            moving = (wide > limits) | (apart > 3.0 * limits)
+            return bool((moving[3:] if forces_only else moving).any())
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of channels that it lacks, NaN throughout."""
+        return sample_check.names(self.lacks)
+
+    @property
+    def has_temperature(self) -> bool:
+        """Whether any temperature was taken."""
+        return bool(self._degc)
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate, (N - 1)/duration."""
+        return (self.count - 1) / (self.last_s - self.first_s)
+
+    def known(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return times and arrays that state the motion; empty if there are none."""
+        if not self._known:
+            return np.empty(0), {}
+        names = self._known[0][1]
+        return np.concatenate([t for t, _ in self._known]), {
+            name: np.concatenate([known[name] for _, known in self._known]) for name in names
+        }
+
+    # -- judging --
+
+    def _judge(self) -> list[str]:
+        """Return what is assumed of times and readings; raises ImportDataError for what has to be stated."""
+        options, look, assumed = self._options, self.look, list[str]()
+        whole = options.start is None and options.end is None
+        equal = self._rows - self.count - len(options.drop) if whole else 0
+        if self._rows < 2:
+            raise ImportDataError(f"{self.path} has {self._rows} samples; at least two are needed.")
+        if equal > max(_FEWEST, _FEW * self._rows) and not options.arrival:
+            raise ImportDataError(
+                f"{self.path}: {equal:,} of {self._rows:,} rows have the time of the one before: times are rounded.",
+                [_cure("--stamps", "arrival"), _cure("--rate", "100")] if self.count > 10 else [_cure("--rate", "100")],
+            )
+        if self.count < 2:
+            raise ImportDataError(
+                f"{self.path}: --start and --end leave fewer than two samples of {self._rows:,} rows."
+            )
+        if self.lacks.all():
+            raise ImportDataError(f"{self.path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
+        if self._dates:
+            assumed.append("times are dates")
+        if options.rate_hz is not None:
+            assumed.append(f"rows follow each other at {options.rate_hz:g} Hz")
+        if equal:
+            assumed.append(f"{equal:,} row{'' if equal == 1 else 's'} with the time of the one before left out")
+        if look.stamps.back and not options.arrival:
+            assumed += self._ordered()
+        self._refuse_scales()
+        self._refuse_large()
+        if (missing := look.missing - (self.count if self.lacks.any() else 0)) > 0:
+            assumed.append(f"{missing:,} sample{'' if missing == 1 else 's'} with NaN or blank cells hold no reading")
+        if look.zero:
+            assumed.append(f"{look.zero:,} sample{'' if look.zero == 1 else 's'} of six zeros hold no reading")
+        return assumed
+
+    def _ordered(self) -> list[str]:
+        """Put rows into order that are a little out of it; raises ImportDataError for a clock that was set back."""
+        whole = _joined(list(self._chosen(self._read())), self.not_imported)
+        t, order = whole.t, np.argsort(whole.t, kind="stable")
+        moved, back = np.abs(order - np.arange(order.size)), np.flatnonzero(np.diff(t) < 0.0)
+        usual = float(np.median(np.diff(t)))
+        jumps = np.flatnonzero(np.diff(t) > 10.0 * max(usual, 1e-9))
+        if back.size == 1 and any(abs(int(jump) - int(back[0])) == 1 for jump in jumps.tolist()):
+            raise self._far(t, usual)
+        if moved.max() <= foreign_log.NEAR and foreign_log.is_orderly(t):
+            ordered = _rows(whole, order)
+            self._whole = _rows(ordered, np.diff(ordered.t, prepend=-np.inf) > 0.0)
+            self.count, self.first_s = self._whole.t.size, float(self._whole.t[0])
+            self.last_s = float(self._whole.t[-1])
+            return [f"{np.count_nonzero(moved):,} rows put into the order of their times"]
+        k = int(back[0]) + 1
+        by, at = float(t[k - 1] - t[k]), float(t[k - 1] - t[0])
+        periods = [period for period in _PERIODS if abs(by - period) < 0.05 * period]
+        cures = [_cure("--units", f"t:s%{periods[0]:g}")] if periods and t[k] < 0.1 * by else []
+        cures += [_cure("--end", f"{at - 1e-3:.3f}")] if at > 1.0 else []
+        cures += [_cure("--start", f"{max(at, 0.0) + 1e-3:.3f}")] if t[-1] - t[0] > at + 1.0 else []
+        cures += [_cure("--rate", f"{1.0 / usual:g}")] if usual > 0.0 else []
+        places = "once" if back.size == 1 else f"{back.size} times"
         raise ImportDataError(
-            f"{path}: --start and --end leave fewer than two samples; the recording lasts {t[-1] - t[0]:.3f} s."
+            f"{self.path}: time does not increase at row {k}: {t[k - 1]:.6f} s, then {t[k]:.6f} s; it goes back"
+            f" {places}: a clock was set, or begins anew.",
+            cures,
         )
-    return Recording(
-        t[part],
-        values["gyro"][part],
-        values["accel"][part],
-        values["temp"][part] if "temp" in values and np.isfinite(values["temp"][part]).any() else None,
-        tuple(sorted(set(arrays) - set(used))),
-        {name: values[name][part] for name in references},
+
+    def _far(self, t: np.ndarray, usual: float) -> ImportDataError:
+        """Return the error for one time that is far off the others."""
+        line = np.median(t - usual * np.arange(t.size)) + usual * np.arange(t.size)
+        k = int(np.argmax(np.abs(t - line)))
+        return ImportDataError(
+            f"{self.path}: the time of row {k} (first row is 0) is {t[k] - line[k]:+.6g} s off its place.",
+            [_cure("--drop", str(k)), *([_cure("--end", f"{t[k - 1] - t[0]:.3f}")] if k > 1 else [])],
+        )
+
+    def _fit(self) -> str:
+        """Fit sampling instants under the times; returns how, in words."""
+        t = np.concatenate([piece.t for piece in self._chosen(self._read())])
+        if (np.diff(t) < 0.0).any():
+            raise ImportDataError(f"{self.path}: times that go back are no arrivals.", [_cure("--end", "10")])
+        fitted = arrival_stamps.from_arrivals(t)
+        self._instants = fitted.t
+        self.first_s, self.last_s = float(fitted.t[0]), float(fitted.t[-1])
+        how = "one regular grid" if fitted.pieces == 1 else f"{fitted.pieces} joined regular grids"
+        late = f"late by {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most"
+        self.stamps = (
+            f"sampling instants fitted under the recording's arrival times ({how}; arrivals {late}), {STARTED}"
+        )
+        return f"sampling instants fitted under the arrivals in {fitted.pieces} piece(s); they are {late}"
+
+    def bursts(self) -> str:
+        """Return what makes the times look like arrivals in bursts, in figures; "" if they do not."""
+        return "" if self._options.arrival else self.look.bursts()
+
+    def _stated(self, quantity: str) -> bool:
+        """Return whether a flag or the file states the unit of a quantity, such as `gyro`."""
+        stated = {column.stated for name, column in self._assigned.columns.items() if name.startswith(quantity)}
+        return "flag" in stated or ("file" in stated and self._source.states_units)
+
+    def _refuse_scales(self) -> None:
+        """Raise ImportDataError where numbers do not fit the units that nobody stated."""
+        units, words, medians = list[str](), list[str](), self.medians
+        span, step = self.last_s - self.first_s, self.look.step_ns / 1e9
+        rate = 1.0 / step if step > 0.0 else 0.0
+        if self._options.rate_hz is None and not self._stated("t") and not _RATES[0] <= rate <= _RATES[1]:
+            scale = _time_unit(rate)
+            words.append(f"`t` in s would give {rate:.3g} Hz over {span:.3g} s")
+            units += [f"t:{scale}"] if scale else []
+        if not self._stated("accel") and not self.moves(forces_only=True) and np.isfinite(medians[3:]).all():
+            force = float(np.linalg.norm(medians[3:]))
+            unit = next((unit for unit, size in _FORCES if 0.8 < force / size < 1.2), None)
+            if unit is not None:
+                words.append(f"at rest `accel` reads {force:.5g}, not 1 g")
+                units.append(f"accel:{unit}")
+            elif force < 0.05:
+                names = [name for name in self._assigned.columns if not name.startswith("accel")]
+                kept = ",".join(f"{name}={self._assigned.columns[name].name}" for name in names)
+                raise ImportDataError(
+                    f"{self.path}: at rest `accel` reads {force:.3g} g: gravity was taken out of it. A calibration"
+                    " needs it: export the raw accelerometer, or leave these columns out and have the gyros alone.",
+                    [_cure("--columns", kept, "--reference", "level")],
+                )
+            elif 50.0 < force < _MOST_COUNTS:
+                bits = 2 ** round(math.log2(force))
+                words.append(f"at rest `accel` reads {force:.5g}: counts of the converter")
+                units.append(f"accel:g/{bits}")
+                units += [] if self._stated("gyro") else ["gyro:deg/s/131"]
+        noise = np.rad2deg(self.look.noise()[:3])
+        quiet = bool(np.nanmedian(noise) < _QUIET_DPS) and bool(np.nanmax(np.abs(medians[:3])) < 0.05)
+        if not self._stated("gyro") and not self.moves() and quiet and np.nanmedian(noise) > 0.0:
+            words.append(f"at rest `gyro` scatters by {np.nanmedian(noise):.2g}, which is little for deg/s")
+            units.append("gyro:rad/s")
+        in_radians = self._assigned.columns.get("gyro_x", _LACKING).scale > 50.0
+        if in_radians and not self._stated("gyro") and not self.moves(forces_only=True) and np.nanmedian(noise) > 1.0:
+            words.append(f"at rest `gyro` scatters by {np.nanmedian(noise):.2g} deg/s, which is much for rad/s")
+            units.append("gyro:deg/s")
+        if self._degc and not self._stated("temp") and np.median(self._degc) > _ROOM_DEGC:
+            words.append(f"`temp` is {np.median(self._degc):.4g}")
+            units.append("temp:K")
+        if units:
+            stated = ",".join(dict.fromkeys([*(self._options.units or "").replace(" ", "").split(","), *units]))
+            alone = ", if these are its units" if len(units) == 1 and units[0] == "gyro:rad/s" else ""
+            raise ImportDataError(f"{self.path}: {'; '.join(words)}{alone}.", [_cure("--units", stated.strip(","))])
+        if words:
+            raise ImportDataError(f"{self.path}: {'; '.join(words)}. State its unit: --units t:UNIT, or --rate HZ.")
+        if span > _LONGEST_S and not self.look.stamps.back:
+            raise ImportDataError(
+                f"{self.path}: `t` spans {span:.3g} s, more than ten years. State its unit: --units t:ms"
+            )
+
+
+_NAMES = 'Name them: --columns "t=NAME,gyro_x=NAME,gyro_y=NAME,gyro_z=NAME,accel_x=NAME,accel_y=NAME,accel_z=NAME"'
+_PERIODS = (60.0, 3600.0, 86400.0, 604800.0)  # after which clocks begin anew, s
+_LACKING = Column(0, "", "", "")  # of a quantity that the recording lacks
+_SPAN = 512  # samples of a median
+_FAR_NS = 9e18  # a time so far away is none
+_MOST_COUNTS = 1e7  # at rest, of a converter
+_SHOWN = 20  # rows that are named
+_LIMITS = np.repeat([_STILL_DPS, _STILL_G], 3)
+_FORCES = (("g", 1.0 / STANDARD_GRAVITY), ("m/s2", STANDARD_GRAVITY), ("mg", 1000.0), ("mm/s2", 1e3 * STANDARD_GRAVITY))
+
+
+def _time_unit(rate: float) -> str | None:
+    """Return the unit in which a mean rate is one of a recording, the larger one first; None if none is."""
+    sizes = (("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    return next((unit for unit, size in sizes if 0.5 <= rate * size <= 10_000.0), None)
+
+
+class _Part:
+    """The samples in a row from the last one before `start` to the first one behind `end`."""
+
+    def __init__(self, options: Options, first: float) -> None:
+        self._start = -np.inf if options.start is None else first + options.start
+        self._end = np.inf if options.end is None else first + options.end
+        self._begun = self._over = False
+
+    def has(self, t: np.ndarray) -> np.ndarray:
+        """Return which of the next samples are in the part, bool, shape (n,)."""
+        use = np.zeros(t.size, bool)
+        if self._over or not t.size:
+            return use
+        early = np.flatnonzero(t < self._start) if not self._begun else np.empty(0, int)
+        begin = int(early[-1]) + 1 if early.size else 0
+        self._begun = self._begun or begin < t.size
+        late = np.flatnonzero(t[begin:] > self._end)
+        use[begin : begin + int(late[0]) if late.size else t.size] = True
+        self._over = bool(late.size)
+        return use
+
+
+def _rows(recording: Recording, which: np.ndarray) -> Recording:
+    degc = recording.temperature_degc
+    return replace(
+        recording,
+        t=recording.t[which],
+        gyro_dps=recording.gyro_dps[which],
+        accel_g=recording.accel_g[which],
+        temperature_degc=None if degc is None else degc[which],
+        known={name: values[which] for name, values in recording.known.items()},
     )
 
 
-def at_sampling_instants(recording: Recording) -> tuple[Recording, Instants]:
-    """A recording whose `t` are arrivals, with the sampling instants fitted to them."""
-    fitted = arrival_stamps.from_arrivals(recording.t)
-    how = "one regular grid" if fitted.pieces == 1 else f"{fitted.pieces} joined regular grids"
-    text = (
-        f"sampling instants fitted under the recording's arrival times ({how}; arrivals late by"
-        f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most), {STARTED}"
-    )
-    return replace(recording, t=fitted.t, stamps=text), fitted
+def _cut(recording: Recording) -> Iterator[Recording]:
+    for first in range(0, recording.t.size, ROWS):
+        yield _rows(recording, np.arange(first, min(first + ROWS, recording.t.size)))
 
 
-def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
-    """What gravity says of signs and scale, for a still recording.
+def _joined(pieces: list[Recording], left: tuple[str, ...]) -> Recording:
+    def of(get: Callable[[Recording], np.ndarray]) -> np.ndarray:
+        return np.concatenate([get(piece) for piece in pieces])
 
-    Returns a warning, if the magnitude is off by more than 12 mg + 1 %.
+    first = pieces[0]
+    degc = None if first.temperature_degc is None else of(lambda piece: np.asarray(piece.temperature_degc))
+    if degc is not None and not np.isfinite(degc).any():
+        degc = None
+    known = {name: of(lambda piece, name=name: piece.known[name]) for name in first.known}  # type: ignore[misc]
+    t, gyro, accel = of(lambda p: p.t), of(lambda p: p.gyro_dps), of(lambda p: p.accel_g)
+    return Recording(t, gyro, accel, degc, left, known)
+
+
+def load(path: Path, start: float | None = None, end: float | None = None) -> Recording:
+    """Return all samples of a recording; raises ImportDataError as `RecordingFile`.
+
+    `start`, `end`: part to take, s since its first sample.
+    """
+    return RecordingFile(path, Options(start, end)).whole()
+
+
+# ---------------------------------------------------------------------------------------------------------- the log
+
+
+def check_gravity(recording: RecordingFile, info: SessionInfo) -> str | None:
+    """Return what gravity says of signs and scale, for a still recording.
+
+    Returns a warning, if the magnitude is off by more than 12 mg + 1 %; None if there is nothing to say.
     Raises ImportDataError if the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
     """
-    if np.any(np.std(recording.accel_g, axis=0) > _STILL_G) or np.any(np.std(recording.gyro_dps, axis=0) > _STILL_DPS):
+    if recording.moves():
         if info.reference in _MOVING:
             return None
         return f"the unit moves in this recording: reference `{info.reference}` (still) does not hold for all of it"
-    mean_g = recording.accel_g.mean(axis=0)
+    mean_g = recording.medians[3:]
     gamma_g = info.gravity_mps2 / info.g_unit
     force_g = info.axes().accel_to_body(mean_g)
     if info.reference == "level" and force_g[2] > 0.5:
-        raise ImportDataError(_wrong_sign(mean_g, info))
+        raise ImportDataError(_wrong_sign(recording.path, mean_g, info), _other_signs(info))
+    if info.reference == "level" and abs(force_g[2]) <= 0.5 and np.linalg.norm(force_g) > 0.5:
+        reads = ", ".join(f"{value:+.3f}" for value in mean_g)
+        raise ImportDataError(
+            f"{recording.path}: a unit that is level reads gravity on its vertical, and this one reads {reads} g on x,"
+            " y, z: it is not level.",
+            [_cure("--reference", "gravity")],
+        )
     off = float(np.linalg.norm(force_g)) - gamma_g
     if info.reference == "level":
         off = -float(force_g[2]) - gamma_g
@@ -173,303 +850,126 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
     return None
 
 
+def _wrong_sign(path: Path, mean_g: np.ndarray, info: SessionInfo) -> str:
+    # which instrument axis is vertical in the mounting that was named
+    vertical = int(np.argmax(np.abs(info.axes().mount[2])))
+    return (
+        f"{path}: {'XYZ'[vertical]} reads {mean_g[vertical]:+.3f} g, so the unit would be upside down on a level table"
+        f" with --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one, or it is"
+        " mounted the other way up. A still log can't tell which; look at the unit or its manual. (--reference gravity"
+        " takes any attitude.)"
+    )
+
+
+def _other_signs(info: SessionInfo) -> list[Cure]:
+    turned = {"x,y,z": "x,-y,-z", "x,-y,-z": "x,y,z"}.get(info.mount)
+    return [_cure("--accel-sign", f"{-info.accel_sign:+d}"), *([_cure("--mount", turned)] if turned else [])]
+
+
 def write(
-    recording: Recording,
+    recording: RecordingFile,
     info: SessionInfo,
-    source: Path,
     output: Path,
     *,
     overwrite: bool,
     reference: ReferenceFile | None = None,
     first_ns: int | None = None,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Progress = lambda share: None,
     mode: int = MODE,
 ) -> str:
     """Write a recording as a log.
 
-    `recording`: from `load`.
     `info`: axes, site and reference; the rest is filled in here.
-    `source`: where the recording came from; its modification time starts the stamps, unless `first_ns` does.
     `overwrite`: replace an existing one.
     `reference`: what is known of the motion, to travel in the log.
-    `first_ns`: UTC of the first sample, ns, on the clock of the log that it continues.
-    `progress`: told the number of samples written, now and then.
+    `first_ns`: UTC of the first sample, ns, on the clock of the log that it continues; the modification time of the
+      recording's file starts the stamps otherwise.
+    `progress`: called with the share written.
     `mode`: permissions of the log.
 
     Returns what to report of a time that stamps cannot hold, and of the stamps instead; "" if it was used as it is.
     Raises ImportDataError if the log that it continues ends too late for stamps.
     """
+    source, started = recording.path, STARTED
     info = replace(
         info,
         sampling="imported",
         rate_hz=recording.rate_hz,
         source=in_line(source.name),
         software=f"imutui {imutui.__version__}",
-        stamps=recording.stamps if first_ns is None else recording.stamps.replace(STARTED, f"after {info.continues}"),
-        clock_s=float(recording.t[0]),
+        stamps=recording.stamps if first_ns is None else recording.stamps.replace(started, f"after {info.continues}"),
+        clock_s=recording.origin_s + recording.first_s,
     )
     base_ns = source.stat().st_mtime_ns if first_ns is None else first_ns
-    elapsed_ns = np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
-    why = log_time.why_fitted(base_ns, int(elapsed_ns[-1]))
+    last_ns = round((recording.last_s - recording.first_s) * 1e9)
+    why = log_time.why_fitted(base_ns, last_ns)
     if why and first_ns is not None:
         raise ImportDataError(f"the log that it continues ends too late: {why}. Import it without --continues.")
-    stamp_ns = log_time.fitted_ns(base_ns, int(elapsed_ns[-1])) + elapsed_ns
-    axes = info.axes()
-    gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
-    accel = axes.accel_to_body(recording.accel_g * info.g_unit)
-    own = power_on.content_id(recording.t, gyro, accel)
+    begin_ns = log_time.fitted_ns(base_ns, last_ns)
+    own = recording.content_id(info)
     info = replace(info, log_id=own, power_on=info.power_on or own)
-    angles, rates, changed = _table(recording, info)
     text = f"# imported from {in_line(source.name)}\n"
     with whole_log(output, info, text, overwrite=overwrite, mode=mode) as log:
         if reference is not None:
-            log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
-        next_second = int(stamp_ns[0])
-        for k, stamp in enumerate(stamp_ns.tolist()):
-            if stamp >= next_second or changed[k]:
-                row = schemas.encode_table_reference(stamp, info.reference, angles[k].tolist(), rates[k].tolist())
-                log.encoded(schemas.REFERENCE, row, stamp, stamp)
-            if stamp >= next_second:
-                next_second = stamp + 1_000_000_000
-                progress(k)
-            log.imu(stamp, stamp, gyro[k], accel[k])
-            if recording.temperature_degc is not None:
-                data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
-                log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
-        duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
-        summary = {"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}
+            log.attach(reference.name, reference.media_type, reference.content, begin_ns)
+        table = _Table(info, begin_ns)
+        for piece in recording.pieces(progress):
+            stamps = begin_ns + np.round((piece.t - recording.first_s) * 1e9).astype(np.int64)
+            gyro, accel, valid = in_body(piece, info, recording.lacks)
+            messages = [*table.messages(stamps, piece)]
+            imus = schemas.encode_imus(stamps, gyro, accel, valid)
+            messages += zip(stamps.tolist(), [1] * stamps.size, [schemas.IMU] * stamps.size, imus, strict=True)
+            if piece.temperature_degc is not None and recording.has_temperature:
+                taken = np.flatnonzero(np.isfinite(piece.temperature_degc))
+                degc = schemas.encode_temperatures(stamps[taken], piece.temperature_degc[taken])
+                messages += zip(
+                    stamps[taken].tolist(), [2] * taken.size, [schemas.TEMPERATURE] * taken.size, degc, strict=True
+                )
+            messages.sort(key=lambda message: message[:2])
+            log.all_encoded((topic, data, stamp, stamp) for stamp, _, topic, data in messages)
+        duration = last_ns / 1e9
+        summary = {"samples": recording.count, "duration_s": duration, "source": in_line(source.name)}
         log.finish(summary, log_time.now_ns())
     return why and f"{source} was last changed at a time that starts the log's stamps, and {why}"
 
 
-def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Table angles (deg) and rates (deg/s) of each sample, shape (N, 3), and where they are new, bool (N,)."""
-    n = recording.t.size
-    still = info.reference not in _MOVING
-    unknown = np.full((n, 3), np.nan)
-    known = recording.known if info.reference == "trajectory" else {}
-    angles = known.get("ang", np.zeros((n, 3)) if info.reference == "level" else unknown)
-    rates = known.get("rate", np.zeros((n, 3)) if still else unknown)
-    both = np.nan_to_num(np.hstack([angles, rates]), nan=-1e9)
-    return angles, rates, np.r_[False, (np.diff(both, axis=0) != 0.0).any(axis=1)]
+def in_body(piece: Recording, info: SessionInfo, lacks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rates (rad/s), forces (m/s²) in body axes, and whether each sample is a reading.
 
-
-def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
+    `lacks`: channels that the whole recording lacks, which stay NaN, shape (6,).
+    """
     axes = info.axes()
-    # which instrument axis is vertical in the mounting that was named
-    vertical = int(np.argmax(np.abs(axes.mount[2])))
-    flipped = -info.accel_sign
-    turned = {"x,y,z": "x,-y,-z", "x,-y,-z": "x,y,z"}.get(info.mount, "a mounting with two axes reversed")
-    return (
-        f"{'XYZ'[vertical]} reads {mean_g[vertical]:+.3f} g, so the unit would be upside down on a level table with"
-        f" --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one: --accel-sign"
-        f" {flipped:+d}; or it is mounted the other way up: --mount {turned}. A still log can't tell which; look at"
-        " the unit or its manual. (--reference gravity takes any attitude.)"
-    )
+    readings = np.hstack([piece.gyro_dps, piece.accel_g])
+    valid = (np.isfinite(readings) | lacks).all(axis=1) & ((readings != 0.0) | lacks).any(axis=1)
+    readings[~valid] = np.where(lacks, np.nan, 0.0)
+    gyro = axes.gyro_to_body(np.deg2rad(readings[:, :3]))
+    return gyro, axes.accel_to_body(readings[:, 3:] * info.g_unit), valid
 
 
-def _read_npz(path: Path) -> dict[str, Any]:
-    if path.is_file() and not zipfile.is_zipfile(path):
-        raise ImportDataError(
-            f"{path} is neither NPZ nor CSV: bytes as a unit sent them, or another format. Decode it first, and save it"
-            " with numpy.savez(t=…, gyro=…, accel=…) in s, deg/s and g, or as a .csv file."
-        )
-    try:
-        outside_file.opened(path).close()  # a pipe would be waited for
-        archive = _parsed(lambda: np.load(path, allow_pickle=False))
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError("a single array")
-        with archive, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Python 2 wrote such heads, and they are read
-            _check_sizes(archive)
-            return {name: _member(archive, name) for name in archive.files}
-    except OSError as error:
-        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
-    except InputError as error:
-        raise ImportDataError(
-            f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
-            " file."
-        ) from error
+class _Table:
+    """Messages of what is known of the table: on each change, and once a second."""
 
+    def __init__(self, info: SessionInfo, begin_ns: int) -> None:
+        self._info, self._next = info, begin_ns
+        self._last = np.full((1, 6), np.nan)
 
-def _parsed(parse: Callable[[], T], where: str = "") -> T:
-    """What numpy makes of foreign bytes, whose unpacking and parsing raise many kinds: InputError for all of them."""
-    try:
-        return parse()
-    except OSError:
-        raise
-    except Exception as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{where}{why}") from error
-
-
-def _head(archive: Any, told: zipfile.ZipInfo) -> tuple[tuple[int, ...], Any]:
-    """Shape and type of an array of the archive, as its head has them."""
-    with archive.zip.open(told) as stream:
-        version = np.lib.format.read_magic(stream)
-        shape, _, dtype = _HEADS[version](stream)
-    return shape, dtype
-
-
-def _check_sizes(archive: Any) -> None:
-    """Refuse, before anything is unpacked, arrays that would be longer than they say, or than memory should hold."""
-    total = 0
-    for name in (name for name in _KNOWN if name in archive.files):
-        told = archive.zip.getinfo(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name)
-        shape, dtype = _parsed(partial(_head, archive, told), f"`{name}`: ")
-        size = math.prod(shape) * dtype.itemsize
-        if dtype.hasobject:
-            raise InputError(f"`{name}` holds Python's objects, which are not read")
-        if not 0 <= size <= told.file_size:
-            raise InputError(f"`{name}` says that its shape is {shape}, which is more than the file holds")
-        total += size
-    if total > LIMIT:
-        raise InputError(f"its arrays take {total:,} bytes; the most is {LIMIT:,}: split the recording")
-
-
-def _member(archive: Any, name: str) -> Any:
-    """An array of the archive; what nobody needs may be anything, and is only named."""
-    if name not in _KNOWN:
-        return np.empty(0)
-    return _parsed(lambda: np.asarray(archive[name]), f"`{name}`: ")
-
-
-def _read_csv(path: Path) -> dict[str, Any]:
-    try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            raise ImportDataError(f"{path} is no file: a device or a pipe may never end. Name an NPZ or CSV file.")
-        if path.stat().st_size > LIMIT:
-            raise ImportDataError(f"{path} is longer than {LIMIT:,} bytes, the most that is read: split the recording.")
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            columns = _columns(path, csv.reader(_without_remarks(stream)))
-    except OSError as error:
-        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ImportDataError(f"{path} is not a CSV text file ({error}). Name an NPZ or CSV file.") from error
-    return _vectors(columns)
-
-
-def _read_parquet(path: Path) -> dict[str, Any]:
-    if not parquet.available():
-        raise ImportDataError(f"{path}: Parquet needs pyarrow, the extra `{parquet.EXTRA}`. Or save it as NPZ or CSV.")
-    try:
-        return _vectors(parquet.read(path, lambda name: name.partition("_")[0] in _STEMS, LIMIT))
-    except OSError as error:
-        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ, CSV or Parquet file.") from error
-    except InputError as error:
-        raise ImportDataError(f"{path} cannot be read as Parquet ({error}). Name another file.") from error
-
-
-def _vectors(columns: dict[str, Any]) -> dict[str, Any]:
-    """Columns of a vector's components as one array."""
-    for vector, width in (_REQUIRED | _REFERENCES).items():
-        parts = [f"{vector}_{part}" for part in _PARTS.get(width, "")]
-        if parts and all(part in columns for part in parts):
-            columns[vector] = np.stack([columns.pop(part) for part in parts], axis=1)
-    return columns
-
-
-def _without_remarks(lines: Iterable[str]) -> Iterator[str]:
-    """All lines but those before the first row that begin with #, in which `imutui export` says units and origin."""
-    lines = iter(lines)
-    for line in lines:
-        if not line.startswith("#"):
-            yield line
-            break
-    yield from lines
-
-
-def _columns(path: Path, rows: Iterator[list[str]]) -> dict[str, Any]:
-    """Columns by name, NaN for an empty cell; of those that nobody needs the name alone."""
-    names = [name.strip() for name in next(rows, [])]
-    if not any(names):
-        raise ImportDataError(f"{path} is empty. Its first row must name the columns: t, gyro_x, … accel_z.")
-    wanted = [(i, name, array("d")) for i, name in enumerate(names) if name.partition("_")[0] in _STEMS]
-    ended = 0
-    for number, row in enumerate(rows, start=2):
-        if not row:  # at the end of the file only
-            ended = ended or number
-            continue
-        if ended or len(row) != len(names):
-            line, cells = (ended, 0) if ended else (number, len(row))
-            raise ImportDataError(f"{path}, line {line}: {cells} cells where the first row names {len(names)} columns.")
-        for i, name, values in wanted:
-            values.append(_cell(path, number, name, row[i]))
-    return dict.fromkeys(names, np.empty(0)) | {name: np.array(values) for _, name, values in wanted}
-
-
-def _cell(path: Path, line: int, name: str, cell: str) -> float:
-    try:
-        return float(cell) if cell.strip() else math.nan
-    except ValueError:
-        raise ImportDataError(f'{path}, line {line}, column `{name}`: "{cell[:40]}" is not a number.') from None
-
-
-def _check_shape(path: Path, name: str, array: np.ndarray, width: int) -> None:
-    wanted = "(N,)" if width == 1 else f"(N, {width})"
-    if (
-        array.dtype.kind not in "fiu"
-        or array.ndim != (1 if width == 1 else 2)
-        or (width > 1 and array.shape[1] != width)
-    ):
-        raise ImportDataError(
-            f"{path}: `{name}` has shape {array.shape} of {array.dtype}; it must be numbers of shape {wanted}."
-        )
-
-
-def _check_lengths(path: Path, arrays: dict[str, Any]) -> None:
-    lengths = {name: len(array) if np.ndim(array) else 0 for name, array in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        shortest = min(lengths.values())
-        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise ImportDataError(
-            f"{path}: lengths differ ({listed} rows), from row {shortest} on something is missing."
-            " Every array needs one row a sample; cut them to the same length."
-        )
-
-
-def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) -> None:
-    columns = array[:, None] if array.ndim == 1 else array
-    # a channel that is never there is one that the recording lacks
-    lacks = np.isnan(columns[part]).all(axis=0) if name != "t" else np.zeros(columns.shape[1], bool)
-    finite = (np.isfinite(columns) | lacks).all(axis=1)
-    cure = "Remove these rows, or take a part without them with --start and --end."
-    _refuse_rows(path, name, ~finite & part, "not a number", cure)
-
-
-def _check_large(path: Path, name: str, column: np.ndarray) -> None:
-    largest, unit = sample_check.LARGEST.get(name, _LARGEST), _UNITS.get(name, "")
-    with np.errstate(invalid="ignore"):
-        beyond = (np.abs(column.reshape(len(column), -1)) > largest).any(axis=1)
-    cure = "Nothing is that large in the units of this array; remove these rows."
-    _refuse_rows(path, name, beyond, f"beyond ±{largest:,.0f}{unit}", cure)
-
-
-def _refuse_rows(path: Path, name: str, bad: np.ndarray, what: str, cure: str) -> None:
-    if (rows := np.flatnonzero(bad)).size:
-        raise ImportDataError(
-            f"{path}: `{name}` is {what} in row {rows[0]} (first row is 0; {rows.size} such rows). {cure}"
-        )
-
-
-def _check_time(path: Path, t: np.ndarray) -> None:
-    steps = np.diff(t)
-    bad = np.flatnonzero(~(steps > 0.0))
-    if bad.size:
-        k = int(bad[0]) + 1
-        raise ImportDataError(
-            f"{path}: time does not increase at row {k}: {t[k - 1]:.6f} s, then {t[k]:.6f} s ({bad.size} such rows)."
-            " Sort the rows by time and drop those that stand twice."
-        )
-    close = np.flatnonzero(steps < sample_check.LEAST_STEP_S)
-    if close.size:
-        k = int(close[0]) + 1
-        raise ImportDataError(
-            f"{path}: row {k} (first row is 0) is {steps[k - 1]:.1e} s after the one before it, less than a microsecond"
-            f" ({close.size} such rows). `t` must be in seconds; remove rows that stand twice."
-        )
-    if t.size > 1 and t[-1] - t[0] > _LONGEST_S:
-        raise ImportDataError(
-            f"{path}: `t` spans {t[-1] - t[0]:.3g} s, more than ten years. It must be in seconds; divide milliseconds"
-            " or nanoseconds first."
-        )
+    def messages(self, stamps: np.ndarray, piece: Recording) -> Iterator[tuple[int, int, str, bytes]]:
+        """Yield stamp, rank, topic and bytes of the messages before the samples of a piece."""
+        n, kind = piece.t.size, self._info.reference
+        known = piece.known if kind == "trajectory" else {}
+        unknown = np.full((n, 3), np.nan)
+        angles = known.get("ang", np.zeros((n, 3)) if kind == "level" else unknown)
+        rates = known.get("rate", unknown if kind in _MOVING else np.zeros((n, 3)))
+        rows = np.hstack([angles, rates])
+        with np.errstate(invalid="ignore"):
+            before = np.vstack([self._last, rows[:-1]])
+            changed = ((before != rows) & ~(np.isnan(before) & np.isnan(rows))).any(axis=1)
+        changed[0] &= bool(np.isfinite(self._last).any())
+        due = changed.copy()
+        for k in range(n):
+            if stamps[k] >= self._next:
+                due[k], self._next = True, int(stamps[k]) + 1_000_000_000
+        self._last = rows[-1:]
+        at = np.flatnonzero(due)
+        data = schemas.encode_table_references(stamps[at], kind, angles[at], rates[at])
+        yield from zip(stamps[at].tolist(), [0] * at.size, [schemas.REFERENCE] * at.size, data, strict=True)

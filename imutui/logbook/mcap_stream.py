@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import McapRecord, Message
 
 from imutui.logbook import mcap_format
+from imutui.logbook.layout import windows
 from imutui.logbook.mcap_format import HEAD, MESSAGE
 
 OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
@@ -126,14 +127,6 @@ def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
         at = end
     ids = np.repeat(np.array(channels, np.uint16), counts)
     return Told(ids, np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2), at)
-
-
-def windows(data: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:
-    """So many bytes from each of some offsets on, uint8, shape (n, size); all of them must be there."""
-    if not at.size:
-        return np.empty((0, size), np.uint8)
-    every = np.ndarray((data.size - size + 1,), f"V{size}", data, strides=(1,))
-    return np.asarray(every[at].view(np.uint8).reshape(-1, size))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from imutui.logbook import reader
 from imutui.logbook.reader import Log, UnreadableLogError, parts
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.sample_check import SampleCheck
 
 ROWS = 2**17  # samples in a piece: a quarter of an hour at 133 Hz
@@ -40,6 +41,7 @@ class Outline:
     """What has to be known of a whole log before its first piece can be used."""
 
     log: Log  # without samples, temperatures, angles and packets; `damage` and `finished` are those of the whole file
+    reading: Reading = AS_STATED  # how the log is read
     samples: int = 0  # how many there are
     # first_ns, last_ns: UTC of the first and the last, ns
     first_ns: int = 0
@@ -59,7 +61,11 @@ class Outline:
 
 
 def outline(
-    path: Path, rows: int = ROWS, keep: int = 0, tell: Callable[[float], None] = lambda seconds: None
+    path: Path,
+    rows: int = ROWS,
+    keep: int = 0,
+    tell: Callable[[float], None] = lambda seconds: None,
+    reading: Reading = AS_STATED,
 ) -> Outline:
     """Walk through a log once, look at every sample, and keep what is none.
 
@@ -67,12 +73,12 @@ def outline(
     `tell`: told how far it has come, s.
     Raises UnreadableLogError as `reader.read`.
     """
-    found, check, every = Outline(Log(path)), SampleCheck(), 1
-    for number, part in enumerate(parts(path, rows)):
+    found, check, every = Outline(Log(path), reading), SampleCheck(), 1
+    for number, part in enumerate(parts(path, rows, reading=reading)):
         found.log = part
         check.take(part.stamp_ns, part.gyro, part.accel, part.temperature_degc)
         if part.stamp_ns.size:
-            found.first_ns = found.first_ns if found.samples else int(part.stamp_ns[0])
+            found.first_ns = found.first_ns if found.samples else part.first_ns
             found.last_ns = int(part.stamp_ns[-1])
             found.samples += part.stamp_ns.size
             tell(found.seconds)
@@ -100,7 +106,7 @@ def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
     Raises UnreadableLogError as `reader.read`.
     """
     waiting = _Waiting(known)
-    for part in parts(known.log.path, rows):
+    for part in parts(known.log.path, rows, reading=known.reading):
         waiting.take(part)
         if (piece := waiting.ready()) is not None:
             yield piece

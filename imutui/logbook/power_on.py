@@ -47,12 +47,20 @@ def power_on_id(info: SessionInfo, sha256: str) -> str:
     return info.power_on or log_id(info, sha256)
 
 
-def content_id(*arrays: np.ndarray) -> str:
-    """Id of what a recording holds: the same for the same samples, whoever imports them, and whenever."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:_ID]
+class ContentId:
+    """The id of the samples of a recording: the same for the same samples, by whatever pieces they come."""
+
+    def __init__(self) -> None:
+        self._digests = [hashlib.sha256() for _ in range(3)]
+
+    def add(self, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> None:
+        """Take more samples."""
+        for digest, array in zip(self._digests, (t, gyro, accel), strict=True):
+            digest.update(np.ascontiguousarray(array).tobytes())
+
+    def text(self) -> str:
+        """Return the id."""
+        return hashlib.sha256(b"".join(digest.digest() for digest in self._digests)).hexdigest()[:_ID]
 
 
 def preceding(path: Path) -> Preceding:
@@ -102,30 +110,30 @@ def _differences(a: SessionInfo, b: SessionInfo) -> list[tuple[str, str, str, st
     return found
 
 
-def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[SessionInfo, int, str]:
+def continuing(before: Preceding, info: SessionInfo, begins_s: float) -> tuple[SessionInfo, int, str]:
     """Place a recording after the log that it continues.
 
     `before`: that log.
     `info`: of the recording; what it does not say of the instrument is taken from the log.
-    `t`: the recording's own time, s, shape (N,).
+    `begins_s`: the recording's own time at its first sample, s.
     Returns with the power-on and the log that it continues.
     Returns UTC of its first sample, ns.
     Returns where it was placed, in words.
     Raises InputError if its time is years after the log's.
     """
-    gap = float(t[0]) - before.last_s
+    gap = begins_s - before.last_s
     if gap > _LONGEST_S:
         raise InputError(
             f"`t` begins {gap:.3g} s after {before.path} ends, more than ten years: the two do not count on one clock."
             " Subtract what it begins with, so that it is placed right after the log's end."
         )
     if gap > 0.0:
-        first_ns = before.first_ns + round((float(t[0]) - before.info.clock_s) * 1e9)
+        first_ns = before.first_ns + round((begins_s - before.info.clock_s) * 1e9)
         words = f"it begins {gap:.3f} s after {before.path.name} ends, on that log's clock"
     else:
         first_ns = before.last_ns + before.period_ns
         words = (
-            f"its t begins at {t[0]:.3f} s, not after {before.path.name} ends ({before.last_s:.3f} s on that log's"
+            f"its t begins at {begins_s:.3f} s, not after {before.path.name} ends ({before.last_s:.3f} s on that log's"
             " clock): it is placed one period after that log's end"
         )
     known = info.instrument or before.info.instrument

@@ -16,12 +16,16 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 
 from filters.errors import InputError
 from imutui import outside_file
-from imutui.logbook import sample_check, schemas
+from imutui.command_line import command
+from imutui.logbook import foreign_log, layout, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
+from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import MAGIC, Index
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
+from imutui.logbook.reading import AS_STATED, AXES, Reading
 from imutui.logbook.sample_check import SampleCheck
-from imutui.logbook.schemas import LogEvent, UndecodableError
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
 from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
 
@@ -74,17 +78,10 @@ class Log:
     attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
     finished: bool = False  # whether the file has its footer
     damage: str = ""  # what is wrong with the file, if anything
+    # of another program's log: what was assumed of it, in words, and its mean specific force as the file has it, m/s²
+    assumed: tuple[str, ...] = ()
+    mean_force: np.ndarray | None = None
     origin_ns: int | None = None  # of a part of a log: stamp of the log's first sample
-
-    @property
-    def raw(self) -> list[schemas.RawPacket]:
-        """`packets` as objects, made anew by each look: keep it where it is used more than once."""
-        return [self._raw(*row) for row in self.packets.tolist()]
-
-    def _raw(self, n: int, host: int, counts: list[int], *rest: Any) -> schemas.RawPacket:
-        degc, ticks, mode, flags, of_rates, of_board, status = rest
-        details = (tuple(of_rates), of_board, status) if self.has_details else None
-        return schemas.RawPacket(n, host, tuple(counts), degc, ticks, mode, flags, details)  # type: ignore[arg-type]
 
     @property
     def unread(self) -> np.ndarray:
@@ -117,15 +114,16 @@ def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
     return (stamp_ns - first_ns) / 1e9
 
 
-def read(path: Path, *, raw: bool = False) -> Log:
+def read(path: Path, *, raw: bool = False, reading: Reading = AS_STATED) -> Log:
     """Read a log.
 
     `path`: MCAP file, finished or not.
     `raw`: read /imu/raw too.
+    `reading`: its topics, stamps, axes and part count for another program's log.
     Returns up to the last record that could be read; `finished` and `damage` say whether that is all.
     Raises UnreadableLogError if there is no such file, it is no MCAP file, or it holds no IMU samples.
     """
-    *_, log = parts(path, raw=raw)
+    *_, log = parts(path, raw=raw, reading=reading)
     check = SampleCheck()
     check.take(log.stamp_ns, log.gyro, log.accel, log.temperature_degc)
     if trouble := check.trouble(path):
@@ -133,14 +131,21 @@ def read(path: Path, *, raw: bool = False) -> Log:
     return log
 
 
-def parts(path: Path, rows: int | None = None, *, raw: bool = False) -> Iterator[Log]:
+def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Reading = AS_STATED) -> Iterator[Log]:
     """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
 
     `rows`: samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart. None for
       all of them in one.
     `raw`: read /imu/raw too.
     Raises UnreadableLogError as `read`; samples themselves are not looked at.
+    Raises RefusedLogError if another program's log can be taken in several ways.
     """
+    foreign = foreign_log.survey(records(path, Log(path)))
+    if foreign is not None:
+        yield from _foreign_parts(path, foreign, reading, rows)
+        return
+    if reading.of_foreign:
+        raise InputError(f"{path} states its own {' and '.join(reading.of_foreign)}: it is a log of imutui")
     log = Log(path)
     content, any_samples = Content(log, raw), False
     for record in records(path, log, JOINED if rows is None else min(rows, JOINED)):
@@ -160,6 +165,58 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False) -> Iterator
     yield log
 
 
+def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None) -> Iterator[Log]:
+    """Yield a log of another program in parts, as `parts` does."""
+    log = Log(path)
+    if not found.samples:
+        raise _no_samples(path, found)
+    try:
+        plan = foreign_log.plan(found, reading, lambda: records(path, Log(path)))
+    except RefusedLogError as error:
+        raise RefusedLogError(f"{path}: {error}", [_of(path, cure) for cure in error.cures]) from None
+    span = (plan.gyro.stamps.greatest - plan.gyro.stamps.first) / 1e9
+    rate = (plan.gyro.count - 1) / span if span > 0.0 else 1.0
+    own = {name: value for name, value in reading.overrides.items() if name in AXES}
+    log.info = replace(FOREIGN, rate_hz=rate).overridden(own)
+    log.assumed, log.mean_force, log.origin_ns = plan.assumed, plan.mean_force, foreign_log.first_ns(plan)
+
+    held: list[foreign_log.Samples] = []
+    for each in foreign_log.samples(lambda: records(path, log), plan, reading, log.info.axes()):
+        for piece in [each] if rows is None else foreign_log.split(each, rows):
+            held.append(piece)
+            if rows is not None and sum(part["stamp_ns"].size for part in held) >= rows:
+                yield _with_samples(replace(log), held)
+                held = []
+    log.finished = log.finished and not log.damage
+    yield _with_samples(log, held)
+
+
+def _with_samples(log: Log, held: list[foreign_log.Samples]) -> Log:
+    if held:
+        whole = {name: np.concatenate([part[name] for part in held]) for name in held[0]}
+        log.stamp_ns, log.gyro, log.accel, log.valid = (whole[name] for name in ("stamp_ns", "gyro", "accel", "valid"))
+        log.temperature_stamp_ns, log.temperature_degc = whole["degc_stamp_ns"], whole["degc"]
+    return log
+
+
+def _of(path: Path, cure: Cure) -> Cure:
+    """Return a cure with the names of its files, where it is an import."""
+    name, flags = cure
+    return cure if name != "import" else (name, (str(path), *flags, "-o", str(path.with_name(f"{path.stem}_si.mcap"))))
+
+
+def _no_samples(path: Path, found: Survey) -> InputError:
+    """Return why another program's file has no samples, and what to do next."""
+    listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(found.others.items())) or "none"
+    what = (
+        f"{path} is an MCAP file without IMU samples: no message of type sensor_msgs/msg/Imu in CDR. Topics: {listed}"
+    )
+    near = [topic for topic, kind in found.others.items() if "imu" in kind.lower()]
+    if near:
+        return RefusedLogError(what, [_of(path, ("import", ("--topic", each, "--accel-sign", "+1"))) for each in near])
+    return UnreadableLogError(f"{what}. Name a file that has some, or import the recording with `imutui import`.")
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file's bytes, hexadecimal; raises OSError if it cannot be read."""
     with outside_file.opened(path) as stream:
@@ -176,8 +233,8 @@ class Content(Channels):
     def __init__(self, log: Log, raw: bool) -> None:
         super().__init__()
         self.log = log
-        self._imu_channel: int | None = None
         self._topics = {
+            schemas.IMU: IMU,
             schemas.RAW: RAW if raw else IGNORED,
             schemas.TEMPERATURE: TEMPERATURE,
             schemas.REFERENCE: TABLE,
@@ -208,24 +265,12 @@ class Content(Channels):
             self.log.info.axes(), self.log.info.settings()
         except InputError as error:
             raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
-        self._assign_all()
 
     def _assign(self, channel: Channel, typename: str) -> None:
-        # the samples are ours by topic; in somebody else's file the first Imu channel is taken
-        if typename == schemas.TYPES[schemas.IMU] and channel.message_encoding == "cdr":
-            mine = channel.topic == schemas.IMU
-            self._imu_channel = channel.id if mine or self._imu_channel is None else self._imu_channel
-        self._assign_all()
-
-    def _assign_all(self) -> None:
-        for number, channel in self.channels.items():
-            topic, typename = channel.topic, self.types.get(channel.schema_id, "")
-            ours = self.log.own and channel.message_encoding == "cdr" and schemas.is_own(topic, typename)
-            if ours and topic == schemas.RAW:
-                self.log.has_details = typename == schemas.S1_PACKET
-            self._roles[number] = self._topics.get(topic, IGNORED) if ours else IGNORED
-        if self._imu_channel is not None:
-            self._roles[self._imu_channel] = IMU
+        ours = channel.message_encoding == "cdr" and schemas.is_own(channel.topic, typename)
+        if ours and channel.topic == schemas.RAW:
+            self.log.has_details = typename == schemas.S1_PACKET
+        self._roles[channel.id] = self._topics.get(channel.topic, IGNORED) if ours else IGNORED
 
     def _other(self, topic: str, message: Message) -> None:
         if topic == schemas.EVENTS:
@@ -251,7 +296,9 @@ class Content(Channels):
         _fill(log, self.columns)
         try:
             if self.last_table is not None:
-                log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], self.last_table.data).kind
+                log.reference = layout.text(
+                    layout.decode(schemas.TYPES[schemas.REFERENCE], self.last_table.data), "kind"
+                )
             if self._diagnostics is not None:
                 values = schemas.decode_diagnostics(self._diagnostics)
                 if values is None:
@@ -262,10 +309,11 @@ class Content(Channels):
 
 
 def _fill(log: Log, columns: Columns) -> None:
-    log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
-    log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
-    log.packets, log.packet_stamp_ns = columns.packets(), columns.packet_stamps()
-    log.table, log.states = Table(*columns.tables()), Table(*columns.tables(STATE))
+    samples, temperatures, packets = (columns.all(role) for role in (IMU, TEMPERATURE, RAW))
+    log.stamp_ns, log.gyro, log.accel, log.valid = (samples[name] for name in ("stamp_ns", "gyro", "accel", "valid"))
+    log.temperature_stamp_ns, log.temperature_degc = temperatures["stamp_ns"], temperatures["degc"]
+    log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
+    log.table, log.states = Table(**columns.all(TABLE)), Table(**columns.all(STATE))
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:
@@ -292,7 +340,7 @@ def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
                     return
                 case End():
                     log.finished = item.finished and not item.checksum_wrong
-                    log.damage = _damage_of_end(item)
+                    log.damage = log.damage or _damage_of_end(item)
                 case ChunkHead() | Unknown() | Index():
                     pass
                 case _:
@@ -327,6 +375,9 @@ def opened(path: Path) -> IO[bytes]:
     try:
         stream = outside_file.opened(path)
     except OSError as error:
+        if isinstance(error, IsADirectoryError):
+            made = command("import", path, "-o", path.with_name(f"{path.name}_imported.mcap"))
+            raise UnreadableLogError(f"{path} is a folder. If it is a bag: `{made}`") from error
         raise UnreadableLogError(f"{path}: {_reason(error)}. Check the name; recordings lie in ./logs.") from error
     if stream.seek(0, 2) == 0:
         stream.close()
@@ -338,10 +389,11 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def foreign(path: Path) -> str:
-    """Why a file that is no MCAP file at all cannot be read, and what can."""
+    """Return why a file that is no MCAP file cannot be read, and what can."""
+    made = command("import", path, "-o", path.with_name(f"{path.name.partition('.')[0]}_imported.mcap"))
     return (
-        f"{path} is not an MCAP log: its first bytes are not an MCAP file's. imutui takes its own logs and"
-        " other MCAP files with sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
+        f"{path} is not an MCAP log: its first bytes are not an MCAP file's. `{made}` takes tables of text, NPZ, bags,"
+        " and MCAP files that are compressed as a whole."
     )
 
 
@@ -354,13 +406,7 @@ def _reason(error: OSError) -> str:
 
 
 def _nothing(path: Path, log: Log, content: Content) -> str:
-    """Why a file has no samples, and what to do next."""
+    """Return why a log of imutui has no samples, and what to do next."""
     if log.damage and not content.channels:
         return f"{path}: {log.damage} before any sample. Nothing can be read from it; record again."
-    if log.own:
-        return f"{path} holds no samples: the recording ended before the first one. Record again."
-    topics = ", ".join(channel.topic for channel in content.channels.values()) or "none"
-    return (
-        f"{path} is an MCAP file without IMU samples: no channel of type sensor_msgs/msg/Imu in CDR (topics: {topics})."
-        " Name a file that has one, or import the recording with `imutui import`."
-    )
+    return f"{path} holds no samples: the recording ended before the first one. Record again."

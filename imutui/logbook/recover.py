@@ -4,22 +4,22 @@ What it leaves out: parts of a chunk. A chunk's checksum is over all of it, and 
 so a rebuilt file gives the same estimates as the unfinished one did.
 """
 
+import contextlib
 import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import IO
 
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.writer import IndexType, Writer
 
 import imutui
-from imutui.logbook import schemas
-from imutui.logbook.columns import S1_SIZE
-from imutui.logbook.mcap_format import MESSAGE, Index
+from imutui.logbook import layout, schemas
+from imutui.logbook.mcap_format import HEAD, MAGIC, MESSAGE, OPCODES
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.mcap_writer import McapWriter
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import RECOVERED, Content, Scan
 from imutui.logbook.session_info import METADATA
@@ -56,22 +56,25 @@ class RebuiltContent:
 
 
 def rebuild(
-    found: Scan, part: Path, note: Callable[[RebuiltContent], dict[str, str]], progress: Callable[[float], None]
+    found: Scan,
+    part: Path,
+    note: Callable[[RebuiltContent], dict[str, str]],
+    progress: Callable[[float], None],
 ) -> RebuiltContent:
-    """Write what a walk finds whole, and read it back.
+    """Write the whole records of a file, and read them back.
 
-    `found`: of the source, not walked yet.
+    `found`: of the source, filled while it is walked.
     `part`: file to write, replaced.
-    `note`: makes the metadata `imutui.recovered` of what was kept.
+    `note`: makes the metadata `imutui.recovered` of the content that was kept.
     `progress`: called with the share done, 0 to 1.
-    Raises UnreadableLogError as `Scan.items`.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
     with part.open("wb") as stream:
-        copy = _Copy(found, stream)
+        copy: _Copy | None = None
         for item in found.items(progress):
+            copy = copy or _Copy(found, stream)
             copy.take(item)
-        kept = copy.finish(note)
+        kept = (copy or _Copy(found, stream)).finish(note)
     _read_back(part, kept)
     progress(1.0)
     return kept
@@ -82,40 +85,33 @@ class _Copy:
 
     def __init__(self, found: Scan, stream: IO[bytes]) -> None:
         self.kept = RebuiltContent()
-        self._found, self._stream = found, stream
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._index: Index | None = None
+        self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
+        self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
         self._numbers: dict[int, int | None] = {}
         self._declared: dict[int, Channel] = {}
         self._sequences: dict[int, int] = {}
         self._own = False
-        self._registered = 0
+        self._path, self._registered = found.path, 0
         self._digest = hashlib.blake2b()
-
-    @cached_property
-    def _writer(self) -> McapWriter:
-        # the profile is known once the walk has passed the header
-        profile = _PROFILE if self._found.profile is None else self._found.profile
-        return McapWriter(self._stream, profile, f"imutui {imutui.__version__}")
+        profile = _PROFILE if found.profile is None else found.profile
+        # an index of no attachments is an error to validators
+        index = (
+            IndexType.ALL if _has_attachments(found.path) else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
+        )
+        self._writer = Writer(stream, enable_data_crcs=True, index_types=index)
+        self._writer.start(profile, f"imutui {imutui.__version__}")
 
     def take(self, item: Content) -> None:
         """Copy an item of the source; each of its chunks becomes one or more."""
-        if self._index is not self._found.index:
-            # the index comes before all records; it has the declarations that the file may have lost
-            self._index = self._found.index
-            assert self._index is not None
-            self._schemas |= self._index.schemas
-            self._channels |= self._index.channels
         match item:
             case ChunkHead():
-                self._writer.flush()
+                self._writer.flush()  # type: ignore[no-untyped-call]
                 self.kept.chunks += 1
                 self.kept.homeless += item.short  # nothing tells whose they are
             case Batch():
-                for _, _, at, length in item.table.tolist():
-                    self._message(item.content[at - MESSAGE.size : at + length])
+                for _, channel, at, length in item.table.tolist():
+                    self._message(item.content, channel, at, length)
             case Schema():
                 self._schemas[item.id] = item
             case Channel():
@@ -123,17 +119,17 @@ class _Copy:
                 self._register(item)
             case Metadata():
                 self._own = self._own or item.name == METADATA
-                self._writer.flush()
+                self._writer.flush()  # type: ignore[no-untyped-call]
                 self._writer.add_metadata(item.name, item.metadata)
                 self.kept.metadata.append(item.name)
             case Attachment():
-                self._writer.flush()
+                self._writer.flush()  # type: ignore[no-untyped-call]
                 self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
                 self.kept.attachments.append(item.name)
 
-    def _message(self, body: bytes) -> None:
-        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
-        data = body[MESSAGE.size :]
+    def _message(self, content: bytes, channel: int, at: int, length: int) -> None:
+        _, sequence, log_time, publish_time = MESSAGE.unpack_from(content, at - MESSAGE.size)
+        data = content[at : at + length]
         if channel not in self._numbers:
             self._adopt(channel, data)
         number = self._numbers[channel]
@@ -159,8 +155,8 @@ class _Copy:
         self._registered += 1
         if self._registered > _MOST_CHANNELS:
             raise UnreadableLogError(
-                f"{self._found.path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have:"
-                " imutui did not write it. `imutui export` makes a table of its samples."
+                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
+                " did not write it. `imutui export` makes a table of its samples."
             )
         schema = self._schemas.get(channel.schema_id)
         self._numbers[channel.id] = self._writer.register_channel(
@@ -188,13 +184,9 @@ class _Copy:
             return
         topic, typename = list(schemas.TYPES.items())[number - 1]
         if topic == schemas.RAW:
-            typename = schemas.raw_type(details=len(data) == S1_SIZE)
-        try:
-            message = schemas.decode(typename, data)
-            same = schemas.encode_as(typename, message) == data
-        except schemas.UndecodableError:
-            return
-        if same:
+            typename = schemas.raw_type(details=len(data) == schemas.RAW_DTYPE.itemsize)
+        with contextlib.suppress(layout.UndecodableError):
+            layout.layout_in(typename, data)
             definition = schemas.definition(typename).encode()
             self._schemas[-number] = Schema(id=-number, name=typename, encoding="ros2msg", data=definition)
             self._channels[number] = Channel(
@@ -214,8 +206,22 @@ class _Copy:
             if channel.id not in self._numbers:
                 self._register(channel)
         self._writer.add_metadata(RECOVERED, note(self.kept))
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         return self.kept
+
+
+def _has_attachments(path: Path) -> bool:
+    """Return whether an attachment stands in a file, as far as the heads of its records lead."""
+    with path.open("rb") as stream:
+        at = len(MAGIC)
+        while len(head := stream.read(HEAD.size) if stream.seek(at) >= 0 else b"") == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            if opcode == Opcode.ATTACHMENT:
+                return True
+            if opcode not in OPCODES:
+                return False
+            at += HEAD.size + length
+    return False
 
 
 def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:

@@ -18,6 +18,7 @@ from imutui.estimate_history import HistoryRows
 from imutui.filter_snapshot import CauseSnapshot
 from imutui.logbook import departures
 from imutui.logbook.health import has_readings
+from imutui.logbook.reading import ReadingFields
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -146,16 +147,6 @@ class EstimatePoints(TypedDict):
     dof: list[float]
 
 
-class ReplayChoices(TypedDict, total=False):
-    """What a replay was asked to do differently from the recording: what it takes to repeat it."""
-
-    start: float
-    end: float
-    overrides: dict[str, str | float]
-    effects: str  # text of the effects file; empty for none
-    reference: str  # SHA-256 of the reference's file, which is not kept
-
-
 class PartResult(TypedDict):
     """A finished file of a recording in several; both are true where no filter ran, `passes` is a verdict's."""
 
@@ -228,7 +219,8 @@ class ResultDocument(TypedDict):
     course: NotRequired[HistoryRows]
     """Replays on the screen only: gyro biases in deg/s, then accelerometer biases in mg, over time."""
     points: NotRequired[EstimatePoints]  # replays for a page only
-    asked: NotRequired[ReplayChoices]  # replays that differ from the recording only
+    assumed: list[str]  # of another program's log, in words; empty for a log of imutui
+    asked: NotRequired[ReadingFields]  # replays that differ from the recording only
     truth: NotRequired[StateFields]  # the demo only: what the virtual instrument really has
 
 
@@ -377,6 +369,7 @@ def document(
         "noise": noise_fields(estimator, axes, info.noise),
         "effects": effect_fields(estimator),
         "history_known": bool(info.memory),
+        "assumed": [],
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
         "health": health,
         "lost_packets": lost_packets,

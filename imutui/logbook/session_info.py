@@ -245,8 +245,8 @@ class SessionInfo:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0)
-"""What is known of a recording before its file states anything: no instrument, no ranges, no site."""
+FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0, accel_sign=1, sampling="foreign")
+"""What is known of a recording before its file states anything: no instrument, no ranges, no site; specific force."""
 
 
 def truth(text: str) -> bool:

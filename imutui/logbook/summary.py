@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
 from imutui import outside_file
-from imutui.logbook import file_lock, mcap_format, schemas
+from imutui.logbook import file_lock, layout, mcap_format, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
 from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
 from imutui.logbook.session_info import METADATA
@@ -30,6 +30,7 @@ NO_LOG = "not a log"
 
 CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 """Names under which the effective configuration and the quality summary travel in a log."""
+_NO_INDEX = "it has no summary"
 _TAIL = 2 * 2**20
 _LARGEST = 16 * 2**20
 _FIRST_RECORDS = 64
@@ -78,8 +79,11 @@ def read(path: Path) -> Summary:
             whole = _from_summary(stream, found)
         except MALFORMED:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
+        without_index = not whole and found.why == _NO_INDEX
         if not whole:
             _from_ends(stream, found)
+        if without_index and found.state == UNFINISHED:
+            found.state, found.why = FINISHED, ""
         if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
     _judge(found)
@@ -87,11 +91,10 @@ def read(path: Path) -> Summary:
 
 
 def imu_topic(types: dict[str, str]) -> str | None:
-    """Topic of the samples: ours, else the first of sensor_msgs/msg/Imu."""
+    """Return the topic of the samples: ours, else the first of sensor_msgs/msg/Imu."""
     wanted = schemas.TYPES[schemas.IMU]
-    if types.get(schemas.IMU) == wanted:
-        return schemas.IMU
-    return next((topic for topic, typename in types.items() if typename == wanted), None)
+    topics = [topic for topic, name in types.items() if name in (wanted, wanted.replace("/msg/", "/"))]
+    return schemas.IMU if schemas.IMU in topics else next(iter(topics), None)
 
 
 def _judge(found: Summary) -> None:
@@ -117,7 +120,7 @@ def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     end = section(found.bytes - mcap_format.TAIL, found.bytes)
     index = mcap_format.read_index(end, found.bytes, section, chunks=False)
     if index is None:
-        found.why = "it has no summary" if end.endswith(MAGIC) else found.why
+        found.why = _NO_INDEX if end.endswith(MAGIC) else found.why
         return False
     for metadata in index.metadata:
         _take_metadata(stream, metadata, found)
@@ -247,7 +250,7 @@ def _take_description(inside: list[McapRecord | Batch], channel: int | None, fou
     told: dict[str, str] = {}
     for batch in (item for item in inside if isinstance(item, Batch)):
         for row in np.flatnonzero(batch.table[:, CHANNEL] == channel).tolist() if channel is not None else ():
-            with contextlib.suppress(schemas.UndecodableError):
+            with contextlib.suppress(layout.UndecodableError):
                 told |= schemas.decode_diagnostics(batch.message(row).data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)

@@ -6,15 +6,14 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from mcap.writer import Writer
 
 import imutui
 from imutui.logbook import atomic_file, checksum_file, log_stream, log_time, schemas
 from imutui.logbook.log_stream import Whereabouts
-from imutui.logbook.mcap_writer import McapWriter
-from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
 
@@ -84,7 +83,8 @@ class LogWriter:
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
         with self._or_abandoned():
-            self._writer = McapWriter(self._file, "ros2", f"imutui {imutui.__version__}")
+            self._writer = Writer(self._file, enable_data_crcs=True)
+            self._writer.start("ros2", f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
             for topic, typename in (schemas.TYPES | {schemas.RAW: raw_type}).items():
@@ -103,13 +103,9 @@ class LogWriter:
         """Bytes on the disk as of the last flush."""
         return self._good
 
-    def raw(self, packet: RawPacket, log_ns: int, stamp_ns: int) -> None:
-        """Write a packet as received."""
-        self._add(schemas.RAW, schemas.encode_raw(packet), log_ns, stamp_ns)
-
     def imu(self, log_ns: int, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> None:
         """Write an output sample: rad/s and m/s² (specific force) in body axes; not `valid`: none at this stamp."""
-        self._add(schemas.IMU, schemas.encode_imu(stamp_ns, gyro, accel, valid=valid), log_ns, stamp_ns)
+        self._add(schemas.IMU, schemas.encode_imus(stamp_ns, gyro, accel, valid)[0], log_ns, stamp_ns)
 
     def encoded(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
         """Write the bytes of a message of `schemas`."""
@@ -128,14 +124,10 @@ class LogWriter:
                 counts[topic] = count + 1
                 add(channels[topic], log_ns, data, stamp_ns, count & 0xFFFFFFFF)
 
-    def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
-        """Write any other message of `schemas`."""
-        self._add(topic, schemas.encode(topic, message), log_ns, stamp_ns)
-
     def _add(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
         if topic == schemas.IMU and not self._counts[schemas.TRANSFORMS]:
             # what the samples' frame is, before the first of them, at its time: viewers would show years before it
-            self.message(schemas.TRANSFORMS, schemas.transforms(stamp_ns), log_ns, stamp_ns)
+            self._add(schemas.TRANSFORMS, schemas.encode_transforms(stamp_ns), log_ns, stamp_ns)
         count = self._counts[topic]
         self._counts[topic] = count + 1
         try:
@@ -159,7 +151,7 @@ class LogWriter:
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
         with self._or_abandoned():
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             os.fdatasync(self._file.fileno())
         self._take_note()
 
@@ -175,7 +167,7 @@ class LogWriter:
         with self._or_abandoned():
             text = json.dumps(summary, indent=1, allow_nan=False)
             self.attach(SUMMARY, "application/json", text.encode(), now_ns)
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
         self.sha256 = self._raw_file.sha256()
         # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing

@@ -154,7 +154,7 @@ class _Server:
     def _log(self, message: bytes) -> None:
         number, log_ns = MESSAGE.unpack_from(message)
         data = message[MESSAGE.size :]
-        if number == _RAW and not self._has_details and schemas.decode_raw(data).details is not None:
+        if number == _RAW and not self._has_details and len(data) == schemas.RAW_DTYPE.itemsize:
             # which instrument answers was not known when the channels were made
             self._has_details = True
             self._channels[number].close()

@@ -199,6 +199,7 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
             "lost_packets": counters.lost_packets,
             "bad_checksums": counters.bad_checksums,
             "alarms": [] if failure is None else [failure],
+            "assumed": [],
             "health": pipeline.health(final=True),
             "log_sha256": log_sha256,
         }

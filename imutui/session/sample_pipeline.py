@@ -325,7 +325,7 @@ class SamplePipeline:
         if name == "mark" and self.filter is not None:
             self.filter.mark(utc, text)
         if self._writer is not None:
-            self._writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
+            self._writer.encoded(schemas.EVENTS, schemas.encode_event(utc, name, text, level), utc, utc)
 
     def table_states(self, states: Iterable[TableState], now_ns: int) -> None:
         """Write what the controller of a table said; raises OSError."""
@@ -343,7 +343,7 @@ class SamplePipeline:
         utc = self._timebase.utc_ns(now_ns)
         angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
         rates = np.zeros(3) if self.info.reference in _STILL else np.full(3, np.nan)
-        reference = schemas.encode_table_reference(utc, self.info.reference, angles, rates)
+        (reference,) = schemas.encode_table_references(utc, self.info.reference, angles, rates)
         self._writer.encoded(schemas.REFERENCE, reference, utc, utc)
         damaged = self.counters.lost_packets_max or self.counters.bad_checksums
         found = ["packets were lost or damaged"] if damaged else []
@@ -351,7 +351,7 @@ class SamplePipeline:
             found.append("the asked rate is not kept")
         level, text = int(bool(found)), "; ".join(found) or "ok"
         values = self._diagnostics(now_ns)
-        self._writer.message(schemas.DIAGNOSTICS, schemas.diagnostics(utc, level, text, values), utc, utc)
+        self._writer.encoded(schemas.DIAGNOSTICS, schemas.encode_diagnostics(utc, level, text, values), utc, utc)
         self._uncertainty_ns = 0
         self._flush()
 

@@ -1,4 +1,4 @@
-"""`imutui export`: names, units, axes and sign of `import`, the same bits in every format, any topic, in pieces."""
+"""`imutui export`: names, units, axes and sign of `import`, the same bits in every format, in pieces."""
 
 import csv
 import json
@@ -217,34 +217,6 @@ def csv_head(path: Path) -> int:
     return 1 + sum(line.startswith("#") for line in path.read_text().splitlines())
 
 
-TOPICS = {
-    "/imu/raw": {"counts_5": "counts", "host_monotonic_ns": "ns", "ticks": "ticks"},
-    "/imu/data_raw": {"angular_velocity_x": "rad/s", "linear_acceleration_z": "m/s^2", "stamp_ns": "ns"},
-    "/imu/temperature": {"temperature": "degC"},
-    "/table/reference": {"angles_deg_0": "deg", "rates_dps_2": "deg/s"},
-    "/filter/estimate": {"gyro_bias_dps_1": "deg/s", "position_deg_m_2": "m", "accel_bias_sd_mg_0": "mg"},
-    "/diagnostics": {"stamp_ns": "ns"},
-    "/rosout": {"stamp_ns": "ns"},
-}
-
-
-@pytest.mark.parametrize("topic", TOPICS)
-def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
-    found = made(tmp_path, "--topic", topic)
-    assert_alike(found)
-    assert list(found["npz"])[:2] == ["log_time", "publish_time"]
-    units = json.loads(str(np.load(tmp_path / "a.npz")["units"]))
-    assert units.items() >= TOPICS[topic].items()
-    if topic == "/imu/raw":
-        packets = reader.read(SAMPLE, raw=True).packets
-        assert found["npz"]["counts_5"] == packets["counts"][:, 5].tolist()
-        assert found["npz"]["ticks"] == packets["ticks"].tolist()
-    if topic == "/diagnostics":
-        assert found["csv"]["lost_packets"][-1] == samples_of(SAMPLE).diagnostics["lost_packets"]
-    if topic == "/rosout":
-        assert found["csv"]["msg"][0] == samples_of(SAMPLE).events[0].text
-
-
 @pytest.mark.parametrize("kind", FORMATS)
 def test_json_says_what_was_made(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"a.{kind}"
@@ -264,11 +236,9 @@ def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
         (SAMPLE, ("-o", str(tmp_path / "a.xlsx")), 2, "csv, npz, parquet"),
         (SAMPLE, ("-o", str(tmp_path / "a"), "--format", "hdf5"), 2, "csv, npz, parquet"),
         (SAMPLE, ("-o", str(tmp_path / "no" / "a.csv")), 2, "mkdir -p"),
-        (SAMPLE, ("-o", str(tmp_path / "a.csv"), "--topic", "/imu"), 2, "It has: /diagnostics"),
         (tmp_path / "gone.mcap", ("-o", str(tmp_path / "a.csv")), 3, "no such file"),
         (tmp_path / "empty.mcap", ("-o", str(tmp_path / "a.csv")), 3, "empty"),
         (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv")), 3, "not an MCAP"),
-        (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv"), "--topic", "/imu/raw"), 3, "not an MCAP"),
     ):
         assert words in " ".join(imutui("export", log, *options, check=code).stderr.split())
     assert there.read_text() == "mine"
@@ -290,9 +260,6 @@ def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
     done = imutui("export", cut, "-o", tmp_path / "a.npz", check=1)
     assert "All before that is exported" in done.stderr
     assert np.load(tmp_path / "a.npz")["t"].size == samples_of(cut).stamp_ns.size
-    done = imutui("export", cut, "-o", tmp_path / "b.npz", "--topic", "/imu/data_raw", check=1)
-    assert "All before that is exported" in done.stderr
-    assert np.load(tmp_path / "b.npz")["stamp_ns"].tolist() == samples_of(cut).stamp_ns.tolist()
 
 
 @pytest.mark.parametrize("rows", [1, 60, 10**6])

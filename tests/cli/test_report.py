@@ -19,8 +19,9 @@ from filters.types import Array
 from imutui.cli import installed_from
 from imutui.jobs import document_shape
 from imutui.jobs.campaign import batch
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import added_notes
+from imutui.logbook.reading import Reading
 from imutui.report import figures, page
 from imutui.report.html import STYLE
 
@@ -71,7 +72,7 @@ def test_a_log_at_hand_gives_its_page_what_the_result_has_not(home: Path, undraw
     log = home / "sample.mcap"
     log.write_bytes((ROOT / "logs" / "sample.mcap").read_bytes())
     added_notes.add(log, note="on the oven", operator="ben")
-    asked = ReplayOptions(start=2.0, end=22.0, overrides={"filter": "ekf"})
+    asked = Reading(start=2.0, end=22.0, overrides={"filter": "ekf"})
     (home / "r.json").write_text(json.dumps(replay(log, asked)))
     report("r.json", "-o", "page")
     names = {path.name for path in (home / "page").iterdir()}

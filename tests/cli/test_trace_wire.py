@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 from helpers.commands import imutui_json
 from helpers.documents import toml
 from helpers.places import own_places
@@ -62,7 +63,7 @@ def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:
     """However fast it was acquired: 20 Hz, nothing lost, and the temperature as the scenario has it."""
     for path, seconds in zip(logs, SECONDS, strict=True):
         log = reader.read(path, raw=True)
-        ms = np.mod(-np.diff([packet.ticks for packet in log.raw]), 65536) * TICK_S * 1e3
+        ms = np.mod(-np.diff([packet.ticks for packet in ros_messages.packets(log)]), 65536) * TICK_S * 1e3
         assert ms.max() < 23.0, "by the unit's own counter every second or third reading was sent, and none is missing"
         t = log.seconds()
         assert t[-1] == pytest.approx(seconds, abs=0.5)

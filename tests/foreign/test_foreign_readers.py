@@ -61,8 +61,8 @@ def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
     assert read["topics"][schemas.IMU]["count"] == own.stamp_ns.size
     assert [first["linear_acceleration"][a] for a in "xyz"] == own.accel[0].tolist()
     assert [first["angular_velocity"][a] for a in "xyz"] == own.gyro[0].tolist()
-    assert read["topics"][schemas.RAW]["count"] == len(own.raw)
-    assert read["topics"][schemas.RAW]["first"]["counts"] == list(own.raw[0].counts)
+    assert read["topics"][schemas.RAW]["count"] == len(own.packets)
+    assert read["topics"][schemas.RAW]["first"]["counts"] == own.packets["counts"][0].tolist()
     assert set(read["topics"]) >= {schemas.REFERENCE, schemas.DIAGNOSTICS, schemas.ESTIMATE, schemas.TEMPERATURE}
 
 

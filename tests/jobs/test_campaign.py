@@ -16,10 +16,10 @@ from imutui.jobs import replay
 from imutui.jobs.campaign import cluster, log_list, one_log, stored_rows
 from imutui.jobs.campaign.collect import collect
 from imutui.jobs.campaign.log_list import LogList, Shard
-from imutui.jobs.campaign.one_log import CampaignSettings
+from imutui.jobs.campaign.one_log import Settings
 from imutui.jobs.campaign.run import Campaign, RunDocument, run
-from imutui.jobs.replay import ReplayOptions
 from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.reading import Reading
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def ran(*arguments: str, results: str = "results", **options: Any) -> RunDocument:
     """A campaign over what the arguments name, `logs` if nothing."""
     overrides = options.pop("overrides", {})
-    settings = CampaignSettings(ReplayOptions(overrides=overrides), options.pop("trace", False))
+    settings = Settings(Reading(overrides=overrides), options.pop("trace", False))
     head = stored_rows.head_of(Path(results))
     logs = log_list.find(arguments or ["logs"])
     return run(Campaign(logs if head is None else logs.below(head["root"]), settings, Path(results), **options), here)
@@ -111,7 +111,7 @@ def test_a_log_that_vanishes_is_tried_again(few: Path) -> None:
     ran()
     logs = LogList(str(few / "logs"), ("deep/0.mcap", "gone.mcap"))
     for _ in range(2):
-        told = run(Campaign(logs, CampaignSettings(), Path("results")), here)
+        told = run(Campaign(logs, Settings(), Path("results")), here)
         assert (told["computed"], told["errors"]) == (1, 1)
         assert "is not there on" in told["first_errors"][0]
 

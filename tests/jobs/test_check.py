@@ -247,7 +247,7 @@ def test_samples_that_no_unit_sends_are_found(tmp_path: Path, spoil: Callable[..
         log = LogWriter(tmp_path / f"{number}.mcap", SessionInfo(sampling="foreign", rate_hz=100.0), "", START)
         for stamp, own, temperature in zip(stamps.tolist(), accel, degc.tolist(), strict=True):
             log.imu(stamp, stamp, own[::-1] * 1e-3, own)
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, temperature), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, temperature)[0], stamp, stamp)
         log.finish({}, START)
         document = check(tmp_path / f"{number}.mcap")
         found = [f["what"] for f in document["findings"] if f["code"] == "samples"]

@@ -8,8 +8,9 @@ from helpers import logs
 from helpers.commands import imutui, imutui_json
 
 from imutui.jobs import runs
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import reader
+from imutui.logbook.reading import Reading
 from imutui.report import replay_report, replay_text
 from imutui.verdict import sources
 
@@ -31,7 +32,7 @@ def test_its_content_says_that_instrument_ranges_and_site_are_not_stated(path: P
 
 
 def test_its_biases_are_judged_by_no_limit_and_its_noise_by_no_data_sheet(path: Path) -> None:
-    document = replay(path, ReplayOptions())
+    document = replay(path, Reading())
     assert document["identity"]["instrument"] == ""
     assert document["noise"]["specification"] == {
         "gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3,

@@ -27,9 +27,9 @@ def written(
     for k in range(seconds * rate):
         stamp = start + k * 1_000_000_000 // rate
         log.imu(stamp, stamp, np.zeros(3), np.ones(3), valid=k != 3)
-        log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + k / rate), stamp, stamp)
+        log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 20.0 + k / rate)[0], stamp, stamp)
         if k % rate == rate - 1:
-            log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
+            log.encoded(schemas.EVENTS, schemas.encode_event(stamp, "mark", f"mark {k}"), stamp, stamp)
             log.flush()
     if finish:
         log.finish({"samples": seconds * rate, "duration_s": seconds - 1.0 / rate, "converged": True}, START)
@@ -114,7 +114,7 @@ def test_a_changed_note_is_the_latest_wherever_it_is_looked_for(tmp_path: Path) 
         if second == 1:
             log.describe(replace(session, note="warm"))
         said = {"note": "warm"} if second else {}
-        log.message(schemas.DIAGNOSTICS, schemas.diagnostics(at, 0, "ok", {"packets": "1", **said}), at, at)
+        log.encoded(schemas.DIAGNOSTICS, schemas.encode_diagnostics(at, 0, "ok", {"packets": "1", **said}), at, at)
         log.flush()
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "a.mcap").read_bytes())
     assert (brief(tmp_path / "a.mcap").state, brief(tmp_path / "a.mcap").note) == ("being written", "warm")

@@ -13,7 +13,7 @@ from filters.simulation import TableModel, TurnTable, simulate
 from filters.tracing import residual
 from imutui.jobs import log_motion, runs
 from imutui.jobs.log_motion import measured_motion
-from imutui.jobs.replay import ReplayOptions
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 
 ENCODER = np.deg2rad(0.0005)
@@ -61,9 +61,9 @@ MOTION = profile_file(
 )
 
 
-def fitted(path: Path, options: ReplayOptions) -> tuple[np.ndarray, np.ndarray]:
+def fitted(path: Path, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
     """Bias and scale factor of each gyro by least squares on the log's reference, (3, 2), and standard deviations."""
-    run = runs.read_run(path, "a", options).run
+    run = runs.read_run(path, "a", reading).run
     expected = residual.perfect(run)[:, :3]
     found, sds = [], []
     for k in range(3):
@@ -89,8 +89,8 @@ def test_biases_and_scale_factors_are_those_of_a_profile_that_gyros_join(tmp_pat
     session = SessionInfo(rate_hz=50.0, kind="simulated", reference="profile")
     states = zip(at.tolist(), np.rad2deg(angles), np.rad2deg(rates), strict=True)
     measured = logs.of_samples(tmp_path / "m.mcap", samples, session, MOTION, states=states)
-    by_controller, sds = fitted(measured, ReplayOptions())
-    by_gyros, _ = fitted(measured, ReplayOptions(reference=MOTION))
+    by_controller, sds = fitted(measured, Reading())
+    by_gyros, _ = fitted(measured, Reading(reference=MOTION))
     assert np.all(np.abs(by_controller - by_gyros) < sds)
     assert np.abs(by_controller[:, 1] - SCALE).max() < 4.0 * sds[:, 1].max() + 1e-4
 

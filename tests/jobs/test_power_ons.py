@@ -10,8 +10,8 @@ from helpers.paths import DATA
 from helpers.traces import arrays
 
 from imutui.jobs import power_ons, runs
-from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.runs import LoggedRun
+from imutui.logbook.reading import Reading
 
 SECONDS = 70.0
 
@@ -29,7 +29,7 @@ def part(folder: Path, name: str, begins: float, *flags: str, tilt: float = 0.0)
 
 
 def joined(*logs: Path) -> tuple[list[runs.LoggedRun], list[str]]:
-    return power_ons.join([runs.read_run(log, log.stem, ReplayOptions()) for log in logs])
+    return power_ons.join([runs.read_run(log, log.stem, Reading()) for log in logs])
 
 
 def by_name(reads: list[LoggedRun]) -> dict[str, tuple[str, float, bool]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import logs
+from helpers import logs, ros_messages
 from helpers.acquisitions import untimed
 from helpers.documents import dwell, profile_file, rate
 from mcap.reader import make_reader
@@ -22,8 +22,9 @@ from filters.simulation import Truth
 from filters.state import PAPER_SITE
 from imutui.jobs import replay as job
 from imutui.jobs import replay_input
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import EstimatesFile, replay
 from imutui.logbook import SessionInfo, reader, schemas, trajectory_file
+from imutui.logbook.reading import Reading
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.trajectory_file import Trajectory
 
@@ -80,7 +81,7 @@ def shift(result: dict[str, Any]) -> np.ndarray:
 
 def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
     path = tumbled(tmp_path / "a.mcap")
-    result = replay(path, ReplayOptions())
+    result = replay(path, Reading())
     assert result["reference"] == "profile"
     assert result["samples"] == simulated(TUMBLE).t.size
     assert result["nis"]["dof"] == 9
@@ -93,7 +94,7 @@ def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
 def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) -> None:
     wrong = profile_file(SEGMENTS[0], dwell(8.0, middle=-90.0), *SEGMENTS[2:], offset_sd_s=0.0)
     path = record(tmp_path / "a.mcap", simulated(TUMBLE), attachment=wrong)
-    own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=TUMBLE))
+    own, named = replay(path, Reading()), replay(path, Reading(reference=TUMBLE))
     assert own["rejected"] > 0
     assert any("left out" in text or "off the reference" in text for text in own["alarms"])
     assert named["rejected"] == 0
@@ -101,13 +102,13 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
     assert own["config_sha256"] != named["config_sha256"]
     # the kind goes with the file: a log made level takes a named profile as well
     level = record(tmp_path / "b.mcap", simulated(TUMBLE))
-    assert untimed(replay(level, ReplayOptions(reference=TUMBLE)))["final"] == named["final"]
+    assert untimed(replay(level, Reading(reference=TUMBLE)))["final"] == named["final"]
 
 
 def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", simulated(None), reference="profile")
     with pytest.raises(ValueError, match=r"none of its own.*--reference FILE"):
-        replay(path, ReplayOptions())
+        replay(path, Reading())
 
 
 def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
@@ -117,11 +118,11 @@ def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
     for name, texts in (("a", ("segment 1", "segment 2", "segment 3")), ("b", ("on", "turned", "segment 3"))):
         marks = [(float(t) + 0.3, text) for t, text in zip(profile.rest_starts[:3], texts, strict=True)]
         path = record(tmp_path / f"{name}.mcap", samples, attachment=MARKED, marks=marks)
-        result = replay(path, ReplayOptions())
+        result = replay(path, Reading())
         assert np.all(np.abs(shift(result)) < 4.0)
         assert result["rejected"] == 0
         assert result["alarms"] == []
-    unmarked = replay(tumbled(tmp_path / "c.mcap", MARKED), ReplayOptions())
+    unmarked = replay(tumbled(tmp_path / "c.mcap", MARKED), Reading())
     assert unmarked["nis"]["mean"] is None
 
 
@@ -137,37 +138,37 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
     )
     path = record(tmp_path / "a.mcap", late, attachment=GYRO)
     log = reader.read(path)
-    _, settings = job.prepare(log, replay_input.select(log, None, None), ReplayOptions())
+    _, settings = job.prepare(log, replay_input.select(log, None, None), Reading())
     assert settings.offset_sd is not None
     assert abs(settings.offset - 6.0) < 4.0 * settings.offset_sd
-    result = replay(path, ReplayOptions())
+    result = replay(path, Reading())
     assert np.all(np.abs(shift(result)) < 4.0)
     assert result["rejected"] == 0
     with pytest.raises(ValueError, match="another `sign`"):
-        replay(path, ReplayOptions(reference=profile_file(*SEGMENTS, align="gyro", sign=[1, -1, 1])))
+        replay(path, Reading(reference=profile_file(*SEGMENTS, align="gyro", sign=[1, -1, 1])))
 
 
 def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Path) -> None:
     """A profile that turns between two samples, and readings that do: nothing is known of the rate in between."""
     slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, TUMBLE)
     with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz.*nothing is known of the rate"):
-        replay(slow, ReplayOptions())
+        replay(slow, Reading())
     still = simulated(None, hz=0.1, seconds=100.0)
     turning = record(tmp_path / "b.mcap", replace(still, gyro=still.gyro + np.deg2rad([0.0, 0.0, 10.0])), 0.1)
     with pytest.raises(ValueError, match=r"10[0-9] deg between two samples at .*nothing is known of the rate"):
-        replay(turning, ReplayOptions())
+        replay(turning, Reading())
     # at rest a tenth of a hertz is fine
-    assert np.all(np.abs(shift(replay(record(tmp_path / "c.mcap", still, 0.1), ReplayOptions()))) < 4.0)
+    assert np.all(np.abs(shift(replay(record(tmp_path / "c.mcap", still, 0.1), Reading()))) < 4.0)
 
 
 # ---------------------------------------------------------------------------------------------------------------- parts
 
 
-def rows(path: Path, options: ReplayOptions) -> tuple[np.ndarray, np.ndarray]:
+def rows(path: Path, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
     """Times since the log's first sample, and what is known then."""
     log = reader.read(path)
-    part = replay_input.select(log, options.start, options.end)
-    _, settings = job.prepare(log, part, options)
+    part = replay_input.select(log, reading.start, reading.end)
+    _, settings = job.prepare(log, part, reading)
     estimator = Estimator(settings)
     if estimator.aligning is not None:
         found = estimator.aligning.found(part.t, part.gyro, part.accel)
@@ -198,15 +199,15 @@ def test_a_part_knows_what_the_whole_knows_and_is_filtered_like_any_other(tmp_pa
     file = table_trajectory(samples) if kind == "trajectory" else (MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
     path = record(tmp_path / "a.mcap", samples, attachment=file, marks=marks)
-    t, whole = rows(path, ReplayOptions())
-    part_t, part = rows(path, ReplayOptions(start=9.99, end=27.01))
+    t, whole = rows(path, Reading())
+    part_t, part = rows(path, Reading(start=9.99, end=27.01))
     here = (t >= 9.99) & (t <= 27.01)
     assert np.allclose(part_t, t[here], atol=1e-9)
     # at its first sample a part may take a trajectory's row that is a little older than it
     begin = 1 if kind == "trajectory" else 0
     assert np.allclose(part[begin:], whole[here][begin:], rtol=1e-9, atol=1e-11, equal_nan=True)
     assert (part[:, reference.VARIANCES] > 0.0).any()
-    result = replay(path, ReplayOptions(start=13.0))
+    result = replay(path, Reading(start=13.0))
     assert result["rejected"] == 0
     assert np.all(np.abs(shift(result)) < 4.0)
 
@@ -217,8 +218,8 @@ def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
     here = (samples.t >= 5.0) & (samples.t <= 20.0)
     alone = Samples(samples.t[here] - 5.0, samples.gyro[here], samples.accel[here])
     part, cut = (
-        replay(whole, ReplayOptions(start=5.0, end=20.0)),
-        replay(record(tmp_path / "b.mcap", alone), ReplayOptions()),
+        replay(whole, Reading(start=5.0, end=20.0)),
+        replay(record(tmp_path / "b.mcap", alone), Reading()),
     )
     own = ("log", "log_sha256", "asked")
     assert part["asked"] == {"start": 5.0, "end": 20.0}
@@ -234,7 +235,7 @@ def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -
     quiet = replace(SPEC, gyro_arw=SPEC.gyro_arw / 4, accel_vrw=SPEC.accel_vrw / 4)
     samples = simulation.simulate(rate_hz=50.0, seconds=300.0, seed=3, spec=quiet, truth=BIAS)[0]
     path = record(tmp_path / "a.mcap", samples, 50.0)
-    table, measured = replay(path, ReplayOptions()), replay(path, ReplayOptions(overrides={"noise": "log"}))
+    table, measured = replay(path, Reading()), replay(path, Reading(overrides={"noise": "log"}))
     used = measured["noise"]["used"]
     assert used["source"] == "log"
     assert np.allclose(used["gyro_arw_deg_sqrt_h"], 4.5 / 4, rtol=0.1)
@@ -253,7 +254,7 @@ def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
     for name, file in (("a", TUMBLE), ("b", table_trajectory(samples))):
         path = record(tmp_path / f"{name}.mcap", samples, attachment=file)
         with pytest.raises(ValueError, match=r"`noise` is \"log\".*at rest"):
-            replay(path, ReplayOptions(overrides={"noise": "log"}))
+            replay(path, Reading(overrides={"noise": "log"}))
 
 
 # ------------------------------------------------------------------------------------------------------------ estimates
@@ -267,7 +268,7 @@ def written(path: Path) -> tuple[list[int], list[Any]]:
             assert schema is not None
             assert schema.encoding == "ros2msg"
             stamps.append(message.publish_time)
-            messages.append(schemas.decode(schema.name, message.data))
+            messages.append(ros_messages.decode(schema.name, message.data))
     return stamps, messages
 
 
@@ -298,7 +299,7 @@ def check_estimate(message: Any, estimate: Estimate) -> None:
 def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, seconds: float) -> None:
     samples = simulated(None, seconds=seconds)
     path = record(tmp_path / "a.mcap", samples, filter=name)
-    result = replay(path, ReplayOptions(output=tmp_path / "e.mcap", estimates_hz=0.0))
+    result = replay(path, Reading(), output=EstimatesFile(tmp_path / "e.mcap", 0.0))
     assert result["filter"] == name
     stamps, messages = written(tmp_path / "e.mcap")
     log = reader.read(path)
@@ -318,7 +319,7 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
 def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
     samples = simulated(None, hz=133.0, seconds=6.0)
     path = record(tmp_path / "a.mcap", samples, 133.0)
-    replay(path, ReplayOptions(output=tmp_path / "e.mcap"))
+    replay(path, Reading(), output=EstimatesFile(tmp_path / "e.mcap"))
     stamps, messages = written(tmp_path / "e.mcap")
     assert len(messages) == 6
     steps = np.diff(stamps) / 1e9
@@ -335,10 +336,10 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
 @pytest.mark.parametrize("file", [None, TUMBLE])
 def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, file: ReferenceFile | None) -> None:
     path = record(tmp_path / "a.mcap", simulated(file), attachment=file)
-    plain = replay(path, ReplayOptions())
+    plain = replay(path, Reading())
     for hz in (10.0, 0.0, 3.0):
         output = tmp_path / f"{hz}.mcap"
-        result = replay(path, ReplayOptions(output=output, estimates_hz=hz))
+        result = replay(path, Reading(), output=EstimatesFile(output, hz))
         assert untimed(result) == untimed(plain)
         with output.open("rb") as stream:
             attached = {a.name: a.data for a in make_reader(stream).iter_attachments()}
@@ -348,7 +349,7 @@ def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, file: Ref
 @pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
 def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str) -> None:
     path = record(tmp_path / "a.mcap", simulated(None, seconds=10.0))
-    own, other = replay(path, ReplayOptions()), replay(path, ReplayOptions(overrides={"filter": name}))
+    own, other = replay(path, Reading()), replay(path, Reading(overrides={"filter": name}))
     assert (own["filter"], other["filter"]) == ("spkf", name)
     assert np.allclose(shift(own), shift(other), atol=0.1)
     assert own["nis"]["mean"] == pytest.approx(other["nis"]["mean"], rel=0.01)
@@ -360,7 +361,7 @@ def test_nothing_is_overwritten_unless_asked_and_the_log_itself_never(tmp_path: 
     content = path.read_bytes()
     for wanted, overwrite in ((output, False), (path, False), (path, True)):
         with pytest.raises((FileExistsError, ValueError)):
-            replay(path, ReplayOptions(output=wanted, overwrite=overwrite))
+            replay(path, Reading(), output=EstimatesFile(wanted, overwrite=overwrite))
     assert (output.read_bytes(), path.read_bytes()) == (b"dear", content)
-    replay(path, ReplayOptions(output=output, overwrite=True))
+    replay(path, Reading(), output=EstimatesFile(output, overwrite=True))
     assert len(written(output)[1]) == 5

@@ -8,8 +8,9 @@ from helpers.traces import arrays, imported
 
 from filters.attitude import to_quaternion
 from filters.motion.kinematics import attitudes
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import results
+from imutui.logbook.reading import Reading
 
 BIAS_DPS = (0.30, -0.20, 0.10)
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -25,7 +26,7 @@ def test_attitude_gives_attitude_and_gyro_biases(tmp_path: Path, late_s: float) 
     rng = np.random.default_rng(1)
     given["gyro"] = given["gyro"] + np.array(BIAS_DPS) + 0.1 * rng.standard_normal(given["gyro"].shape)
     given["ref_quat"] = quaternion
-    got = replay(imported(tmp_path / "a.mcap", given), ReplayOptions())
+    got = replay(imported(tmp_path / "a.mcap", given), Reading())
     assert got["unobservable"] == [*results.PLACE, "accel_bias_x", "accel_bias_y", "accel_bias_z"]
     final, sd = got["final"], got["sd"]
     assert final["position_deg_m"] == final["velocity_mps"] == final["accel_bias_mg"] == [None] * 3

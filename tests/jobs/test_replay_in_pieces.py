@@ -12,8 +12,9 @@ from helpers.paths import SAMPLE
 from filters import simulation
 from filters.kalman import series_evidence
 from imutui.jobs import replay_input
-from imutui.jobs.replay import ReplayOptions, replayed
+from imutui.jobs.replay import EstimatesFile, replayed
 from imutui.logbook import SessionInfo, pieces, reader, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.writer import LogWriter
 
@@ -30,10 +31,10 @@ def still(path: Path, seconds: float = 60.0, reference: str = "level", *, bursts
         stamp = base + round((t - 0.0499 * (k % 4) if bursts else t) * 1e9)
         log.imu(stamp, stamp, samples.gyro[k], samples.accel[k], valid=k % 97 != 5)
         if k % 7 == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + t / 10.0), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 20.0 + t / 10.0)[0], stamp, stamp)
         if k % 20 == 0:
             angles = [0.0, 0.0, 0.0] if reference == "level" else [float("nan")] * 3
-            row = schemas.encode_table_reference(stamp, reference, angles, [0.0] * 3)
+            row = schemas.encode_table_references(stamp, reference, angles, [0.0] * 3)[0]
             log.encoded(schemas.REFERENCE, row, stamp, stamp)
         if k % 50 == 0:
             log.flush()
@@ -41,9 +42,9 @@ def still(path: Path, seconds: float = 60.0, reference: str = "level", *, bursts
     return path
 
 
-def result(path: Path, options: ReplayOptions) -> dict[str, Any]:
+def result(path: Path, reading: Reading, **wanted: bool) -> dict[str, Any]:
     """All that a replay says but the timings."""
-    made = replayed(path, options)
+    made = replayed(path, reading, **wanted)
     told = {key: value for key, value in made.result.items() if key not in TIMINGS}
     return {**told, "first_ns": made.first_ns, "temperature": made.temperature, "info": made.info}
 
@@ -60,23 +61,23 @@ def in_pieces(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 
 CASES = {
-    "level": ("level", ReplayOptions()),
-    "part": ("level", ReplayOptions(start=3.0, end=40.0)),
-    "course": ("level", ReplayOptions(course=True)),
-    "gravity": ("gravity", ReplayOptions()),
-    "drawn": ("level", ReplayOptions(overrides={"measurements": "drawn", "seed": 3})),
-    "ekf": ("level", ReplayOptions(overrides={"filter": "ekf"})),
+    "level": ("level", Reading()),
+    "part": ("level", Reading(start=3.0, end=40.0)),
+    "course": ("level", Reading()),
+    "gravity": ("gravity", Reading()),
+    "drawn": ("level", Reading(overrides={"measurements": "drawn", "seed": 3})),
+    "ekf": ("level", Reading(overrides={"filter": "ekf"})),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_log_in_pieces_gives_the_same_result(tmp_path: Path, case: str, in_pieces: Callable[[int], None]) -> None:
-    reference, options = CASES[case]
+    reference, reading = CASES[case]
     path = still(tmp_path / "a.mcap", reference=reference)
-    whole = result(path, options)
+    whole = result(path, reading, course=case == "course")
     for rows in (1, 333):
         in_pieces(rows)
-        found = result(path, options)
+        found = result(path, reading, course=case == "course")
         # a mean of parts may differ in the last bit
         assert found.pop("temperature") == pytest.approx(whole["temperature"], rel=1e-14)
         assert found == {key: value for key, value in whole.items() if key != "temperature"}
@@ -85,9 +86,9 @@ def test_a_log_in_pieces_gives_the_same_result(tmp_path: Path, case: str, in_pie
 
 def test_estimates_in_a_file_are_the_same(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
     whole, parts = tmp_path / "whole.mcap", tmp_path / "parts.mcap"
-    replayed(SAMPLE, ReplayOptions(output=whole, estimates_hz=0.0))
+    replayed(SAMPLE, Reading(), output=EstimatesFile(whole, 0.0))
     in_pieces(100)
-    replayed(SAMPLE, ReplayOptions(output=parts, estimates_hz=0.0))
+    replayed(SAMPLE, Reading(), output=EstimatesFile(parts, 0.0))
     data = [b"".join(m.data for m in _estimates(path)) for path in (whole, parts)]
     assert data[0] == data[1]
     assert len(data[0]) > 100_000
@@ -105,7 +106,7 @@ def test_noise_measured_in_pieces_is_that_of_the_whole(
     tmp_path: Path, in_pieces: Callable[[int], None], bursts: bool
 ) -> None:
     path = still(tmp_path / "a.mcap", bursts=bursts)
-    options = ReplayOptions(overrides={"noise": "log"})
+    options = Reading(overrides={"noise": "log"})
     whole = replayed(path, options).result
     assert whole["gaps"]
     for rows in (1, 200):
@@ -125,7 +126,7 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
     """Replayed in pieces of 200 samples: it grows by less than half of what the further samples themselves take."""
     # what is held of the longest means at a time, whatever is in them
     monkeypatch.setattr(replay_input, "_OVERLAP", 64)
-    options = ReplayOptions(overrides={"noise": "log"})
+    options = Reading(overrides={"noise": "log"})
     in_pieces(200)
     series_evidence.prepare()  # nor does that grow with a log
     replayed(still(tmp_path / "first.mcap"), options)
@@ -145,7 +146,7 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
 def test_an_empty_part_of_a_long_log_is_refused_in_words(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
     in_pieces(200)
     with pytest.raises(ValueError, match="leave no sample"):
-        replayed(still(tmp_path / "a.mcap"), ReplayOptions(start=1e6))
+        replayed(still(tmp_path / "a.mcap"), Reading(start=1e6))
 
 
 def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import logs
+from helpers import logs, ros_messages
 from helpers.commands import imutui, imutui_json
 from helpers.documents import dwell, profile_file
 from mcap.reader import make_reader
@@ -17,10 +17,11 @@ from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import Site
 from imutui.jobs.campaign import one_log
-from imutui.jobs.campaign.one_log import CampaignSettings, Task
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.campaign.one_log import Settings, Task
+from imutui.jobs.replay import EstimatesFile, replay
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.export.samples import import_flags
+from imutui.logbook.reading import Reading
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import FOREIGN
 from imutui.report import replay_report, replay_text
@@ -62,7 +63,7 @@ def level(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def replays(level: Path) -> tuple[Any, Any]:
     """Results where the site is not stated, and where it is."""
     known = logged(level.with_name("b.mcap"), STILL, **stated())
-    return replay(level, ReplayOptions()), replay(known, ReplayOptions())
+    return replay(level, Reading()), replay(known, Reading())
 
 
 def test_the_spread_is_that_of_gravity_where_people_live() -> None:
@@ -122,7 +123,7 @@ def test_what_has_not_converged_is_measured_by_the_filter_alone(replays: tuple[A
 
 @pytest.mark.parametrize(("mount", "wide"), [("x,y,z", 2), ("x,-y,-z", 2), ("z,y,-x", 0), ("x,-z,y", 1)])
 def test_the_axis_along_the_vertical_is_that_of_the_mounted_unit(tmp_path: Path, mount: str, wide: int) -> None:
-    document = replay(logged(tmp_path / "a.mcap", STILL, mount=mount), ReplayOptions())
+    document = replay(logged(tmp_path / "a.mcap", STILL, mount=mount), Reading())
     shares = [SPREAD_MG if axis == wide else 0.0 for axis in range(3)]
     assert document["site_sd_mg"] == pytest.approx(shares, abs=1e-9)
     own = max(sd for axis, sd in enumerate(document["sd"]["accel_bias_mg"]) if axis != wide and sd is not None)
@@ -134,28 +135,28 @@ def test_a_tilted_unit_shares_it_among_its_axes(tmp_path: Path) -> None:
     tilt = np.deg2rad(30.0)
     C = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]])
     tilted = Samples(STILL.t, STILL.gyro, STILL.accel @ C)
-    document = replay(logged(tmp_path / "a.mcap", tilted, reference="gravity"), ReplayOptions())
+    document = replay(logged(tmp_path / "a.mcap", tilted, reference="gravity"), Reading())
     assert document["site_sd_mg"] == pytest.approx([0.0, SPREAD_MG * 0.5, SPREAD_MG * np.sqrt(0.75)], abs=0.03)
 
 
 def test_a_unit_that_a_profile_turns_over_shows_gravity_and_is_not_wide(tmp_path: Path) -> None:
     """Upright as long as upside down: what gravity adds to the one it takes from the other."""
-    document = replay(logged(tmp_path / "a.mcap", samples(TURNED_OVER), TURNED_OVER), ReplayOptions())
+    document = replay(logged(tmp_path / "a.mcap", samples(TURNED_OVER), TURNED_OVER), Reading())
     assert document["site_sd_mg"][2] < 0.05 * SPREAD_MG
     assert max(document["site_sd_mg"]) < 0.25 * SPREAD_MG  # on its side it is only on the way
 
 
 def test_estimates_that_are_written_have_it_too(level: Path, tmp_path: Path) -> None:
     output = tmp_path / "est.mcap"
-    replay(level, ReplayOptions(output=output))
+    replay(level, Reading(), output=EstimatesFile(output))
     with output.open("rb") as stream:
         messages = [m.data for _, c, m in make_reader(stream).iter_messages() if c.topic == schemas.ESTIMATE]
-    made = schemas.decode(schemas.TYPES[schemas.ESTIMATE], messages[-1])
+    made = ros_messages.decode(schemas.TYPES[schemas.ESTIMATE], messages[-1])
     assert made.accel_bias_sd_mg[2] == pytest.approx(SPREAD_MG, rel=0.02)
 
 
 def test_a_campaign_row_has_it_apart(level: Path) -> None:
-    row = one_log.row_of(Task("a.mcap", str(level), CampaignSettings(), ""))
+    row = one_log.row_of(Task("a.mcap", str(level), Settings(), ""))
     assert row is not None
     assert row["sd"] is not None
     assert row["site_sd_mg"] == [0.0, 0.0, pytest.approx(SPREAD_MG)]

@@ -11,8 +11,9 @@ import pytest
 from filters.imu import STANDARD_GRAVITY
 from filters.tracing.trace_document import TraceDocument
 from imutui.jobs import replay_input, runs, tasks
-from imutui.jobs.trace import TraceOptions, trace
+from imutui.jobs.trace import trace
 from imutui.logbook import SessionInfo, pieces, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.writer import LogWriter
 
 HZ, SECONDS, START = 50.0, 1800.0, 1_700_000_000_000_000_000
@@ -38,7 +39,7 @@ def faulty(path: Path, seed: int = 0, reference: str = "level", *, dead: bool = 
     for k, stamp in enumerate((START + np.rint(t * 1e9).astype(np.int64)).tolist()):
         log.imu(stamp, stamp, gyro[k], accel[k], valid=not 40_000 <= k < 40_010)
         if k % 50 == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, float(T[k])), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, float(T[k]))[0], stamp, stamp)
     log.finish({}, START)
     return path
 
@@ -70,9 +71,9 @@ def said(document: TraceDocument) -> dict[str, Any]:
 def test_in_pieces_as_at_once(tmp_path: Path, in_pieces: Callable[[], None], reference: str, dead: bool) -> None:
     """Faults, lines, causes, sizes, errors and status are those of the log that is read at once."""
     log = faulty(tmp_path / "a.mcap", reference=reference, dead=dead)
-    whole = trace([log], TraceOptions()).document
+    whole = trace([log], Reading()).document
     in_pieces()
-    parts = trace([log], TraceOptions()).document
+    parts = trace([log], Reading()).document
     assert said(parts) == said(whole)
     assert {"spikes", "dropout", *(["stuck"] if dead else [])} <= {fault["effect"] for fault in whole["integrity"]}
     # the gap makes the rate of the whole less than that of its samples
@@ -88,9 +89,9 @@ def test_in_pieces_as_at_once(tmp_path: Path, in_pieces: Callable[[], None], ref
 def test_one_log_judges_another_in_pieces(tmp_path: Path, in_pieces: Callable[[], None]) -> None:
     """Logs that are long only together are all read in pieces, and the last one is held out."""
     logs = [faulty(tmp_path / f"{name}.mcap", seed) for seed, name in enumerate("ab")]
-    whole = trace(logs, TraceOptions()).document
+    whole = trace(logs, Reading()).document
     in_pieces()
-    parts = trace(logs, TraceOptions()).document
+    parts = trace(logs, Reading()).document
     assert said(parts) == said(whole)
     assert [f["confirmed"] for f in parts["findings"]] == [f["confirmed"] for f in whole["findings"]]
 

@@ -16,9 +16,9 @@ from filters.motion.kinematics import angles_of, attitudes
 from filters.tracing import residual
 from filters.tracing.run import Run
 from imutui.jobs import run_consistency, runs
-from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import trajectory_file
+from imutui.logbook.reading import Reading
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
 
@@ -26,7 +26,7 @@ DWELLS = dwell(30.0), dwell(30.0, 90.0), rate("inner", 20.0, 10.0)
 
 
 def read(path: Path, file: ReferenceFile | None = None, **overrides: Any) -> LoggedRun:
-    return runs.read_run(path, path.stem, ReplayOptions(overrides=overrides, reference=file))
+    return runs.read_run(path, path.stem, Reading(overrides=overrides, reference=file))
 
 
 def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float = 0.0, marks: tuple[float, ...] = (),

@@ -302,6 +302,7 @@ ELSEWHERE = {
     "imutui/logbook/reader.py": "replaces a field of a record",
     "imutui/logbook/recover.py": "fills the file that atomic_file made",
     "imutui/logbook/export/formats.py": "fills the file that atomic_file made",
+    "imutui/logbook/bag.py": "unpacks into the file that atomic_file made",
     "imutui/cli/virtual.py": "streams into the files that atomic_file made",
     "imutui/instrument/virtual.py": "empties the stream that atomic_file made",
 }

@@ -86,7 +86,7 @@ def test_a_stamp_that_is_no_time_is_told(stamp: int, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     log = LogWriter(path, SessionInfo(rate_hz=20, kind="simulated"), "", START)
     for ns in (START, START + 50_000_000, stamp):
-        data = schemas.encode_imu(0, np.zeros(3), np.ones(3))
+        data = schemas.encode_imus(0, np.zeros(3), np.ones(3))[0]
         log.encoded(schemas.IMU, data, ns, ns)
     log.finish({}, START)
     assert brief(path).state == "finished"

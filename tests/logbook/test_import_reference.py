@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 from scipy.spatial.transform import Rotation
 
 from filters import attitude
@@ -60,7 +61,7 @@ def messages(path: Path) -> list[Any]:
 
     with AnyReader([path]) as bag:
         return [
-            schemas.decode(schemas.TYPES[schemas.REFERENCE], bytes(data))
+            ros_messages.decode(schemas.TYPES[schemas.REFERENCE], bytes(data))
             for connection, _, data in bag.messages()
             if connection.topic == schemas.REFERENCE
         ]

@@ -30,7 +30,7 @@ def saved(path: Path, **changes: np.ndarray) -> Path:
 def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
     source = saved(tmp_path / "a.npz")
     info = SessionInfo(accel_sign=1, mount="x,-y,-z")
-    importer.write(importer.load(source), info, source, tmp_path / "a.mcap", overwrite=False)
+    importer.write(importer.RecordingFile(source), info, tmp_path / "a.mcap", overwrite=False)
     log = reader.read(tmp_path / "a.mcap")
     held, axes = arrays(), AxisMap(parse_mount("x,-y,-z"), 1)
     assert np.allclose(log.seconds(), held["t"], atol=1e-9)
@@ -55,9 +55,9 @@ def test_a_csv_says_the_same_as_an_npz(tmp_path: Path) -> None:
 
 BAD = {
     "unequal lengths": ({"gyro": np.zeros((N - 3, 3))}, r"lengths differ.*from row 37"),
-    "not a number": ({"accel": np.where(np.arange(3 * N).reshape(N, 3) == 31, np.nan, 1.0)}, r"`accel`.*row 10"),
-    "time standing still": ({"t": np.r_[np.arange(20), 19, np.arange(21, N)] / 20.0}, r"increase at row 20"),
-    "time going back": ({"t": np.r_[np.arange(20), 5.0, np.arange(21, N)]}, r"increase at row 20"),
+    "time standing still": ({"t": np.arange(N) // 4 / 5.0}, r"30 of 40 rows have the time of the one before"),
+    "one time that is off": ({"t": np.r_[np.arange(20), 5.0, np.arange(21, N)]}, r"row 20 .*-15 s off its place"),
+    "a clock that was set back": ({"t": np.r_[np.arange(20), 3.0 + np.arange(20)]}, r"increase at row 20"),
     "wrong shape": ({"accel": np.zeros((N, 2))}, r"`accel` has shape"),
     "text": ({"gyro": np.full((N, 3), "a")}, r"`gyro` has shape"),
     "one sample": ({k: v[:1] for k, v in arrays().items()}, r"at least two"),
@@ -72,12 +72,20 @@ def test_data_that_cannot_be_imported_are_named_with_their_row(tmp_path: Path, c
     assert "bad.npz" in str(caught.value)
 
 
-def test_a_misspelt_name_is_an_error_that_lists_what_is_there(tmp_path: Path) -> None:
+def test_a_name_that_says_nothing_is_an_error_that_lists_what_is_there(tmp_path: Path) -> None:
     a = arrays()
-    a["gyr"] = a.pop("gyro")
+    a["spin"] = a.pop("gyro")
     np.savez(tmp_path / "a.npz", **a)
-    with pytest.raises(ImportDataError, match=r"no `gyro`.*accel, gyr, t"):
+    with pytest.raises(ImportDataError, match=r"no column for gyro_x, gyro_y, gyro_z; it has: t, accel_x.*spin_x"):
         importer.load(tmp_path / "a.npz")
+
+
+def test_numbers_that_are_none_are_no_readings(tmp_path: Path) -> None:
+    accel = np.where(np.arange(3 * N).reshape(N, 3) == 31, np.nan, arrays()["accel"])
+    recording = importer.RecordingFile(saved(tmp_path / "a.npz", accel=accel))
+    assert "1 sample with NaN or blank cells hold no reading" in recording.assumed
+    importer.write(recording, SessionInfo(), tmp_path / "a.mcap", overwrite=False)
+    assert np.flatnonzero(~reader.read(tmp_path / "a.mcap").valid).tolist() == [10]
 
 
 def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
@@ -86,13 +94,12 @@ def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
 
 def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Path) -> None:
     """+1 g on Z with sign +1 would be upside down: sign or mounting, and a still log can't tell."""
-    r = importer.load(saved(tmp_path / "a.npz"))
+    r = importer.RecordingFile(saved(tmp_path / "a.npz"))
     with pytest.raises(ImportDataError) as caught:
         importer.check_gravity(r, SessionInfo(accel_sign=1))
     text = str(caught.value)
     assert "Z reads +0.998 g" in text
-    assert "--accel-sign -1" in text
-    assert "--mount x,-y,-z" in text
+    assert caught.value.cures == (("", ("--accel-sign", "-1")), ("", ("--mount", "x,-y,-z")))
     assert importer.check_gravity(r, SessionInfo(accel_sign=-1)) is None
     assert importer.check_gravity(r, SessionInfo(accel_sign=1, reference="gravity")) is None
 
@@ -100,7 +107,7 @@ def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Pa
 def test_a_magnitude_that_is_off_is_a_warning_that_names_tilt_bias_and_scale(tmp_path: Path) -> None:
     """1.05 g is more than 12 mg + 1 % from gravity."""
     a = arrays()["accel"] * 1.05
-    warning = importer.check_gravity(importer.load(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
+    warning = importer.check_gravity(importer.RecordingFile(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
     assert warning is not None
     assert all(word in warning for word in ("tilt", "bias", "scale"))
 

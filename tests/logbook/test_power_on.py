@@ -103,7 +103,7 @@ def test_another_instrument_or_unit_of_g_is_refused_and_none_is_the_same(first: 
         power_on.check_same_unit(log, replace(log.info, g_unit=9.8))
     unnamed = replace(log.info, instrument="")
     power_on.check_same_unit(named, unnamed)
-    assert power_on.continuing(named, unnamed, np.array([130.0, 131.0]))[0].instrument == "A"
+    assert power_on.continuing(named, unnamed, 130.0)[0].instrument == "A"
 
 
 def test_a_log_that_cannot_be_read_is_exit_3(first: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import loopback
+from helpers import loopback, ros_messages
 from helpers.loopback import SshServer, Terminal, processes_with
 from helpers.processes import command_line, family, wait_until
 from helpers.tap import packets_of
@@ -117,15 +117,17 @@ def nobody_else_watches(connection: Client) -> bool:
 def assert_gapless(log: reader.Log) -> None:
     """A finished file, and each packet one period of the unit's loop after the last by the unit's own ticks."""
     assert log.finished
-    assert [packet.sequence for packet in log.raw] == list(range(len(log.raw)))
-    steps = -np.diff([packet.ticks for packet in log.raw]) % WRAP
+    assert [packet.sequence for packet in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))
+    steps = -np.diff([packet.ticks for packet in ros_messages.packets(log)]) % WRAP
     assert np.all(np.abs(steps - np.median(steps)) < 0.1 * np.median(steps))
 
 
 def assert_all_recorded(log: reader.Log, tap: Path, seen: int) -> None:
     """Word for word what the unit sent, from the first packet to one after the last that was seen before the end."""
-    assert [(*packet.counts, packet.temperature, packet.ticks) for packet in log.raw] == packets_of(tap)[: len(log.raw)]
-    assert len(log.raw) >= seen
+    assert [(*packet.counts, packet.temperature, packet.ticks) for packet in ros_messages.packets(log)] == packets_of(
+        tap
+    )[: len(ros_messages.packets(log))]
+    assert len(ros_messages.packets(log)) >= seen
 
 
 def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import unit_time
+from helpers import ros_messages
 from helpers.acquisitions import replayed, untimed
 from helpers.commands import imutui, imutui_json, imutui_process
 from helpers.documents import dwell, effect, effects_toml, profile_toml, state, toml
@@ -109,9 +110,11 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
         live = client.start(asked).wait(120.0)
     assert live is not None
     log = reader.read(Path(live["log"]), raw=True)
-    assert [(*p.counts, p.temperature, p.ticks) for p in log.raw] == packets_of(home / "sent")[: len(log.raw)]
-    assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
-    assert len(log.raw) >= 30 * 133
+    assert [(*p.counts, p.temperature, p.ticks) for p in ros_messages.packets(log)] == packets_of(home / "sent")[
+        : len(ros_messages.packets(log))
+    ]
+    assert [p.sequence for p in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))
+    assert len(ros_messages.packets(log)) >= 30 * 133
     assert untimed(live) == replayed(live["log"], code=1)
     # 20 readings a second, each sent until the next one
     assert {"ax", "ay", "az"} <= {each["channel"] for each in live["health"] if each["kind"] == "repeated"}
@@ -253,7 +256,7 @@ def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: P
     assert paths[-1] == Path(live["log"])
     assert [path.stem.removeprefix(paths[0].stem) for path in paths] == ["", "_p2", "_p3", "_p4"]
     logs = [reader.read(path, raw=True) for path in paths]
-    joined = [packet for log in logs for packet in log.raw]
+    joined = [packet for log in logs for packet in ros_messages.packets(log)]
     assert [(*p.counts, p.temperature, p.ticks) for p in joined] == packets_of(home / "sent")[: len(joined)]
     steps = np.diff([p.ticks for p in joined]) % 65536
     assert np.ptp(steps) <= 1, "the unit's own counter goes through the joints as it does elsewhere"
@@ -261,7 +264,7 @@ def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: P
     assert len(joined) == pytest.approx(4.5 * 133.3, abs=24)
     for log, path in zip(logs, paths, strict=True):
         assert log.finished
-        assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
+        assert [p.sequence for p in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))
         again = replayed(path, code=1)
         kept = summary(log)
         assert kept.pop("verdict") == sources.of_document(again).word

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 from helpers.acquisitions import acquiring
 from helpers.commands import imutui_process
 from helpers.processes import wait_until
@@ -59,7 +60,7 @@ def test_a_fault_in_the_reader_or_the_worker_ends_the_acquisition_as_failed(
     assert REPORTED in str(engine.lifecycle.error)
     log = reader.read(run.first, raw=True)
     assert log.finished
-    assert len(log.raw) >= 20
+    assert len(ros_messages.packets(log)) >= 20
     assert any(REPORTED in event.text for event in log.events)
 
 

@@ -22,8 +22,9 @@ from helpers.processes import LIMIT_S, wait_until
 from helpers.units import virtual
 
 from imutui.jobs.check import check
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import checksum_file, reader
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import client, lifecycle
@@ -125,7 +126,7 @@ def test_each_file_of_a_recording_whose_file_was_renamed_replays_to_its_live_res
         run.record()
         run.record(300)
         live = run.end()
-    assert untimed(replay(run.second, ReplayOptions())) == untimed(live)
+    assert untimed(replay(run.second, Reading())) == untimed(live)
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])

@@ -110,7 +110,7 @@ signal.signal(signal.SIGTERM, signal.SIG_IGN)
 writer = LogWriter(Path(sys.argv[1]), SessionInfo(), "", time.time_ns())
 if sys.argv[2] == "one":
     now = time.time_ns()
-    writer.message(schemas.EVENTS, schemas.event(now, "mark", "here"), now, now)
+    writer.encoded(schemas.EVENTS, schemas.encode_event(now, "mark", "here"), now, now)
     writer.flush()
 print("ready", flush=True)
 signal.pause()

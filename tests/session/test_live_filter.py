@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 
 from filters.errors import InputError
 from filters.kalman import runner
@@ -56,7 +57,7 @@ def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     replayed = Estimator(session.settings(), every=live_filter.ESTIMATE_PERIOD_S)
     estimates = list(runner.run(replayed, reader.seconds_since(np.array(stamps), FIRST_NS), gyro, accel))
     assert [stamp for stamp, _ in written] == [FIRST_NS + round(e.t * 1e9) for e in estimates]
-    last = schemas.decode(schemas.TYPES[schemas.ESTIMATE], written[-1][1])
+    last = ros_messages.decode(schemas.TYPES[schemas.ESTIMATE], written[-1][1])
     assert np.array_equal(last.velocity_mps, estimates[-1].belief.nav.velocity_n)
     assert last.nis == estimates[-1].nis
 
@@ -91,7 +92,7 @@ def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
     dofs = []
     for k in range(60):
         for _, message in fed(live, FIRST_NS + k * 50_000_000, gyro[k], accel[k]):
-            dofs.append(schemas.decode(schemas.TYPES[schemas.ESTIMATE], message).nis_dof)
+            dofs.append(ros_messages.decode(schemas.TYPES[schemas.ESTIMATE], message).nis_dof)
     list(live.finish())
     assert dofs[:18] == [0] * 18  # 10 estimates a second, up to 1.8 s
     assert dofs[-1] == 9

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 from helpers.processes import wait_until
 from helpers.units import served
 from mcap.reader import make_reader
@@ -175,8 +176,8 @@ def waited_for(run: Run) -> None:
 def stuck(run: Run) -> None:
     """Recorded as it came: what it means is told by a trace."""
     went_well(run)
-    assert len({packet.counts[1] for packet in run.log.raw[60:]}) == 1
-    assert len({packet.counts[2] for packet in run.log.raw[60:]}) > 10
+    assert len({packet.counts[1] for packet in ros_messages.packets(run.log)[60:]}) == 1
+    assert len({packet.counts[2] for packet in ros_messages.packets(run.log)[60:]}) > 10
 
 
 def known_by_its_text(run: Run) -> None:
@@ -354,7 +355,7 @@ def stamped_as_said(run: Run, numbers: list[int]) -> None:
     said = [schemas.decode_diagnostics(message.data) or {} for message in run.messages(schemas.DIAGNOSTICS)]
     uncertain_ns = max(float(values["stamp_uncertainty_ms"] or 0.0) for values in said) * 1e6
     off = []
-    for message, packet, number in zip(run.messages(schemas.RAW), run.log.raw, numbers, strict=True):
+    for message, packet, number in zip(run.messages(schemas.RAW), ros_messages.packets(run.log), numbers, strict=True):
         assert message.publish_time <= message.log_time
         off.append(message.publish_time - message.log_time + packet.host_monotonic_ns - run.sampled[number])
     if not always_late(run, numbers):
@@ -366,7 +367,7 @@ def always_late(run: Run, numbers: list[int]) -> bool:
 
     The bytes of such a while are those of a unit that paused.
     """
-    read = [packet.host_monotonic_ns for packet in run.log.raw]
+    read = [packet.host_monotonic_ns for packet in ros_messages.packets(run.log)]
     late = [ns - run.sampled[number] for ns, number in zip(read, numbers, strict=True)]
     ends = np.searchsorted(read, np.array(read) + _WHILE_NS).tolist()
     return any(end - k >= _FEWEST and min(late[k:end]) > 45e6 for k, end in enumerate(ends) if end < len(read))
@@ -378,7 +379,7 @@ def looked_at(engine: Engine) -> Snapshot:
 
 def recorded(run: Run) -> list[int]:
     """Number among those sent of each packet that was recorded; each was sent, and they are in order."""
-    words = [(*packet.counts, packet.temperature, packet.ticks) for packet in run.log.raw]
+    words = [(*packet.counts, packet.temperature, packet.ticks) for packet in ros_messages.packets(run.log)]
     # before it is asked for data a unit reads the same all the time, and its counter wraps: the last like it is the one
     start = len(run.sent) - 1 - run.sent[::-1].index(words[0])
     numbers = []

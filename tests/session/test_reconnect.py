@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import ros_messages
 from helpers.acquisitions import acquiring, replayed, untimed
 from helpers.commands import imutui, imutui_json
 from helpers.processes import wait_until
@@ -192,7 +193,7 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
     else:
         assert "no packets for" in "".join(texts)
     assert f"serial number {SERIAL}" in only(texts, "the unit is back")
-    assert {packet.counts[5] for packet in log.raw} == {log.raw[0].counts[5]}
+    assert {packet.counts[5] for packet in ros_messages.packets(log)} == {ros_messages.packets(log)[0].counts[5]}
 
 
 @pytest.mark.parametrize(
@@ -231,7 +232,7 @@ def test_a_line_that_is_held_up_is_not_taken_for_a_unit_that_has_stopped(home: P
         texts, log = run.content()
     assert any("serial number" in command for command in heard[asked:])
     assert not any("asked again" in text for text in texts)
-    sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in log.raw]
+    sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in ros_messages.packets(log)]
     assert got == sent[: len(got)]
 
 
@@ -246,7 +247,7 @@ def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_t
         texts, log = run.content()
     assert "refused" in "".join(texts)
     # mostly at once, else after 3 s of packets that are late
-    assert len(log.raw) < 900
+    assert len(ros_messages.packets(log)) < 900
 
 
 def ticks_in(sent: bytes) -> list[int]:
@@ -274,6 +275,6 @@ def test_packets_that_a_stalled_line_kept_are_used(home: Path, monkeypatch: pyte
         server.stall(1.5)
         run.more_packets()
         _, log = run.content()
-    sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in log.raw]
+    sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in ros_messages.packets(log)]
     assert got == sent[: len(got)]
     assert len(sent) - len(got) < 10, "but what was on its way at the end"

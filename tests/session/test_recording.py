@@ -19,9 +19,10 @@ from mcap.reader import NonSeekingReader
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import effects_file, reader, schemas
 from imutui.logbook.effects_file import EffectsDocument
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import engine, live_filter, recorder
@@ -139,17 +140,17 @@ def test_blocks_of_any_size_make_the_same_file(tmp_path: Path, rate_hz: float) -
 def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampling: str) -> None:
     live_filter.PLAIN.begin()
     live = recorded(tmp_path / "a.mcap", sampling)
-    again = replay(tmp_path / "a.mcap", ReplayOptions())
+    again = replay(tmp_path / "a.mcap", Reading())
     assert untimed(again) == untimed(live)
     (state,) = live["effects"]
     assert state["name"] == "thermal_lin gy k"
     assert 0.0 < state["sd"] < 1e-3
-    without = replay(tmp_path / "a.mcap", ReplayOptions(effects=effects_file.NONE))
+    without = replay(tmp_path / "a.mcap", Reading(effects=effects_file.NONE))
     assert without["effects"] == []
     assert without["config_sha256"] != live["config_sha256"]
     assert without["final"]["gyro_bias_dps"] != live["final"]["gyro_bias_dps"]
     # another file's effects go before the log's own
-    other = replay(tmp_path / "a.mcap", ReplayOptions(effects=FILE.replace(b"sd = 0.001", b"sd = 1e-6")))
+    other = replay(tmp_path / "a.mcap", Reading(effects=FILE.replace(b"sd = 0.001", b"sd = 1e-6")))
     assert other["effects"][0]["sd"] <= 1e-6
 
 
@@ -173,8 +174,8 @@ def test_note_and_operator_of_a_file_that_is_written_can_be_changed(tmp_path: Pa
 def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", "stream")
     with pytest.raises(ValueError, match='"ekf", but effects'):
-        replay(tmp_path / "a.mcap", ReplayOptions(overrides={"filter": "ekf"}))
-    assert replay(tmp_path / "a.mcap", ReplayOptions(end=2.0, overrides={"filter": "ekf"}, effects=effects_file.NONE))[
+        replay(tmp_path / "a.mcap", Reading(overrides={"filter": "ekf"}))
+    assert replay(tmp_path / "a.mcap", Reading(end=2.0, overrides={"filter": "ekf"}, effects=effects_file.NONE))[
         "samples"
     ]
 
@@ -186,7 +187,7 @@ def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
     writer.imu(START, START, np.zeros(3), np.array([0.0, 0.0, -9.8]))
     writer.finish({}, START)
     with pytest.raises(ValueError, match=r"a\.mcap: .*gremlins.*--effects none"):
-        replay(tmp_path / "a.mcap", ReplayOptions())
+        replay(tmp_path / "a.mcap", Reading())
 
 
 def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,9 @@ from helpers.documents import effect, effects_toml, state
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs import power_ons, runs
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import effects_file, reader
+from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
 from imutui.session.disk_space import DiskGuard, FreeSpace
@@ -140,7 +141,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, dict[str
 
 def test_each_file_alone_replays_to_its_live_result(files: list[tuple[Path, dict[str, Any]]]) -> None:
     for path, live in files:
-        assert untimed(replay(path, ReplayOptions())) == untimed(live)
+        assert untimed(replay(path, Reading())) == untimed(live)
     assert [live["history_known"] for _, live in files] == [False, True, True]
     # only a recording in several files tells its parts
     assert [len(live.get("parts", [])) for _, live in files] == [0, 2, 3]
@@ -164,10 +165,10 @@ def test_memory_crosses_files_as_if_there_were_one(files: list[tuple[Path, dict[
 def test_a_file_without_its_memory_is_another_result(files: list[tuple[Path, dict[str, Any]]]) -> None:
     """Lag and play do not begin at rest there; from a later second on they do, since nothing is known of it."""
     path, live = files[2]
-    without = replay(path, ReplayOptions(overrides={"memory": ""}))
+    without = replay(path, Reading(overrides={"memory": ""}))
     assert without["effects"] != live["effects"]
     assert without["config_sha256"] != live["config_sha256"]
-    assert replay(path, ReplayOptions(start=1.0))["history_known"] is False
+    assert replay(path, Reading(start=1.0))["history_known"] is False
 
 
 def test_files_name_the_one_before_and_their_power_on(files: list[tuple[Path, dict[str, Any]]]) -> None:
@@ -188,11 +189,11 @@ def test_memory_that_is_none_is_refused_and_that_of_other_lags_is_unknown(
     """Text that was changed by hand is said to be; another version's is as if there were none."""
     path, live = files[1]
     with pytest.raises(ValueError, match="memory of temperature"):
-        replay(path, ReplayOptions(overrides={"memory": '{"lags": 3}'}))
+        replay(path, Reading(overrides={"memory": '{"lags": 3}'}))
     held = json.loads(reader.read(path).info.memory)
     fewer = json.dumps({**held, "lags": held["lags"][:-1]})
-    unknown = replay(path, ReplayOptions(overrides={"memory": ""}))
-    assert replay(path, ReplayOptions(overrides={"memory": fewer}))["effects"] == unknown["effects"]
+    unknown = replay(path, Reading(overrides={"memory": ""}))
+    assert replay(path, Reading(overrides={"memory": fewer}))["effects"] == unknown["effects"]
     assert unknown["effects"] != live["effects"]
 
 
@@ -206,7 +207,7 @@ def test_without_effects_nothing_is_remembered(tmp_path: Path) -> None:
 
 def test_files_of_a_recording_are_one_power_on_in_a_trace(tmp_path: Path) -> None:
     made = recorded(tmp_path, 8300, 16_600, effects="", filter_name="none")
-    reads = [runs.read_run(path, path.stem, ReplayOptions()) for path, _ in reversed(made)]
+    reads = [runs.read_run(path, path.stem, Reading()) for path, _ in reversed(made)]
     second, first = power_ons.join(reads)[0]
     assert first.run.power_on == second.run.power_on != ""
     assert (first.run.history_known, second.run.history_known) == (False, True)

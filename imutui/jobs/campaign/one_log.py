@@ -4,12 +4,11 @@ A path goes in and a small record comes out; whatever is wrong with a log is sai
 """
 
 import gc
-import hashlib
 import json
 import platform
 import socket
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -31,42 +30,24 @@ from imutui.jobs.campaign.rows import (
     VersionsField,
 )
 from imutui.jobs.quantities import utc_text
-from imutui.jobs.replay import Replayed, ReplayOptions
+from imutui.jobs.replay import Replayed
 from imutui.logbook import power_on, reader
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.verdict import sources
 
-# ----------------------------------------------------------------------------------------------------------- settings
-# What a campaign is asked for, the same for all of its logs; and what is decided by it, as a hash.
+# ------------------------------------------------------------------------------------------------------------ one log
 
 
 @dataclass(frozen=True, slots=True)
-class CampaignSettings:
-    """How each log is to be taken; it can be pickled, so that it reaches workers."""
+class Settings:
+    """What a campaign is asked for, the same for all of its logs; they can be pickled, so that they reach workers."""
 
-    # of the replay: overrides, reference and effects; nothing else of them counts
-    options: ReplayOptions = field(default_factory=ReplayOptions)
+    reading: Reading = AS_STATED
     trace: bool = False  # whether each log is traced too, on its own
 
-    def fields(self) -> SettingsFields:
-        """As documents have it: files by their hashes."""
-        reference, effects = self.options.reference, self.options.effects
-        return {
-            "overrides": dict(sorted((self.options.overrides or {}).items())),
-            "reference_sha256": None if reference is None else _sha256(reference.content),
-            "effects_sha256": None if effects is None else _sha256(effects),
-            "trace": self.trace,
-        }
-
-    def sha256(self) -> str:
-        """Hash of `fields`: rows with another one are computed anew."""
-        return _sha256(json.dumps(self.fields(), sort_keys=True).encode())
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-# ------------------------------------------------------------------------------------------------------------ one log
+    def document(self) -> SettingsFields:
+        """Return the settings as results have them."""
+        return {"reading": self.reading.document(), "trace": self.trace}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +56,7 @@ class Task:
 
     log: str  # its name in the row
     path: str  # where it lies
-    settings: CampaignSettings  # how to take it
+    settings: Settings  # how to read it
     settings_sha256: str  # hash of these
     unless_sha256: str | None = None  # hash of the log that there is a row for: if it is still the same, none is made
 
@@ -136,7 +117,7 @@ def _made(task: Task) -> Row | None:
     if task.unless_sha256 is not None and reader.sha256(path) == task.unless_sha256:
         return None
     try:
-        found = replay.replayed(path, task.settings.options)
+        found = replay.replayed(path, task.settings.reading)
         row = _row(task, found)
         if task.settings.trace:
             row["findings"], row["trace_error"] = _traced(path, task.settings)
@@ -197,14 +178,12 @@ def _row(task: Task, found: Replayed) -> Row:
     return cast("Row", row | same | told)
 
 
-def _traced(path: Path, settings: CampaignSettings) -> tuple[list[FindingField] | None, str | None]:
+def _traced(path: Path, settings: Settings) -> tuple[list[FindingField] | None, str | None]:
     """Findings of a trace of this log alone, or why it has none."""
-    from imutui.jobs.trace import TraceOptions, trace
+    from imutui.jobs.trace import trace
 
-    options = settings.options
-    overrides = {key: value for key, value in (options.overrides or {}).items() if key == "reference"}
     try:
-        found = trace([path], TraceOptions(reference=options.reference, overrides=overrides))
+        found = trace([path], replace(settings.reading, effects=None))
     except InputError as error:
         return None, str(error)
     return [

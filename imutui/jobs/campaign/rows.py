@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Annotated, NotRequired, TypedDict
 
 from filters.health.finding import HealthEntry
+from imutui.logbook.reading import ReadingFields
 from imutui.logbook.results import SdFields, SpreadFields, StateFields, Three, WhiteNoise
 
 VERSION = 1
@@ -171,11 +172,9 @@ def told_apart(rows: Sequence[Row]) -> list[Row]:
 
 
 class SettingsFields(TypedDict):
-    """What a campaign was asked for, the same for all of its logs; None and empty leave it to the log."""
+    """What a campaign was asked for, the same for all of its logs."""
 
-    overrides: dict[str, str | float]
-    reference_sha256: str | None
-    effects_sha256: str | None
+    reading: ReadingFields
     trace: bool
 
 

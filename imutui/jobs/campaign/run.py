@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Protocol, TypedDict
 
 from imutui.jobs.campaign.log_list import LogList, Shard
-from imutui.jobs.campaign.one_log import CampaignSettings, Task
+from imutui.jobs.campaign.one_log import Settings, Task
 from imutui.jobs.campaign.results_folder import Known, ResultsFolder
 from imutui.jobs.campaign.rows import VERSION, HeadFields, Row
+from imutui.logbook.reading import digest
 
 _SHOWN = 3
 
@@ -30,7 +31,7 @@ class Campaign:
     """What is asked for."""
 
     logs: LogList  # all logs, of which a shard takes its own
-    settings: CampaignSettings  # how each is taken
+    settings: Settings  # how each is taken
     results: Path  # folder for the results
     shard: Shard | None = None  # which part of the logs; None for all
     retry: bool = False  # whether rows with an error are tried again though nothing has changed
@@ -48,8 +49,8 @@ class Campaign:
             "root": self.logs.root,
             "shard": None if self.shard is None else str(self.shard),
             "logs": logs,
-            "settings": self.settings.fields(),
-            "settings_sha256": self.settings.sha256(),
+            "settings": self.settings.document(),
+            "settings_sha256": digest(self.settings.document()),
             "complete": False,
         }
 
@@ -118,7 +119,7 @@ def _is_anew(campaign: Campaign, known: Known | None) -> bool:
 
 
 def _tasks(campaign: Campaign, folder: ResultsFolder, wanted: list[str]) -> Iterator[Task]:
-    settings_sha256 = campaign.settings.sha256()
+    settings_sha256 = digest(campaign.settings.document())
     for log in wanted:
         known = folder.known.get(log)
         unless = None if known is None or _is_anew(campaign, known) else known.sha256

@@ -14,8 +14,9 @@ from filters.tracing import line_search
 from filters.tracing.residual import attitude_and_rate, residual
 from filters.tracing.run import Run
 from filters.types import Array
-from imutui.jobs import replay, runs
+from imutui.jobs import runs
 from imutui.logbook import summary
+from imutui.logbook.reading import Reading
 
 AXES = ("wx", "wy", "wz", "fx", "fy", "fz")
 """The table's axes: rates about and specific forces along north, east and down of a table at zero."""
@@ -63,12 +64,12 @@ def row_period(logs: Sequence[Path]) -> float:
     return float(max(1, int(-(-longest // _MOST_ROWS))))
 
 
-def unit_at_rest(name: str, logs: Sequence[Path], period: float, options: replay.ReplayOptions) -> UnitAtRest | None:
+def unit_at_rest(name: str, logs: Sequence[Path], period: float, reading: Reading) -> UnitAtRest | None:
     """A unit of its logs, in order of time; None where none can be read, or the motion of none is known.
 
     `period`: of a row, s.
     """
-    parts = [part for log in logs if (part := _of_log(name, log, period, options)) is not None]
+    parts = [part for log in logs if (part := _of_log(name, log, period, reading)) is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
     first, end = min(p.first for p in parts), max(p.first + len(p.rows) for p in parts)
@@ -80,9 +81,9 @@ def unit_at_rest(name: str, logs: Sequence[Path], period: float, options: replay
     return replace(lead, first=first, rows=rows, temperature=temperature)
 
 
-def _of_log(name: str, log: Path, period: float, options: replay.ReplayOptions) -> UnitAtRest | None:
+def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest | None:
     try:
-        (read,) = runs.read_runs([log], [name], options, 1, lambda share, what: None)
+        (read,) = runs.read_runs([log], [name], reading, 1, lambda share, what: None)
     except InputError:
         return None
     run, axes = read.run, read.info.axes()

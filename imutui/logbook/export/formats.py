@@ -17,7 +17,7 @@ from imutui.logbook import parquet
 from imutui.plain_text import in_line
 
 # ------------------------------------------------------------------------------------------------------------ columns
-# What is exported: columns with their units, in blocks of rows, whatever the format.
+# Columns with their units, in blocks of rows, the same for every format.
 
 Block: TypeAlias = dict[str, np.ndarray]  # rows of each column, shape (n,) or (n, width)
 
@@ -28,10 +28,9 @@ _PARTS = {3: "xyz", 4: "wxyz"}
 class Column:
     """A quantity."""
 
-    name: str  # as contracts and docs/formats.md have it
-    unit: str = ""  # "" for a text or a number of things
+    name: str  # as in docs/formats.md
+    unit: str
     width: int = 1  # its components; 1 for a number
-    dtype: str = "f8"  # "f8", "i8", "u8", "?" or "U", a text
 
     @property
     def parts(self) -> list[str]:
@@ -46,27 +45,26 @@ class Table:
     """Columns, and how to walk through their rows."""
 
     columns: tuple[Column, ...]  # in order
-    blocks: Callable[[], Iterator[Block]]  # gives the rows anew with every call, a bounded number at a time
-    about: dict[str, str] = field(default_factory=dict)  # what is to be known of them: names and texts
-    damage: Callable[[], str] = lambda: ""  # what is wrong with the log, "" for nothing; known behind the last block
+    blocks: Callable[[], Iterator[Block]]  # returns an iterator over the rows, a bounded number at a time
+    about: dict[str, str] = field(default_factory=dict)  # statements about them: names and texts
+    damage: Callable[[], str] = lambda: ""  # returns what is wrong with the log, "" for nothing, after the last block
 
     def units(self) -> dict[str, str]:
-        """Unit of each column that has one."""
-        return {column.name: column.unit for column in self.columns if column.unit}
+        """Return the unit of each column."""
+        return {column.name: column.unit for column in self.columns}
 
 
 def components(column: Column, rows: np.ndarray) -> list[np.ndarray]:
-    """A column's rows as one array a component."""
+    """Return a column's rows as one array a component."""
     return [rows] if column.width == 1 else list(rows.T)
 
 
 # ------------------------------------------------------------------------------------------------------------ formats
 
 FORMATS = ("csv", "npz", "parquet")
-Progress = Callable[[int], None]  # told the number of rows written
+Progress = Callable[[int], None]  # called with the number of rows written
 
 _COPIED = 2**20
-_KINDS: dict[str, parquet.Kind] = {"f8": "double", "i8": "int64", "u8": "uint64", "?": "bool", "U": "string"}
 
 
 def write(kind: str, table: Table, path: Path, progress: Progress = lambda rows: None) -> int:
@@ -75,7 +73,7 @@ def write(kind: str, table: Table, path: Path, progress: Progress = lambda rows:
     `kind`: one of `FORMATS`.
     `table`: what to write.
     `path`: where to.
-    `progress`: told the number of rows written, now and then.
+    `progress`: called with the number of rows written, now and then.
     """
     return {"csv": _csv, "npz": _npz, "parquet": _parquet}[kind](table, path, progress)
 
@@ -100,26 +98,17 @@ def _npz(table: Table, path: Path, progress: Progress) -> int:
     """Each array in a file of its own until its length is known, which its head begins with."""
     rows = 0
     with ExitStack() as stack:
-        spools: dict[str, IO[bytes]] = {}
-        texts: dict[str, list[np.ndarray]] = {}
-        for column in table.columns:
-            if column.dtype == "U":
-                texts[column.name] = []
-            else:
-                spools[column.name] = stack.enter_context(tempfile.TemporaryFile(dir=path.parent))
+        spools: dict[str, IO[bytes]] = {
+            column.name: stack.enter_context(tempfile.TemporaryFile(dir=path.parent)) for column in table.columns
+        }
         for block in table.blocks():
             for name, spool in spools.items():
                 spool.write(np.ascontiguousarray(block[name]).tobytes())
-            for name, kept in texts.items():
-                kept.append(block[name].astype("U"))
             rows += len(block[table.columns[0].name])
             progress(rows)
         archive = stack.enter_context(zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True))
         for column in table.columns:
-            if column.dtype == "U":
-                _array(archive, column.name, np.concatenate(texts[column.name]) if rows else np.empty(0, "U1"))
-            else:
-                _spooled(archive, column, rows, spools[column.name])
+            _spooled(archive, column, rows, spools[column.name])
         for name, text in (("units", json.dumps(table.units())), ("about", json.dumps(table.about))):
             _array(archive, name, np.array(text))
     return rows
@@ -127,7 +116,7 @@ def _npz(table: Table, path: Path, progress: Progress) -> int:
 
 def _spooled(archive: zipfile.ZipFile, column: Column, rows: int, spool: IO[bytes]) -> None:
     shape = (rows,) if column.width == 1 else (rows, column.width)
-    head = {"descr": np.dtype(column.dtype).newbyteorder("<").str, "fortran_order": False, "shape": shape}
+    head = {"descr": "<f8", "fortran_order": False, "shape": shape}
     spool.seek(0)
     with archive.open(f"{column.name}.npy", "w", force_zip64=True) as member:
         np.lib.format.write_array_header_1_0(member, head)
@@ -141,9 +130,7 @@ def _array(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
 
 def _parquet(table: Table, path: Path, progress: Progress) -> int:
     """A row group a block, each component a column."""
-    columns = [
-        parquet.Column(part, _KINDS[column.dtype], column.unit) for column in table.columns for part in column.parts
-    ]
+    columns = [parquet.Column(part, "double", column.unit) for column in table.columns for part in column.parts]
     rows = 0
 
     def batches() -> Iterator[dict[str, np.ndarray]]:

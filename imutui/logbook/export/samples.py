@@ -50,9 +50,8 @@ def table(known: Outline, start: float | None = None, end: float | None = None, 
 
 
 def session_of(log: Log) -> SessionInfo:
-    """Session of a log as a replay has it: another program's samples are specific force as they stand."""
-    info = log.info if log.own else replace(log.info, accel_sign=1)
-    return info if log.reference is None else replace(info, reference=log.reference)
+    """Return the session of a log as a replay has it."""
+    return log.info if log.reference is None else replace(log.info, reference=log.reference)
 
 
 def _known_motion(known: Outline, info: SessionInfo) -> "KnownMotion | None":
@@ -85,6 +84,7 @@ def import_flags(info: SessionInfo) -> list[str]:
     site = ",".join(repr(value) for value in (info.latitude_deg, info.longitude_deg, info.height_m))
     flags += ["--site", site, "--gravity", repr(info.gravity_mps2)] if info.site_stated else []
     flags += ["--reference", info.reference] if info.reference not in _KNOWN_MOTION else []
+    flags += ["--units", "t:s"] if info.rate_hz < 0.5 else []
     flags += ["--instrument", info.instrument] if info.instrument else []
     return [*flags, "--kind", info.kind]
 

@@ -11,7 +11,7 @@ from filters.types import Array
 from imutui.jobs.campaign import batch, stored_rows, summary
 from imutui.jobs.campaign.batch import BatchDocument
 from imutui.jobs.campaign.log_list import find
-from imutui.jobs.campaign.one_log import CampaignSettings
+from imutui.jobs.campaign.one_log import Settings
 from imutui.jobs.campaign.run import Campaign, run
 from imutui.logbook.reader import UnreadableLogError
 from imutui.report import batch_report
@@ -20,7 +20,7 @@ from imutui.report import batch_report
 def result(folder: Path) -> BatchDocument:
     """Result of the batch whose logs are in a folder."""
     found = batch.logs_of("B7", find([str(folder)]), print)
-    run(Campaign(found, CampaignSettings(), folder / "results"), many_logs.here)
+    run(Campaign(found, Settings(), folder / "results"), many_logs.here)
     rows = stored_rows.read(folder / "results").rows
     return batch.result("B7", [rows[log] for log in found.logs], found.root, str(folder / "results"))
 

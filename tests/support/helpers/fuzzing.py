@@ -115,7 +115,7 @@ def _still_log_seeds(folder: Path) -> list[bytes]:
     """Of a unit at rest, which a filter takes."""
     source, path = folder / "still.npz", folder / "still.mcap"
     np.savez(source, **_arrays())
-    importer.write(importer.load(source), SessionInfo(accel_sign=1, mount="x,-y,-z"), source, path, overwrite=True)
+    importer.write(importer.RecordingFile(source), SessionInfo(accel_sign=1, mount="x,-y,-z"), path, overwrite=True)
     made = path.read_bytes()
     return [made, made[: len(made) * 2 // 3]]
 
@@ -144,11 +144,11 @@ def _recovered(path: Path) -> Any:
 
 
 def _take_replay(path: Path) -> None:
-    from imutui.jobs.replay import ReplayOptions, replay
+    from imutui.jobs.replay import EstimatesFile, replay
     from imutui.report import replay_text
 
-    options = ReplayOptions(output=path.with_name("estimates.mcap"), overwrite=True)
-    _told(lambda log: replay(log, options), replay_text.text)(path)
+    written = EstimatesFile(path.with_name("estimates.mcap"), overwrite=True)
+    _told(lambda log: replay(log, output=written), replay_text.text)(path)
 
 
 def _arrays() -> dict[str, np.ndarray]:
@@ -194,11 +194,11 @@ def _csv_seeds(folder: Path) -> list[bytes]:
 
 
 def _take_import(path: Path) -> None:
-    recording = importer.load(path)
+    recording = importer.RecordingFile(path)
     session = SessionInfo()
     importer.check_gravity(recording, session)
-    made = import_reference.from_arrays(recording.t, recording.known, session.axes().mount, session.site())
-    importer.write(recording, session, path, path.with_name("imported.mcap"), overwrite=True, reference=made)
+    made = import_reference.from_arrays(*recording.known(), session.axes().mount, session.site())
+    importer.write(recording, session, path.with_name("imported.mcap"), overwrite=True, reference=made)
 
 
 _SCENARIO = b"""\

@@ -11,10 +11,10 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from filters.imu import Samples
+from helpers import ros_messages
 from imutui.logbook import SessionInfo, schemas
 from imutui.logbook.mcap_format import HEAD, MAGIC, records
 from imutui.logbook.reference_file import ReferenceFile
-from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
 
@@ -38,14 +38,16 @@ def of_samples(
     if reference is not None:
         log.attach(reference.name, reference.media_type, reference.content, START)
     still = np.zeros(3)
-    log.encoded(schemas.REFERENCE, schemas.encode_table_reference(START, info.reference, still, still), START, START)
+    log.encoded(
+        schemas.REFERENCE, schemas.encode_table_references(START, info.reference, still, still)[0], START, START
+    )
     rows = zip(samples.t.tolist(), samples.gyro, samples.accel, strict=True)
     for k, (t, gyro, accel) in enumerate(rows):
         stamp = START + round(t * 1e9)
         log.imu(stamp, stamp, gyro, accel, valid=k not in invalid)
     for t, text in marks:
         stamp = START + round(t * 1e9)
-        log.message(schemas.EVENTS, schemas.event(stamp, "mark", text), stamp, stamp)
+        log.encoded(schemas.EVENTS, schemas.encode_event(stamp, "mark", text), stamp, stamp)
     for t, angles, rates in states:
         stamp = START + round(t * 1e9)
         told = schemas.encode_table_state(stamp, 2_000_000, angles, rates, "position", "")
@@ -77,16 +79,23 @@ def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
     for k in range(seconds * rate):
         stamp = START + k * 1_000_000_000 // rate
         counts = tuple(rng.integers(-32768, 32768, 6).tolist())
-        log.raw(RawPacket(k, k * 7, counts, int(rng.integers(65536)), 65535 - k, k % 2, k % 8), stamp + 9, stamp)
+        log.encoded(
+            schemas.RAW,
+            ros_messages.packet(k, k * 7, counts, int(rng.integers(65536)), 65535 - k, k % 2, k % 8),
+            stamp + 9,
+            stamp,
+        )
         log.imu(stamp + 9, stamp, rng.normal(size=3), rng.normal(size=3), valid=k % rate != 5)
-        log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, rng.normal()), stamp, stamp)
+        log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, rng.normal())[0], stamp, stamp)
         if k % rate == rate - 1:
             angles, rates = np.array([k, k + 0.5, -k]), np.full(3, k)
             log.encoded(
-                schemas.REFERENCE, schemas.encode_table_reference(stamp, f"kind {k}", angles, rates), stamp, stamp
+                schemas.REFERENCE, schemas.encode_table_references(stamp, f"kind {k}", angles, rates)[0], stamp, stamp
             )
-            log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp)
-            log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
+            log.encoded(
+                schemas.DIAGNOSTICS, schemas.encode_diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp
+            )
+            log.encoded(schemas.EVENTS, schemas.encode_event(stamp, "mark", f"mark {k}"), stamp, stamp)
             log.flush()
     log.finish({}, START)
     return path
@@ -94,9 +103,9 @@ def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
 
 def with_frame(data: bytes, typename: str, frame: str) -> bytes:
     """The same stamped message with another frame_id."""
-    m = schemas.decode(typename, data)
+    m = ros_messages.decode(typename, data)
     m.header.frame_id = frame
-    return bytes(schemas.typestore().serialize_cdr(m, typename))
+    return bytes(ros_messages.typestore().serialize_cdr(m, typename))
 
 
 def rewritten(source: Path, path: Path, frame: str | None = None, **options: Any) -> Path:
@@ -142,7 +151,7 @@ def foreign(
         for k in range(60):
             stamp = START + k * step_ns
             gyro = np.full(3, spoil if k == 30 else 0.01 * k)
-            data = schemas.encode_imu(stamp, gyro, np.array([0.0, 0.1, -9.78]))
+            data = schemas.encode_imus(stamp, gyro, np.array([0.0, 0.1, -9.78]))[0]
             writer.add_message(channel, stamp, data[: len(data) - cut] if k == 30 else data, stamp)
         writer.finish()
     return path

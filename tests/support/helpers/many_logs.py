@@ -30,7 +30,7 @@ def still(path: Path, seed: int, seconds: int = 3) -> Path:
         stamp = START + seed * 3_600_000_000_000 + k * 1_000_000_000 // RATE
         log.imu(stamp, stamp, gyro[k], accel[k])
         if k % RATE == 0:
-            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + seed % 7), stamp, stamp)
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperatures(stamp, 20.0 + seed % 7)[0], stamp, stamp)
     log.finish({}, START)
     return path
 

@@ -61,11 +61,11 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     source = path.with_suffix(".npz")
     np.savez(source, **given)
     session = SessionInfo(**({"instrument": ""} | info))
-    recording = importer.load(source)
-    reference = import_reference.from_arrays(recording.t, recording.known, session.axes().mount)
+    recording = importer.RecordingFile(source)
+    reference = import_reference.from_arrays(*recording.known(), session.axes().mount)
     if reference is not None:
         session = SessionInfo(**({"instrument": ""} | info | {"reference": reference.kind}))
-    importer.write(recording, session, source, path, overwrite=True, reference=reference)
+    importer.write(recording, session, path, overwrite=True, reference=reference)
     return path
 
 

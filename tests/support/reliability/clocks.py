@@ -17,8 +17,9 @@ from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.port import Port
-from imutui.jobs.replay import ReplayOptions, replay
+from imutui.jobs.replay import replay
 from imutui.logbook import reader, schemas
+from imutui.logbook.reading import Reading
 from imutui.logbook.results import TIMINGS
 from imutui.session import observe, timebase
 from imutui.session.engine import Engine
@@ -69,6 +70,6 @@ def _steps(texts: Iterable[str]) -> list[str]:
 
 def replays_that_differ(log: Path, speeds: tuple[float | None, ...]) -> int:
     """Replay a log at these speeds; returns how many results differ from the first in any field but the timings."""
-    documents = [replay(log, ReplayOptions(speed=speed)) for speed in speeds]
+    documents = [replay(log, Reading(), speed=speed) for speed in speeds]
     first, *others = [{k: v for k, v in document.items() if k not in TIMINGS} for document in documents]
     return sum(other != first for other in others)

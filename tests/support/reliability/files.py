@@ -12,6 +12,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from helpers import ros_messages
 from helpers.acquisitions import acquiring, mounted
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers
@@ -129,9 +130,9 @@ def disk_full(folder: Path, disk: Path) -> DiskFull:
         done = imutui("record", *line, check=None)
     log = reader.read(path, raw=True)
     assert not log.finished
-    assert [raw.sequence for raw in log.raw] == list(range(len(log.raw)))
+    assert [raw.sequence for raw in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))
     recover(path, whole)
-    return DiskFull(done.returncode, done.stderr, len(log.raw), by_mcap(whole)[schemas.RAW])
+    return DiskFull(done.returncode, done.stderr, len(ros_messages.packets(log)), by_mcap(whole)[schemas.RAW])
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from helpers.pilot import SMALLEST, See, opened
 from imutui.jobs import replay, tasks
 from imutui.jobs.worker import Worker
 from imutui.logbook import effects_file
+from imutui.logbook.reading import Reading
 from imutui.logbook.results import TIMINGS
 from imutui.tui.pages.logs import result_text, text
 from imutui.tui.pages.logs.page import LogsPage
@@ -146,7 +147,7 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
         await see("escape → Biases over time")
         await see("escape → 3 recordings")
     saved = json.loads((home / "logs" / "whole_replay.json").read_text())
-    expected = replay.replay(home / "logs" / "whole.mcap", replay.ReplayOptions(course=True))
+    expected = replay.replay(home / "logs" / "whole.mcap", Reading(), course=True)
     for document in (saved, expected):
         for key in TIMINGS:
             document.pop(key)

@@ -43,7 +43,7 @@ def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = 
         "info": ("info of", logs.info_text, tasks.look_at_log, kind, path),
         "check": ("check of", logs.check_text, tasks.look_at_log, kind, path),
         "recover": ("recovered from", logs.recover_text, tasks.recover_log, path, recovered, False, mode),
-        "replay": ("replay of", partial(result_text.replayed, writing), tasks.replay_log, path, None),
+        "replay": ("replay of", partial(result_text.replayed, writing), tasks.replay_log, path),
     }
     title, words, *task = kinds[kind]
 
@@ -70,7 +70,7 @@ def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
             result.included,
         )
 
-    return Job(f"trace of {names}{held}", Worker(tasks.trace_logs, list(paths), None), made)
+    return Job(f"trace of {names}{held}", Worker(tasks.trace_logs, list(paths)), made)
 
 
 _BAR = 24

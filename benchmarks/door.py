@@ -1,0 +1,129 @@
+"""Recordings of other programs: which are taken as they were meant, and whether the commands of refusals work.
+
+    python benchmarks/door.py [--kinds mcap table logger] [--verbose]
+
+mcap, table: the cases of `../shared/cases`, where that folder is present. logger: recordings as nine loggers leave
+them, three seeds each. A recording is imported (tables, bags) or replayed (MCAP). It is taken rightly if the result has
+the rates, forces, rate and number of samples that it was made with; anything assumed stands in `assumed`. If it is
+refused, each command of the message is run and its result is judged alike. All readings are simulated.
+Exit code 1 if anything is wrong.
+"""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import bench
+import numpy as np
+from bench import IMUTUI, ROOT
+from helpers import recordings_of_others
+
+from imutui.logbook import reader
+
+CASES = ROOT.parent / "shared" / "cases"
+BIAS_DPS = np.array([0.10, -0.20, 0.30])
+NOTHING = ("empty.mcap", "no_channels.mcap")  # hold no sample: a refusal is all that there is
+RATES = {"rate_1hz.mcap": 1.0, "rate_1600hz.mcap": 1600.0, "high_rate_gap.mcap": 90.0, "gap_3h.mcap": 0.277,
+         "gap_3h.csv": 0.277}  # fmt: skip
+SIGNS = {"flu_level.mcap": (1, -1, -1), "livox_g.mcap": (1, -1, -1)}
+"""Rates as a recording has them, where its axes are others."""
+SPOILED = ("frozen.mcap", "all_frozen.mcap", "hold4.mcap", "frozen_1s.csv", "one_spike.csv", "two_imus.mcap",
+           "dup_columns_two_imus.csv")  # fmt: skip
+"""Taken as they are: their faults are of the sensor, or a choice has another unit's biases."""
+_COMMAND = re.compile(r"`(imutui [^`]*)`")
+
+
+def judged(path: Path, words: list[str], output: Path) -> tuple[str, str, list[str]]:
+    """Run a command: "taken", "refused" or "wrong", with details, and the commands of a refusal."""
+    done = subprocess.run([*IMUTUI, *words], capture_output=True, text=True, check=False, cwd=path.parent)
+    if "Traceback" in done.stderr or "a defect" in done.stderr:
+        return "wrong", done.stderr[-300:], []
+    if not done.stdout.strip():
+        return "refused", " ".join(done.stderr.split())[:300], _COMMAND.findall(done.stderr)
+    document = json.loads(done.stdout)
+    return ("taken", "; ".join(document["assumed"]), []) if is_right(path, document, output) else (
+        "wrong", done.stdout[:300] + done.stderr[-200:], [])  # fmt: skip
+
+
+def is_right(path: Path, document: dict, output: Path) -> bool:  # type: ignore[type-arg]
+    """Return whether a result has the numbers that the recording was made with."""
+    if path.name in SPOILED:
+        return document["samples"] > 100
+    expected = BIAS_DPS * SIGNS.get(path.name, (1, 1, 1))
+    rate = RATES.get(path.name, 100.0)
+    if "final" in document:
+        found = np.array(document["final"]["gyro_bias_dps"], float)
+        return bool(np.allclose(found, expected, atol=0.03) and document["samples"] > 100)
+    log = reader.read(output)
+    axes, valid = log.info.axes(), log.valid
+    gyro = np.median(np.rad2deg(axes.gyro_to_instrument(log.gyro[valid])), axis=0)
+    force = np.median(axes.accel_to_instrument(log.accel[valid]) / log.info.g_unit, axis=0)
+    sizes = np.isnan(force).all() or abs(np.linalg.norm(force) - 1.0) < 0.005
+    same_rate = abs(document["rate_hz"] / rate - 1.0) < 0.02
+    return bool(np.allclose(gyro, expected, atol=0.02) and sizes and same_rate)
+
+
+def looked_at(path: Path, folder: Path) -> tuple[str, str]:
+    """Return how a recording fares, and details."""
+    output = folder / f"{path.name}.log.mcap"
+    replayed = path.suffix == ".mcap"
+    words = (
+        ["replay", str(path), "--json"] if replayed else ["import", str(path), "-o", str(output), "--json", "--force"]
+    )
+    outcome, details, commands = judged(path, words, output)
+    if outcome != "refused":
+        return outcome, details
+    if path.name in NOTHING:
+        return "refused, holds nothing", details
+    if not commands:
+        return "wrong", f"refused without a command: {details}"
+    for command in commands:
+        again = shlex.split(command)[1:]
+        made = Path(again[again.index("-o") + 1]) if "-o" in again else output
+        made = made if made.is_absolute() else path.parent / made
+        again += [] if "--json" in again else ["--json"]
+        again += ["--force"] if again[0] == "import" and "--force" not in again else []
+        outcome, why, more = judged(path, again, made)
+        if outcome == "refused" and more:  # one step more: the units first, then the directions
+            outcome, why, _ = judged(path, [*shlex.split(more[0])[1:]], made)
+        if outcome != "taken":
+            return "wrong", f"`{command}`: {why}"
+    return "refused with commands that work", f"{len(commands)}: {commands[0]}"
+
+
+def main() -> None:
+    """Look at all cases."""
+    asked = bench.options(__doc__, kinds={"mcap": 0, "table": 0, "logger": 0}, verbose=False)
+    print(bench.describe("numpy", "pandas", "rosbags", "mcap"))
+    total: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files: list[Path] = []
+        for kind, script in (("mcap", "make_mcap.py"), ("table", "make_csv.py")):
+            if kind in asked.kinds and CASES.is_dir():
+                (folder / kind).mkdir()
+                subprocess.run([sys.executable, CASES / script, folder / kind], check=True)
+                files += sorted(folder.joinpath(kind).iterdir())
+            elif kind in asked.kinds:
+                print(f"{kind}: skipped, {CASES} is not there")
+        if "logger" in asked.kinds:
+            for seed in range(3):
+                (folder / f"logger{seed}").mkdir()
+                files += recordings_of_others.write(folder / f"logger{seed}", seed)
+        for path in files:
+            outcome, details = looked_at(path, folder)
+            total[outcome] += 1
+            if asked.verbose or outcome == "wrong":
+                print(f"{path.name}: {outcome} ({details})", flush=True)
+    for outcome, count in total.most_common():
+        print(f"{outcome}: {count}")
+    raise SystemExit(bool(total["wrong"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,583 @@
+"""Logs of other programs: which of their messages are samples, in what order, and how they are meant.
+
+A survey looks at every sample once, in bounded memory. A plan follows from it and from what the caller states; it says
+in words what it assumes, or refuses the log with commands that work. Samples are then read by the plan.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, McapRecord, Metadata, Schema
+
+from filters.errors import InputError
+from filters.imu import STANDARD_GRAVITY, AxisMap
+from imutui.logbook import arrival_stamps, columns, schemas
+from imutui.logbook.mcap_stream import CHANNEL, Batch
+from imutui.logbook.reading import Reading
+from imutui.logbook.session_info import METADATA
+
+Records = Callable[[], Iterable[McapRecord | Batch]]
+"""Returns the records of a file in order, anew by each call."""
+Cure = tuple[str, tuple[str, ...]]
+"""A command and its flags; the command "" stands for the one that was given."""
+Samples = dict[str, np.ndarray]
+"""Columns by name: `stamp_ns` (UTC, ns), `gyro` (rad/s, (N, 3)), `accel` (m/s², (N, 3)), `valid`; body axes."""
+
+_IMU, _TEMPERATURE = (schemas.TYPES[topic].replace("/msg/", "/") for topic in (schemas.IMU, schemas.TEMPERATURE))
+_FEW = 0.01
+"""Largest share of samples with the stamp of the one before them that are dropped without being asked."""
+_STILL, _NOISY_DPS = 0.05, 1.0
+_EARLIEST_NS = 946_684_800_000_000_000  # 2000: an earlier stamp is no UTC
+_MOST_LISTED = 6
+NEAR = 256  # samples of one clock that are out of order lie at most so many from their place
+_SILENCE_NS = 1_000_000_000  # a longer step is a gap
+
+
+class RefusedLogError(InputError):
+    """A log that can be taken in more than one way, or not as it is.
+
+    `cures`: commands that take the log.
+    """
+
+    def __init__(self, message: str, cures: Sequence[Cure]) -> None:
+        super().__init__(message)
+        self.cures = tuple(cures)
+
+
+# -------------------------------------------------------------------------------------------------------------- survey
+
+
+@dataclass(slots=True)
+class Order:
+    """How instants follow each other, ns."""
+
+    first: int = 0
+    last: int = 0
+    greatest: int = 0
+    count: int = 0
+    equal: int = 0  # instants that are the one before
+    back: int = 0  # instants before the one before
+    before_back: int = 0  # the instant before the first that goes back
+    after_back: int = 0  # the first that goes back
+
+    def take(self, instants: np.ndarray) -> None:
+        """Take more instants, shape (n,), n > 0."""
+        steps = np.diff(instants, prepend=instants[:1] if not self.count else np.array([self.last]))
+        steps = steps[1:] if not self.count else steps
+        back = np.flatnonzero(steps < 0)
+        if back.size and not self.back:
+            at = int(back[0]) + instants.size - steps.size
+            self.before_back = int(instants[at - 1]) if at else self.last
+            self.after_back = int(instants[at])
+        self.equal += int(np.count_nonzero(steps == 0))
+        self.back += int(back.size)
+        self.first = self.first if self.count else int(instants[0])
+        self.greatest = max(self.greatest, int(instants.max())) if self.count else int(instants.max())
+        self.last, self.count = int(instants[-1]), self.count + instants.size
+
+
+@dataclass(slots=True)
+class Topic:
+    """The samples of a topic, whichever channels it has."""
+
+    name: str
+    channels: set[int] = field(default_factory=set)  # of the file
+    stamps: Order = field(default_factory=Order)
+    logged: Order = field(default_factory=Order)
+    zero: int = 0  # samples whose six readings are zero
+    missing: int = 0  # samples with a reading that is no number
+    unknown: np.ndarray = field(default_factory=lambda: np.zeros(2, int))  # gyro and accel stated as "no estimate"
+    # over samples that are six numbers and not all zero: count, sums, sums of squares, and squares of differences
+    used: int = 0
+    sum: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    squares: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    changes: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    steps: np.ndarray = field(default_factory=lambda: np.zeros(64 * 8, int))  # of stamps, by eighths of octaves
+    steady_ns: int = 0  # sum of the steps of at most a second
+    longest_ns: int = 0  # of these
+
+    def take(self, rows: np.ndarray, log_ns: np.ndarray) -> None:
+        """Take samples, records of `columns.DTYPES[columns.IMU]`, and their log times."""
+        stamps = rows["stamp_ns"]
+        steps = np.diff(stamps, prepend=self.stamps.last) if self.stamps.count else np.diff(stamps)
+        forward = steps[steps > 0]
+        if forward.size:
+            np.add.at(self.steps, (8 * np.log2(forward)).astype(int), 1)
+            steady = forward[forward <= _SILENCE_NS]
+            self.steady_ns += int(steady.sum())
+            self.longest_ns = max(self.longest_ns, int(steady.max(initial=0)))
+        self.stamps.take(stamps)
+        self.logged.take(log_ns)
+        readings = np.hstack([rows["gyro"], rows["accel"]])
+        number, zero = np.isfinite(readings).all(axis=1), (readings == 0.0).all(axis=1)
+        self.missing += int(np.count_nonzero(~number))
+        self.zero += int(np.count_nonzero(zero))
+        for k, name in enumerate(("gyro_covariance", "accel_covariance")):
+            self.unknown[k] += np.count_nonzero(rows[name] == schemas.NO_ESTIMATE)
+        readings = readings[number & ~zero]
+        self.used += len(readings)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no readings
+            self.sum += readings.sum(axis=0)
+            self.squares += (readings**2).sum(axis=0)
+            self.changes += (np.diff(readings, axis=0) ** 2).sum(axis=0)
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.stamps.count
+
+    @property
+    def step_ns(self) -> float:
+        """Median step of the stamps that go forward, to an eighth of an octave; 0 if none does."""
+        total = np.cumsum(self.steps)
+        return float(2.0 ** ((np.searchsorted(total, 0.5 * total[-1]) + 0.5) / 8)) if total[-1] else 0.0
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean angular rate and specific force, as they stand in the file, shape (6,)."""
+        return self.sum / max(self.used, 1)
+
+    def noise(self) -> np.ndarray:
+        """Standard deviation of each channel by the changes from sample to sample, shape (6,)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(np.sqrt(self.changes / max(2 * self.used, 1)))
+
+    def is_still(self) -> bool:
+        """Return whether the specific force keeps its direction and size."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            spread = np.sqrt(np.maximum(self.squares / max(self.used, 1) - self.mean**2, 0.0))[3:]
+        return bool(self.used and spread.max() < _STILL * np.linalg.norm(self.mean[3:]))
+
+    def bursts(self) -> str:
+        """Return what makes the stamps look like arrivals in bursts, "" if they do not."""
+        ends = 2.0 ** (np.arange(1, 64 * 8 + 1) / 8)
+        count = int(self.steps[ends <= 1.1 * _SILENCE_NS].sum())
+        period = self.steady_ns / max(count, 1)
+        share = self.steps[ends < arrival_stamps.SHORT * period].sum() / max(count, 1)
+        return arrival_stamps.burst_words(float(share), period / 1e9, self.longest_ns / 1e9)
+
+
+@dataclass(slots=True)
+class Survey:
+    """What another program's file holds."""
+
+    samples: dict[str, Topic] = field(default_factory=dict)  # topics of sensor_msgs/Imu in CDR that have messages
+    temperatures: dict[str, int] = field(default_factory=dict)  # messages of topics of sensor_msgs/Temperature
+    others: dict[str, str] = field(default_factory=dict)  # any other topic: encoding and type
+
+
+def survey(records: Iterable[McapRecord | Batch]) -> Survey | None:
+    """Look at every sample of a file; returns None for a log of imutui."""
+    found, types, roles = Survey(), dict[int, str](), dict[int, tuple[str, int]]()
+    for record in records:
+        match record:
+            case Schema():
+                types[record.id] = record.name.replace("/msg/", "/")
+            case Channel():
+                kind = types.get(record.schema_id, "")
+                role = _role(record, kind)
+                roles[record.id] = (record.topic, role)
+                if role == columns.IGNORED:
+                    found.others[record.topic] = f"{record.message_encoding or 'no encoding'}, {kind or 'no type'}"
+            case Metadata() if record.name == METADATA:
+                return None
+            case Batch():
+                for topic, role, part in _by_channel(record, roles):
+                    if role == columns.TEMPERATURE:
+                        found.temperatures[topic] = found.temperatures.get(topic, 0) + len(part.table)
+                        continue
+                    rows, bad = columns.read(part, np.full(len(part.table), role))
+                    good = np.ones(len(part.table), bool)
+                    good[list(bad)] = False
+                    if good.any():
+                        seen = found.samples.setdefault(topic, Topic(topic))
+                        seen.channels.add(int(part.table[0, CHANNEL]))
+                        seen.take(rows[role], part.heads["log_ns"][good])
+    return found
+
+
+def _role(channel: Channel, kind: str) -> int:
+    if channel.message_encoding != "cdr":
+        return columns.IGNORED
+    return {_IMU: columns.IMU, _TEMPERATURE: columns.TEMPERATURE}.get(kind, columns.IGNORED)
+
+
+def _by_channel(batch: Batch, roles: dict[int, tuple[str, int]]) -> Iterator[tuple[str, int, Batch]]:
+    """Yield topic, role and messages of each channel in a batch that has a role."""
+    channels = batch.table[:, CHANNEL]
+    for number in np.unique(channels).tolist():
+        topic, role = roles.get(number, ("", columns.IGNORED))
+        if role != columns.IGNORED:
+            yield topic, role, Batch(batch.content, batch.table[channels == number])
+
+
+# ---------------------------------------------------------------------------------------------------------------- plan
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How the samples of a file are read."""
+
+    gyro: Topic
+    accel: Topic  # the same topic, but where two are joined
+    temperature: str | None  # topic of temperatures
+    stamps: str  # one of `reading.STAMPS`
+    at_once: bool  # whether samples have to be put into order, which takes all of them
+    unknown_counts: tuple[bool, bool]  # whether "no estimate" of rates and of forces means no reading
+    assumed: tuple[str, ...]  # in words
+
+    @property
+    def mean_force(self) -> np.ndarray:
+        """Mean specific force as it stands in the file, m/s², shape (3,)."""
+        return self.accel.mean[3:]
+
+
+def plan(found: Survey, reading: Reading, records: Records) -> Plan:
+    """Decide how samples are read.
+
+    `records`: of the file, which is looked at again where log times go back.
+
+    Raises RefusedLogError if the caller has to choose, or the numbers are not in SI.
+    """
+    gyro, accel = _chosen(found, reading.topics)
+    assumed = [f"samples of {gyro.name}" + (f" with the forces of {accel.name}" if accel is not gyro else "")]
+    if accel is not gyro:
+        assumed.append("forces are interpolated at the instants of the rates")
+    sortable = not gyro.logged.back or _is_sortable(records, gyro)
+    stamps, more = _stamps(gyro, reading, sortable=sortable)
+    assumed += more
+    _refuse_units(gyro, accel)
+    unknown = [bool(0 < topic.unknown[k] < topic.count) for k, topic in enumerate((gyro, accel))]
+    if any(topic.unknown[k] == topic.count for k, topic in enumerate((gyro, accel))):
+        assumed.append("a covariance of -1 in every message stands for an unknown covariance, not for no reading")
+    if gyro.missing:
+        assumed.append(f"{_samples(gyro.missing)} with NaN hold no reading")
+    if accel is gyro and gyro.zero:
+        assumed.append(f"{_samples(gyro.zero)} of six zeros hold no reading")
+    temperature = _temperature(found, gyro.name)
+    if temperature is not None:
+        assumed.append(f"temperatures of {temperature}")
+    elif found.temperatures:
+        assumed.append(f"none of the temperature topics ({', '.join(sorted(found.temperatures))})")
+    at_once = accel is not gyro or stamps == "arrival" or (gyro.logged.back > 0 and sortable)
+    return Plan(gyro, accel, temperature, stamps, at_once, (unknown[0], unknown[1]), tuple(assumed))
+
+
+def _samples(count: int) -> str:
+    return f"{count:,} sample{'' if count == 1 else 's'}"
+
+
+def _chosen(found: Survey, wanted: tuple[str, ...]) -> tuple[Topic, Topic]:
+    """Return the topics of rates and of forces."""
+    for name in wanted:
+        if name not in found.samples:
+            listed = ", ".join(sorted(found.samples)) or "none"
+            raise RefusedLogError(f"it has no samples on topic {name}; topics of samples: {listed}", _choices(found))
+    if wanted:
+        return found.samples[wanted[0]], found.samples[wanted[-1]]
+    if len(found.samples) > 1:
+        listed = ", ".join(f"{topic.name} ({topic.count:,})" for topic in found.samples.values())
+        raise RefusedLogError(
+            f"it has several topics of samples, of which one is to be chosen: {listed}", _choices(found)
+        )
+    (only,) = found.samples.values()
+    return only, only
+
+
+def _choices(found: Survey) -> Sequence[Cure]:
+    """Return the flags of each choice: first a pair of topics that lack each other's channels."""
+    lacks = {name: (not topic.sum[:3].any(), not topic.sum[3:].any()) for name, topic in found.samples.items()}
+    gyros = [name for name, lacking in lacks.items() if lacking == (False, True)]
+    accels = [name for name, lacking in lacks.items() if lacking == (True, False)]
+    pairs = [f"{a},{b}" for a in gyros for b in accels]
+    whole = [name for name, lacking in lacks.items() if not any(lacking)]
+    return [("", ("--topic", name)) for name in (*pairs, *whole, *([] if pairs else (*gyros, *accels)))][:_MOST_LISTED]
+
+
+def _temperature(found: Survey, samples: str) -> str | None:
+    """Return the topic of temperatures: the only one, or the only one below the samples' namespace."""
+    names = [name for name, count in found.temperatures.items() if count]
+    near = [name for name in names if name.rpartition("/")[0] == samples.rpartition("/")[0]]
+    return names[0] if len(names) == 1 else near[0] if len(near) == 1 else None
+
+
+def _is_sortable(records: Records, topic: Topic) -> bool:
+    """Return whether the samples may be put into the order of their log times."""
+    types, roles, parts = dict[int, str](), dict[int, tuple[str, int]](), list[np.ndarray]()
+    for record in records():
+        match record:
+            case Schema():
+                types[record.id] = record.name.replace("/msg/", "/")
+            case Channel() if record.topic == topic.name:
+                roles[record.id] = (topic.name, _role(record, types.get(record.schema_id, "")))
+            case Batch():
+                parts += [part.heads["log_ns"] for _, _, part in _by_channel(record, roles)]
+    instants = np.concatenate(parts)
+    moved = np.abs(np.argsort(instants, kind="stable") - np.arange(instants.size))
+    # one channel is written by one clock; several come of files that were merged
+    return (len(topic.channels) > 1 or int(moved.max()) <= NEAR) and is_orderly(instants)
+
+
+def is_orderly(instants: np.ndarray) -> bool:
+    """Return whether instants that go back now and then follow each other evenly once they are sorted.
+
+    Those that were written out of order do. Those of a clock that was set back come to lie between each other.
+    """
+    steps, sorted_steps = np.diff(instants), np.diff(np.sort(instants))
+    half = 0.5 * np.median(sorted_steps)
+    short = np.count_nonzero((steps >= 0) & (steps < half))
+    return bool(np.count_nonzero(sorted_steps < half) - short <= 0.2 * np.count_nonzero(steps < 0))
+
+
+def _stamps(topic: Topic, reading: Reading, *, sortable: bool) -> tuple[str, list[str]]:
+    """Return the source of the stamps, and what is assumed of them."""
+    order, logged, assumed = topic.stamps, topic.logged, list[str]()
+    if reading.stamps == "arrival":
+        return "arrival", ["stamps are sampling instants fitted under the log times"]
+    whole = reading.start is None and reading.end is None
+    if reading.stamps == "log":
+        if whole and not sortable:
+            raise RefusedLogError(*_broken(topic, logged))
+        if logged.back and sortable:
+            assumed.append("samples are put into the order of their log times")
+        assumed.append("stamps are the log times")
+        if logged.equal:
+            assumed.append(f"{_samples(logged.equal)} with the log time of the one before are dropped")
+        return "log", assumed
+    if order.equal > _FEW * topic.count and not logged.equal and not logged.back:
+        what = f"{_samples(order.equal)} of {topic.name} have the stamp of the one before: its stamps stand still"
+        raise RefusedLogError(what, [("", ("--stamps", "log")), ("", ("--stamps", "arrival"))])
+    if logged.back and sortable:
+        assumed.append("samples are put into the order of their log times")
+    elif order.back and whole:
+        raise RefusedLogError(*_broken(topic, order))
+    if order.equal:
+        assumed.append(f"{_samples(order.equal)} with the stamp of the one before are dropped")
+    if 0 <= order.first < _EARLIEST_NS <= logged.first:
+        assumed.append("stamps count from another instant than UTC's")
+    if words := topic.bursts():
+        assumed.append(f"stamps look like arrivals in bursts ({words}); --stamps arrival fits the sampling instants")
+    return "header", assumed
+
+
+def _broken(topic: Topic, order: Order) -> tuple[str, Sequence[Cure]]:
+    at, by = (order.before_back - order.first) / 1e9, (order.before_back - order.after_back) / 1e9
+    places = "once" if order.back == 1 else f"{order.back} times"
+    what = f"the times of {topic.name} go back {places}, first by {by:.6g} s at {at:.3f} s"
+    end = (order.after_back - order.first) / 1e9
+    cures: list[Cure] = [("", ("--stamps", "log"))] if not topic.logged.back else []
+    cures += [("", ("--end", f"{at - 1e-3:.3f}"))] if at > 1.0 else []
+    cures += [("", ("--start", f"{at + 1e-3:.3f}"))] if (order.last - order.first) / 1e9 > max(at, end) + 1.0 else []
+    return what, cures
+
+
+# ------------------------------------------------------------------------------------------------- units and directions
+
+
+_FORCE_UNITS = (("g", "g", 1.0), ("mg", "mg", 1000.0), ("mm/s^2", "mm/s2", 1e3 * STANDARD_GRAVITY))
+"""Units of force that are not m/s^2: name, name in flags, and gravity in them."""
+
+
+def _refuse_units(gyro: Topic, accel: Topic) -> None:
+    """Raise RefusedLogError where a unit at rest reads what it reads in g or in deg/s."""
+    if not accel.is_still():
+        return
+    force = float(np.linalg.norm(accel.mean[3:]))
+    units = [(name, f"accel:{flag}") for name, flag, size in _FORCE_UNITS if 0.8 < force / size < 1.2]
+    if np.rad2deg(np.median(gyro.noise()[:3])) > _NOISY_DPS:
+        units.append(("deg/s", "gyro:deg/s"))
+    if not units:
+        return
+    topics = gyro.name if accel is gyro else f"{gyro.name},{accel.name}"
+    flags = ["--topic", topics, "--units", ",".join(flag for _, flag in units), "--accel-sign", "+1"]
+    if accel.mean[5] > 0.5 * force:
+        flags += ["--mount", "x,-y,-z"]
+    elif abs(accel.mean[5]) <= 0.5 * force:
+        flags += ["--reference", "gravity"]
+    read = f"at rest it reads a force of {force:.4g} and rates that scatter by {np.median(gyro.noise()[:3]):.2g}"
+    what = f"{read}, which fits {' and '.join(name for name, _ in units)}, not m/s^2 and rad/s"
+    raise RefusedLogError(what, [("import", tuple(flags))])
+
+
+def refuse_upside_down(path: Path, force: np.ndarray, axes: AxisMap, gravity: float) -> None:
+    """Raise RefusedLogError where the mean force of a unit that is said to be level points down or sideways.
+
+    `force`: as it stands in the file, m/s², shape (3,).
+    `axes`: instrument to body.
+    """
+    body = axes.accel_to_body(force)
+    size = float(np.linalg.norm(force))
+    if abs(size / gravity - 1.0) > 0.2 or body[2] < -0.5 * gravity:
+        return
+    reads = ", ".join(f"{value:+.2f}" for value in force)
+    what = (
+        f"{path}: a unit that is level reads -{gravity:.2f} m/s^2 along z down, and this one reads {reads} on x, y, z"
+    )
+    level: list[Cure] = [("", ("--mount", "x,-y,-z")), ("", ("--accel-sign", f"{-axes.accel_sign:+d}"))]
+    other: list[Cure] = [("", ("--reference", "gravity"))]
+    if body[2] > 0.5 * gravity:
+        raise RefusedLogError(
+            f"{what}: its z is up (as ROS has it: x forward, y left), or its sign is the other", level + other
+        )
+    raise RefusedLogError(f"{what}: it is not level", other)
+
+
+# ------------------------------------------------------------------------------------------------------------- samples
+
+
+def samples(records: Records, wanted: Plan, reading: Reading, axes: AxisMap) -> Iterator[Samples]:
+    """Yield the samples of a file by a plan, a bounded number at a time unless they have to be put into order.
+
+    `reading`: its part counts, s since the log's first sample.
+    `axes`: from the file's axes and sign to the body's.
+    Temperatures come as `degc_stamp_ns` and `degc`.
+    """
+    last_ns, part = np.iinfo(np.int64).min, _Part(reading, _first_ns(wanted))
+    stream: Iterable[Samples] = _read(records, wanted)
+    if wanted.at_once:
+        stream = [_in_order(list(stream), wanted)]
+    for found in stream:
+        stamps = found["stamp_ns"]
+        new = np.diff(stamps, prepend=last_ns) != 0 if stamps.size else np.empty(0, bool)
+        new &= part.has(stamps)
+        last_ns = int(stamps[-1]) if stamps.size else last_ns
+        gyro, accel = found["gyro"][new], found["accel"][new]
+        yield {
+            "stamp_ns": stamps[new],
+            "gyro": axes.gyro_to_body(gyro),
+            "accel": axes.accel_to_body(accel),
+            "valid": found["valid"][new],
+            "degc_stamp_ns": found["degc_stamp_ns"],
+            "degc": found["degc"],
+        }
+
+
+def first_ns(wanted: Plan) -> int:
+    """Return the instant from which seconds of the log count, ns."""
+    return _first_ns(wanted)
+
+
+def _first_ns(wanted: Plan) -> int:
+    return wanted.gyro.stamps.first if wanted.stamps == "header" else wanted.gyro.logged.first
+
+
+class _Part:
+    """The samples in a row from the last one before `start` to the first one behind `end`."""
+
+    def __init__(self, reading: Reading, first: int) -> None:
+        bounds = np.iinfo(np.int64)
+        self._start = bounds.min if reading.start is None else first + round(reading.start * 1e9)
+        self._end = bounds.max if reading.end is None else first + round(reading.end * 1e9)
+        self._begun = self._over = False
+
+    def has(self, stamps: np.ndarray) -> np.ndarray:
+        """Return which of the next samples are in the part, bool, shape (n,)."""
+        use = np.zeros(stamps.size, bool)
+        if self._over or not stamps.size:
+            return use
+        begin = 0
+        if not self._begun:
+            early = np.flatnonzero(stamps < self._start)
+            begin = int(early[-1]) + 1 if early.size else 0
+            self._begun = begin < stamps.size
+        late = np.flatnonzero(stamps[begin:] > self._end)
+        end = begin + int(late[0]) if late.size else stamps.size
+        self._over = bool(late.size)
+        use[begin:end] = True
+        return use
+
+
+def _read(records: Records, wanted: Plan) -> Iterator[Samples]:
+    """Yield the samples of the plan's topics in file order; those of two topics carry the one they are of."""
+    types, roles, one = dict[int, str](), dict[int, tuple[str, int]](), wanted.gyro is wanted.accel
+    names = {wanted.gyro.name, wanted.accel.name, wanted.temperature}
+    for record in records():
+        match record:
+            case Schema():
+                types[record.id] = record.name.replace("/msg/", "/")
+            case Channel() if record.topic in names:
+                roles[record.id] = (record.topic, _role(record, types.get(record.schema_id, "")))
+            case Batch():
+                parts = list(_by_channel(record, roles))
+                if one and len(parts) > 1:  # channels of one topic go on in file order
+                    parts = _merged(record, roles)
+                found = [_columns(topic, role, part, wanted) for topic, role, part in parts]
+                yield from found
+
+
+def _merged(batch: Batch, roles: dict[int, tuple[str, int]]) -> list[tuple[str, int, Batch]]:
+    channels = batch.table[:, CHANNEL]
+    each = np.array([roles.get(number, ("", columns.IGNORED))[1] for number in range(int(channels.max()) + 1)])
+    topics = {role: topic for topic, role in roles.values()}
+    of = each[channels]
+    kinds = [role for role in np.unique(of).tolist() if role != columns.IGNORED]
+    return [(topics[role], role, Batch(batch.content, batch.table[of == role])) for role in kinds]
+
+
+def _columns(topic: str, role: int, part: Batch, wanted: Plan) -> Samples:
+    found, bad = columns.read(part, np.full(len(part.table), role))
+    good = np.ones(len(part.table), bool)
+    good[list(bad)] = False
+    rows, log_ns = found[role], part.heads["log_ns"][good]
+    nothing = {"stamp_ns": np.empty(0, np.int64), "gyro": np.empty((0, 3)), "accel": np.empty((0, 3)),
+               "valid": np.empty(0, bool), "log_ns": np.empty(0, np.int64), "degc_stamp_ns": np.empty(0, np.int64),
+               "degc": np.empty(0), "forces": np.empty(0, bool)}  # fmt: skip
+    if role == columns.TEMPERATURE:
+        stamps = rows["stamp_ns"] if wanted.stamps == "header" else log_ns
+        return nothing | {"degc_stamp_ns": stamps.copy(), "degc": rows["degc"].copy()}
+    gyro, accel = rows["gyro"].copy(), rows["accel"].copy()
+    valid = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+    if wanted.gyro is wanted.accel:
+        valid &= (gyro != 0.0).any(axis=1) | (accel != 0.0).any(axis=1)
+    for counts, name in zip(wanted.unknown_counts, ("gyro_covariance", "accel_covariance"), strict=True):
+        valid &= ~(counts & (rows[name] == schemas.NO_ESTIMATE))
+    # a sample without a reading is no number anywhere
+    gyro[~valid], accel[~valid] = np.nan_to_num(gyro[~valid]), np.nan_to_num(accel[~valid])
+    stamps = rows["stamp_ns"].copy() if wanted.stamps == "header" else log_ns.copy()
+    return nothing | {"stamp_ns": stamps, "gyro": gyro, "accel": accel, "valid": valid, "log_ns": log_ns,
+                      "forces": np.full(stamps.size, topic == wanted.accel.name)}  # fmt: skip
+
+
+def _in_order(parts: list[Samples], wanted: Plan) -> Samples:
+    """Return all samples in order: of their log times, joined where two topics are, at instants fitted if asked."""
+    names = parts[0] if parts else ()
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    order = np.argsort(whole["log_ns"], kind="stable")
+    for name in ("stamp_ns", "gyro", "accel", "valid", "forces", "log_ns"):
+        whole[name] = whole[name][order]
+    if wanted.gyro is not wanted.accel:
+        whole = _joined(whole)
+    if wanted.stamps == "arrival":
+        first = int(whole["stamp_ns"][0])
+        t = (whole["stamp_ns"] - first) / 1e9
+        new = np.diff(t, prepend=-1.0) > 0.0
+        for name in ("stamp_ns", "gyro", "accel", "valid"):
+            whole[name] = whole[name][new]
+        whole["stamp_ns"] = first + np.round(arrival_stamps.from_arrivals(t[new]).t * 1e9).astype(np.int64)
+    return whole
+
+
+def _joined(whole: Samples) -> Samples:
+    """Return samples at the instants of the rates, with the forces of the other topic by straight lines."""
+    forces = whole["forces"]
+    own, other = (
+        {name: whole[name][which] for name in ("stamp_ns", "gyro", "accel", "valid")} for which in (~forces, forces)
+    )
+    order = np.argsort(other["stamp_ns"], kind="stable")
+    at, known = other["stamp_ns"][order][other["valid"][order]], other["accel"][order][other["valid"][order]]
+    own["accel"] = np.column_stack([np.interp(own["stamp_ns"], at, known[:, k]) for k in range(3)])
+    inside = (own["stamp_ns"] >= at[0]) & (own["stamp_ns"] <= at[-1])
+    own = {name: column[inside] for name, column in own.items()}
+    return whole | own
+
+
+def split(found: Samples, rows: int) -> Iterator[Samples]:
+    """Yield samples so many at a time; temperatures go with the first of them."""
+    edges = [*range(0, found["stamp_ns"].size, rows), found["stamp_ns"].size] if found["stamp_ns"].size else [0, 0]
+    for first, last in pairwise(edges):
+        part = {name: found[name][first:last] for name in ("stamp_ns", "gyro", "accel", "valid")}
+        both = ("degc_stamp_ns", "degc")
+        yield part | {name: found[name] if first == 0 else found[name][:0] for name in both}
