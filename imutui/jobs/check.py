@@ -59,7 +59,7 @@ def check(
         "assumed": list(content.assumed),
         "notes": list(_notes(log)),
         "bytes": found.size,
-        "chunks": sum(piece.last_ns > 0 for piece in found.pieces),
+        "chunks": found.chunks,
         "messages": sum(run.count for run in content.messages.values()),
         "topics": {topic: run.count for topic, run in content.messages.items()},
         "samples": content.samples,
@@ -73,7 +73,7 @@ def _notes(log: CheckContext) -> Iterator[str]:
     a, found = log.audit, log.found
     if found.held:
         yield "A recorder is writing to it: this is how far it had come."
-    if found.finished and not found.has_index:
+    if found.finished and not found.end.indexed:
         yield "It was written without an index, so viewers read all of it to find a topic."
     if not a.session:
         yield "Another program's file: it has no session, so only its samples were looked at."

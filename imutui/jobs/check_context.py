@@ -7,7 +7,8 @@ from typing import Protocol
 from imutui.command_line import command
 from imutui.logbook import reader, schemas
 from imutui.logbook.audit import Audit, Part
-from imutui.logbook.scan import Damage, Scan
+from imutui.logbook.scan import Scan
+from imutui.logbook.walk import Damage
 
 SHOWN = 10  # how many of many alike are told
 
@@ -66,7 +67,7 @@ class CheckContext:
 
 
 class DataRule(Protocol):
-    """A rule on messages, made with the log's `audit.belongings`; given every part of it, then asked."""
+    """A rule on messages, made with what is known when the first part comes; takes every part, then reports."""
 
     def take(self, part: Part, /) -> None:
         """Look at the next part."""

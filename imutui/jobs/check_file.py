@@ -18,7 +18,7 @@ def _bytes(log: CheckContext) -> Iterator[Finding]:
         yield Finding("damage", what, place(d, log.start_ns), log.recover())
     if len(costly) > SHOWN:
         yield Finding("damage", f"{len(costly) - SHOWN} more parts cannot be read.", "all over the file", log.recover())
-    if found.checksum_wrong:
+    if found.end.checksum_wrong:
         yield Finding(
             "checksum",
             "The checksum over all data is wrong, though each chunk's is right: metadata was changed after recording.",
@@ -59,18 +59,20 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
             f"It can be used as it is; {log.recover()}",
         )
     elif not found.cut and not found.finished:
-        yield Finding("end", "The file's end is damaged.", f"at byte {found.size - found.trailing:,}", log.recover())
+        yield Finding(
+            "end", "The file's end is damaged.", f"at byte {found.size - found.end.trailing:,}", log.recover()
+        )
     elif found.finished and (
-        (found.index is None and found.has_index) or any(d.what == "summary" for d in found.damages)
+        (found.end.indexed and found.index is None) or any(d.what == "summary" for d in found.damages)
     ):
         yield Finding("index", "The index cannot be read, so viewers may refuse the file.", "at its end", log.recover())
     if indexes := [d for d in found.damages if d.what == "message index"]:
         what = f"{plural(len(indexes), 'list')} of a chunk's messages cannot be used, so viewers may miss some of them."
         where = f"first {place(indexes[0], log.start_ns)}"
         yield Finding("index", what, where, f"All messages are there; {log.recover()}")
-    if found.trailing and found.finished:
-        what = f"{plural(found.trailing, 'byte')} follow the end of the log."
-        yield Finding("trailing", what, f"from byte {found.size - found.trailing:,} on", log.recover())
+    if found.end.trailing and found.finished:
+        what = f"{plural(found.end.trailing, 'byte')} follow the end of the log."
+        yield Finding("trailing", what, f"from byte {found.size - found.end.trailing:,} on", log.recover())
 
 
 def _counts(log: CheckContext) -> Iterator[Finding]:

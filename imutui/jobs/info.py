@@ -228,7 +228,7 @@ def _kind(session: Mapping[str, str]) -> str:
 
 def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
     count = content.samples
-    first = content.first_ns if count else next((p.first_ns for p in found.pieces if p.first_ns), None)
+    first = content.first_ns if count else found.first_ns
     span = float(content.last_ns - content.first_ns) / 1e9 if count else None
     return {
         "start_utc": None if first is None else utc_text(first),

@@ -18,7 +18,7 @@ from imutui.logbook.scan import Scan
 from imutui.logbook.session_info import METADATA
 
 VERSION = 1
-_SCANNED, _WRITTEN = 0.3, 0.9
+_WRITTEN = 0.9
 _SHOWN = 20
 
 
@@ -172,9 +172,9 @@ def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
         )
     if found.repeated:
         told.append(f"{plural(found.repeated, 'chunk')} stood there twice and were taken once.")
-    if found.trailing:
-        told.append(f"{plural(found.trailing, 'byte')} behind the end of the log were left out.")
-    if found.checksum_wrong:
+    if found.end.trailing:
+        told.append(f"{plural(found.end.trailing, 'byte')} behind the end of the log were left out.")
+    if found.end.checksum_wrong:
         told.append(
             "The checksum over all data is wrong though each chunk's is right: metadata or an attachment differs."
         )
@@ -184,4 +184,4 @@ def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
 
 
 def _start(found: Scan) -> int | None:
-    return next((piece.first_ns for piece in found.pieces if piece.first_ns), None)
+    return found.first_ns

@@ -2,8 +2,8 @@
 
 `atomic_file` the one writer of files, `file_lock` whether a process writes one ·
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
-and its index · `mcap_stream` its records in order, `scan` those of a damaged one,
-`summary` its ends ·
+and its index · `walk` its items in order, damage among them, `mcap_stream` messages in batches,
+`scan` what a walk beyond damage reports of a file, `summary` its ends ·
 `columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
 bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
 `parquet` the library of the last · `recover` a whole file made of what is left · `importing` recordings made elsewhere,

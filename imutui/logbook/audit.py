@@ -7,28 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
 from imutui.logbook import layout, reader, sample_check, schemas, summary
 from imutui.logbook.columns import ESTIMATE, IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.layout import UndecodableError
-from imutui.logbook.mcap_format import parse
-from imutui.logbook.mcap_stream import (
-    CHANNEL,
-    JOINED,
-    MESSAGE_HEAD,
-    Batch,
-    RecordTable,
-    joined,
-    records_of,
-)
+from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, joined
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import AS_STATED, Reading
-from imutui.logbook.scan import Found, Scan, reason, walk
+from imutui.logbook.scan import Content, Scan
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
+from imutui.logbook.walk import ChunkHead, reason
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
 _PLAIN = {
@@ -117,8 +108,6 @@ def _first(*found: int | None) -> int | None:
 
 # -------------------------------------------------------------------------------------------------------------- audit
 
-_BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
-
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -186,12 +175,11 @@ class Audit:
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
 
 
-def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
-    if opcode == Opcode.ATTACHMENT:
-        attachment = parse(Attachment, body)
-        known.attachments[attachment.name] = attachment.data
+def _take_belonging(known: Audit, record: Metadata | Attachment) -> None:
+    """Add metadata or an attachment; of several of one name, the last is kept."""
+    if isinstance(record, Attachment):
+        known.attachments[record.name] = record.data
         return
-    record = parse(Metadata, body)
     known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
     if record.name == METADATA:
         known.session = known.metadata[record.name]
@@ -246,13 +234,15 @@ def parts(
 
     `found`: of the file, filled while it is walked.
     `known`: filled likewise; its session is there before the first part, since a log begins with it.
-    `progress`, `indexes`: as of `scan.walk`.
-    Raises UnreadableLogError as `scan.walk`.
+    `progress`, `indexes`: as of `Scan.items`.
+    Raises UnreadableLogError as `Scan.items`.
     """
     work = _Work(known)
-    for item in joined(_records(found, work, progress, indexes=indexes), min(JOINED, MESSAGES)):
+    for item in joined(work.met(found, found.items(progress, indexes=indexes)), min(JOINED, MESSAGES)):
         if isinstance(item, Schema | Channel):
             work.declare(item)
+        elif isinstance(item, Metadata | Attachment):
+            work.belonging(item)
         elif isinstance(item, Batch) and work.take(item) >= MESSAGES:
             yield work.part()
     yield work.part()
@@ -277,22 +267,6 @@ def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part
             raise
 
 
-def _records(
-    found: Scan, work: "_Work", progress: Callable[[float], None], *, indexes: bool
-) -> Iterator[McapRecord | Batch]:
-    """Yield schemas, channels, and messages in batches, of all whole records."""
-    declared = False
-    for record in walk(found, progress, indexes=indexes):
-        if not declared and found.index is not None:
-            yield from found.index.schemas.values()
-            yield from found.index.channels.values()
-        declared = True
-        if record.table is None:
-            work.belonging(record)
-        else:
-            yield from records_of(record.content, work.meet(record.table))
-
-
 class _Work(Channels):
     """Makes parts of a file's messages, and notes what is known of all in an `Audit`."""
 
@@ -302,21 +276,27 @@ class _Work(Channels):
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
         self._runs: dict[int, HeadRun | None] = {}
 
-    def belonging(self, record: Found) -> None:
+    def belonging(self, record: Metadata | Attachment) -> None:
         """Take metadata or an attachment; a session makes the channels those of imutui."""
-        _take_belonging(self.audit, record.opcode, record.content)
+        _take_belonging(self.audit, record)
         for channel in self.channels.values():
             self._assign(channel, self.types.get(channel.schema_id, ""))
 
-    def meet(self, found: RecordTable) -> np.ndarray:
-        """The rows that can be used, of a chunk that comes next; keeps the order in which channels have messages."""
-        short = found.short
-        rows: np.ndarray = found.rows[~short] if short.any() else found.rows
-        # the -1 of what is no message is counted as 0
-        for channel in (np.flatnonzero(np.bincount(rows[:, CHANNEL] + 1)[1:])).tolist():
-            self._runs.setdefault(channel, None)
-        self.audit.undecodable_count += len(found.rows) - len(rows)
-        return rows
+    def met(self, found: Scan, items: Iterator[Content]) -> Iterator[McapRecord | Batch]:
+        """Yield the items without the heads of chunks; keep the order in which channels have messages."""
+        index = None
+        for item in items:
+            if found.index is not None and found.index is not index:
+                # the index comes before all records; it has the declarations that the file may have lost
+                index = found.index
+                yield from [*index.schemas.values(), *index.channels.values()]
+            if isinstance(item, ChunkHead):
+                self.audit.undecodable_count += item.short
+                continue
+            if isinstance(item, Batch):
+                for channel in np.flatnonzero(np.bincount(item.table[:, CHANNEL])).tolist():
+                    self._runs.setdefault(channel, None)
+            yield item
 
     def take(self, batch: Batch) -> int:
         """Take messages; returns how many wait to be a part."""

@@ -1,6 +1,6 @@
 """The MCAP format, once: magic, opcodes, layout of records, and the decompression of chunks within bounds.
 
-Knows bytes, no files: `mcap_stream` reads a file in order, `scan` goes on behind damage, `summary` looks at its ends.
+Knows bytes, no files: `walk` reads a file in order, `summary` looks at its ends.
 """
 
 import struct
@@ -33,8 +33,8 @@ from mcap.records import (
 
 Record = TypeVar("Record", bound=McapRecord)
 MAGIC = b"\x89MCAP0\r\n"
-LIMIT = 256 * 2**20  # longest record that is read, bytes: a damaged length must not ask for the machine's whole memory
-CHUNK_LIMIT = 64 * 2**20  # longest content of a chunk, bytes
+LIMIT = 2**30  # longest record that is read, bytes: a damaged length must not ask for the machine's whole memory
+CHUNK_LIMIT = 2**30  # longest content of a chunk, bytes
 BASE_LIMIT, EXPANSION = 16 * 2**20, 250
 """Content of all chunks of a file: so many bytes, and so many times the file's size."""
 HEAD = struct.Struct("<BQ")  # before each record's content: opcode, length

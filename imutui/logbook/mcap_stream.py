@@ -1,26 +1,20 @@
-"""Records of an MCAP file in file order, messages in batches; a file without footer needs no other path.
-
-The format's rules are those of mcap.stream_reader, which reads a record at a time; here only rare records become
-objects, and a chunk's messages stay bytes beside a table of where each begins.
-"""
+"""Messages in batches: they stay bytes beside a table of where each begins; only rare records become objects."""
 
 import mmap
-import os
 import struct
-import zlib
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import DataEnd, Footer, McapRecord, Message
+from mcap.records import McapRecord, Message
 
 from imutui.logbook import mcap_format
 from imutui.logbook.layout import windows
-from imutui.logbook.mcap_format import HEAD, LIMIT, MAGIC, MESSAGE, ChecksumError
+from imutui.logbook.mcap_format import HEAD, MESSAGE
 
 OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
 """Columns of a table of records: of a message, offset and length are those of its data."""
@@ -28,12 +22,9 @@ MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i
 """What the format has of each message before its data."""
 JOINED = 2**13  # messages that are taken at once: what a batch costs beside its messages is nothing then
 _MESSAGE = int(Opcode.MESSAGE)  # compared with an array, numpy takes an enum's member for an object
-_BLOCK = 2**20
 _LENGTH_OF_RECORD = struct.Struct("<xQ")
 _INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
 _ENTRY = 16  # a time and a place
-# What is left aside at each level; the rest of the file's index says nothing that the records themselves don't.
-_IN_FILE = np.isin(np.arange(256), [*(mcap_format.PARSED.keys() - {Opcode.HEADER}), Opcode.CHUNK, Opcode.MESSAGE])
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
 _NONE, _NO_ROWS = np.empty(0, np.int64), np.empty((0, 4), np.int64)
 
@@ -191,79 +182,6 @@ def _one_of(batches: list[Batch]) -> Batch:
     return Batch(b"".join(batch.content for batch in batches), np.concatenate(tables))
 
 
-def records(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
-    """Schemas, channels, metadata, attachments, batches of messages, and the footer, as they come.
-
-    `stream`: the file, at its beginning.
-    Raises EndOfFile, struct.error if the file ends before its footer.
-    Raises ChecksumError if a chunk's or the data section's checksum is wrong.
-    Raises McapError if a record is not what it must be.
-    """
-    head = stream.read(len(MAGIC))
-    if len(head) < len(MAGIC):
-        raise EndOfFile
-    if head != MAGIC:
-        raise InvalidMagic(head)
-    checksum = zlib.crc32(head)
-    inflater = mcap_format.Inflater(os.fstat(stream.fileno()).st_size)
-    held, wanted, ended = b"", _BLOCK, False
-    while True:
-        block = stream.read(wanted)
-        held += block
-        table = tabulate(held, _IN_FILE)
-        end, checked = table.end, 0
-        _expect_heads(table)
-        for item in _split(held, table.rows):
-            if ended and (isinstance(item, Batch) or item[0] == Opcode.CHUNK):
-                raise McapError("messages stand behind the end of the data")
-            if isinstance(item, Batch):
-                yield item
-                continue
-            opcode, at, length = item
-            if opcode == Opcode.CHUNK:
-                yield from chunk_records(held[at : at + length], inflater)
-                continue
-            record = _record(held, opcode, at, length)
-            if isinstance(record, DataEnd):
-                checksum = zlib.crc32(memoryview(held)[checked : at - HEAD.size], checksum)
-                checked, ended = at - HEAD.size, True
-                if record.data_section_crc not in (0, checksum):
-                    raise ChecksumError("the data section's checksum is wrong")
-                continue
-            yield record
-            if isinstance(record, Footer):
-                _expect_magic((held[at + length : at + length + len(MAGIC)] + stream.read(len(MAGIC)))[: len(MAGIC)])
-                return
-        checksum = zlib.crc32(memoryview(held)[checked:end], checksum)
-        wanted = _missing(held, end, block)
-        held = held[end:]
-
-
-def _missing(held: bytes, end: int, block: bytes) -> int:
-    """How many bytes to read next, for the record that begins at `end` and is not whole."""
-    wanted = _BLOCK
-    if len(held) - end >= HEAD.size:
-        opcode, length = HEAD.unpack_from(held, end)
-        if length > LIMIT:
-            raise RecordLengthLimitExceeded(opcode, length, LIMIT)
-        wanted = max(wanted, HEAD.size + length - (len(held) - end))
-    if not block:
-        raise EndOfFile
-    return wanted
-
-
-def _expect_magic(tail: bytes) -> None:
-    if len(tail) < len(MAGIC):
-        raise EndOfFile
-    if tail != MAGIC:
-        raise InvalidMagic(tail)
-
-
-def _expect_heads(table: RecordTable) -> None:
-    if table.short.any():
-        raise McapError("a message is shorter than its header")
-
-
 def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int, int]]:
     """Batches of messages, and between them opcode, offset and length of the other records."""
     others = rows[:, OPCODE] != _MESSAGE
@@ -294,7 +212,8 @@ def chunk_records(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecor
     table = tabulate(content)
     if table.end != len(content):
         raise McapError("a chunk's content ends in the middle of a record")
-    _expect_heads(table)
+    if table.short.any():
+        raise McapError("a message is shorter than its header")
     return records_of(content, table.rows)
 
 

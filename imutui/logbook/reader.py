@@ -6,29 +6,28 @@ layout than ours, and the rare kinds, are decoded one by one.
 
 import contextlib
 import hashlib
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from filters.errors import InputError
 from imutui import outside_file
 from imutui.command_line import command
-from imutui.logbook import foreign_log, layout, mcap_stream, sample_check, schemas
+from imutui.logbook import foreign_log, layout, sample_check, schemas
 from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
 from imutui.logbook.layout import UndecodableError
-from imutui.logbook.mcap_format import MAGIC, ChecksumError
+from imutui.logbook.mcap_format import MAGIC, Index
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.reading import AS_STATED, AXES, Reading
 from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
+from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
 
 
 class UnreadableLogError(InputError):
@@ -181,13 +180,8 @@ def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None
     log.info = replace(FOREIGN, rate_hz=rate).overridden(own)
     log.assumed, log.mean_force, log.origin_ns = plan.assumed, plan.mean_force, foreign_log.first_ns(plan)
 
-    def noted() -> Iterator[McapRecord | Batch]:
-        for record in records(path, log):
-            log.finished = log.finished or isinstance(record, Footer)
-            yield record
-
     held: list[foreign_log.Samples] = []
-    for each in foreign_log.samples(noted, plan, reading, log.info.axes()):
+    for each in foreign_log.samples(lambda: records(path, log), plan, reading, log.info.axes()):
         for piece in [each] if rows is None else foreign_log.split(each, rows):
             held.append(piece)
             if rows is not None and sum(part["stamp_ns"].size for part in held) >= rows:
@@ -260,10 +254,8 @@ class Content(Channels):
                     self._session(record)
             case Attachment():
                 self.log.attachments[record.name] = record.data
-            case Footer():
-                self.log.finished = True
-            case _:
-                self.messages(record)  # type: ignore[arg-type]
+            case Batch():
+                self.messages(record)
 
     def _session(self, record: Metadata) -> None:
         self.log.own = True
@@ -338,15 +330,41 @@ def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | B
 
 def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
     try:
-        yield from mcap_stream.records(stream)
-    except InvalidMagic:
-        log.damage = "the file's end is damaged"
-    except (EndOfFile, struct.error):
-        log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
-    except ChecksumError:
-        log.damage = "a checksum is wrong: bytes were changed after recording"
-    except (McapError, OSError) as error:
+        for item in walk(stream):
+            match item:
+                case Damage():
+                    log.damage = _damage_of(item)
+                    return
+                case ChunkHead(short=short) if short:
+                    log.damage = "a record cannot be read (a message is shorter than its header)"
+                    return
+                case End():
+                    log.finished = item.finished and not item.checksum_wrong
+                    log.damage = log.damage or _damage_of_end(item)
+                case ChunkHead() | Unknown() | Index():
+                    pass
+                case _:
+                    yield item
+    except OSError as error:
         log.damage = f"a record cannot be read ({error})"
+
+
+_CUT = "the file ends in the middle: the recorder was killed, or the file was cut"
+_CHANGED = "a checksum is wrong: bytes were changed after recording"
+
+
+def _damage_of(damage: Damage) -> str:
+    if damage.why.startswith(CUT):
+        return _CUT
+    return _CHANGED if damage.why == CHECKSUM else f"a record cannot be read ({damage.why})"
+
+
+def _damage_of_end(end: End) -> str:
+    if end.checksum_wrong:
+        return _CHANGED
+    if end.cut:
+        return _CUT
+    return "" if end.finished else "the file's end is damaged"
 
 
 def opened(path: Path) -> IO[bytes]:

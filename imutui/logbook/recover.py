@@ -13,16 +13,17 @@ from pathlib import Path
 from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Footer, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import IndexType, Writer
 
 import imutui
-from imutui.logbook import layout, mcap_stream, schemas
-from imutui.logbook.mcap_format import HEAD, MAGIC, MESSAGE, OPCODES, parse
+from imutui.logbook import layout, schemas
+from imutui.logbook.mcap_format import HEAD, MAGIC, MESSAGE, OPCODES
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.scan import RECOVERED, Found, Scan, walk
+from imutui.logbook.scan import RECOVERED, Content, Scan
 from imutui.logbook.session_info import METADATA
+from imutui.logbook.walk import ChunkHead, End, walk
 from imutui.plain_text import in_line
 
 _MOST_CHANNELS = 2**16 - 1  # their numbers have 16 bits
@@ -70,9 +71,9 @@ def rebuild(
     """
     with part.open("wb") as stream:
         copy: _Copy | None = None
-        for record in walk(found, progress):
+        for item in found.items(progress):
             copy = copy or _Copy(found, stream)
-            copy.take(record)
+            copy.take(item)
         kept = (copy or _Copy(found, stream)).finish(note)
     _read_back(part, kept)
     progress(1.0)
@@ -101,36 +102,32 @@ class _Copy:
         self._writer = Writer(stream, enable_data_crcs=True, index_types=index)
         self._writer.start(profile, f"imutui {imutui.__version__}")
 
-    def take(self, record: Found) -> None:
-        """Copy one whole record of the source, a chunk message by message."""
-        if record.opcode == Opcode.METADATA:
-            metadata = parse(Metadata, record.content)
-            self._own = self._own or metadata.name == METADATA
-            self._writer.add_metadata(metadata.name, metadata.metadata)
-            self.kept.metadata.append(metadata.name)
-        elif record.opcode == Opcode.ATTACHMENT:
-            a = parse(Attachment, record.content)
-            self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
-            self.kept.attachments.append(a.name)
-        elif record.table is not None:
-            for opcode, channel, at, length in record.table.rows.tolist():
-                if opcode == Opcode.MESSAGE:
-                    self._message(record.content, channel, at, length)
-                elif opcode == Opcode.CHANNEL:
-                    declared = parse(Channel, record.content[at : at + length])
-                    self._channels[declared.id] = declared
-                    self._register(declared)
-                elif opcode == Opcode.SCHEMA:
-                    schema = parse(Schema, record.content[at : at + length])
-                    self._schemas[schema.id] = schema
-            if record.opcode == Opcode.CHUNK:
-                self.kept.chunks += 1
+    def take(self, item: Content) -> None:
+        """Copy an item of the source; each of its chunks becomes one or more."""
+        match item:
+            case ChunkHead():
                 self._writer.flush()  # type: ignore[no-untyped-call]
+                self.kept.chunks += 1
+                self.kept.homeless += item.short  # nothing tells whose they are
+            case Batch():
+                for _, channel, at, length in item.table.tolist():
+                    self._message(item.content, channel, at, length)
+            case Schema():
+                self._schemas[item.id] = item
+            case Channel():
+                self._channels[item.id] = item
+                self._register(item)
+            case Metadata():
+                self._own = self._own or item.name == METADATA
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                self._writer.add_metadata(item.name, item.metadata)
+                self.kept.metadata.append(item.name)
+            case Attachment():
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+                self.kept.attachments.append(item.name)
 
     def _message(self, content: bytes, channel: int, at: int, length: int) -> None:
-        if channel < 0:  # shorter than its own head, so that nothing tells whose it is
-            self.kept.homeless += 1
-            return
         _, sequence, log_time, publish_time = MESSAGE.unpack_from(content, at - MESSAGE.size)
         data = content[at : at + length]
         if channel not in self._numbers:
@@ -244,12 +241,12 @@ def _read_back(path: Path, kept: RebuiltContent) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
     with path.open("rb") as stream:
-        for record in mcap_stream.records(stream):
-            if isinstance(record, Batch):
-                for _, _, at, length in record.table.tolist():
-                    digest.update(record.content[at - MESSAGE.size : at + length])
-                messages += len(record.table)
-            finished = finished or isinstance(record, Footer)
+        for item in walk(stream):
+            if isinstance(item, Batch):
+                for _, _, at, length in item.table.tolist():
+                    digest.update(item.content[at - MESSAGE.size : at + length])
+                messages += len(item.table)
+            finished = finished or (isinstance(item, End) and item.finished and not item.checksum_wrong)
     if not finished or messages != kept.messages or digest.hexdigest() != kept.digest:
         raise NotAsWrittenError(
             5,

@@ -131,7 +131,6 @@ def _has_messages(path: Path) -> bool:
     from imutui.logbook.reader import UnreadableLogError
 
     try:
-        pieces = scan.scan(path).pieces
+        return scan.scan(path).chunks > 0
     except UnreadableLogError:
         return path.stat().st_size > 0
-    return any(piece.last_ns for piece in pieces)

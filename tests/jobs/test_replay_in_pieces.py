@@ -13,7 +13,7 @@ from filters import simulation
 from filters.kalman import series_evidence
 from imutui.jobs import replay_input
 from imutui.jobs.replay import EstimatesFile, replayed
-from imutui.logbook import SessionInfo, mcap_stream, pieces, reader, schemas
+from imutui.logbook import SessionInfo, pieces, reader, schemas
 from imutui.logbook.reading import Reading
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.writer import LogWriter
@@ -124,8 +124,7 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
     tmp_path: Path, in_pieces: Callable[[int], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Replayed in pieces of 200 samples: it grows by less than half of what the further samples themselves take."""
-    # what is held of a file and of the longest means at a time, whatever is in them
-    monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
+    # what is held of the longest means at a time, whatever is in them
     monkeypatch.setattr(replay_input, "_OVERLAP", 64)
     options = Reading(overrides={"noise": "log"})
     in_pieces(200)

@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import replay
-from imutui.logbook import SessionInfo, added_notes, file_lock, mcap_stream, pieces, reader, schemas, summary
+from imutui.logbook import SessionInfo, added_notes, file_lock, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import Reading
@@ -314,8 +314,6 @@ def test_a_rebuilt_file_that_lacks_what_the_source_has_is_not_kept(
 
 def test_four_times_the_log_takes_no_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pieces, "ROWS", 200)
-    # what is held of a file at a time, whatever is in it
-    monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
     most = []
     for count in (2000, 8000):
         path = tmp_path / f"{count}.mcap"

@@ -1,0 +1,412 @@
+"""One walk over a log's bytes: a log is a sequence of items, and damage is an item.
+
+A reader stops at the first `Damage`. `check` and `recover` give the walk marks by which it finds the next whole record
+behind damage. A chunk is whole if its checksum is right and its content ends with a record; it is unpacked once.
+"""
+
+import bisect
+import mmap
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import IO, NamedTuple, TypeAlias
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Footer, McapRecord
+
+from imutui.logbook import mcap_format
+from imutui.logbook.mcap_format import (
+    FOOTER_SIZE,
+    HEAD,
+    LIMIT,
+    MAGIC,
+    MALFORMED,
+    ChecksumError,
+    Index,
+)
+from imutui.logbook.mcap_stream import Batch, records_of, tabulate, told_behind
+
+CUT, CHECKSUM = "the file ends in the middle of ", "a checksum is wrong"
+_DEPTH = 3  # heads of records that must make sense one after the other before bytes count as records
+_BLOCK = 2**20  # bytes in which messages outside of chunks are looked for at once
+_TRAILING = 64 * 2**20  # bytes behind a file's end in which its index is looked for
+_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
+_ONLY_MESSAGES = np.isin(np.arange(256), [Opcode.MESSAGE])
+_ITEMS = frozenset(mcap_format.PARSED.keys() - {Opcode.DATA_END, Opcode.FOOTER})
+
+
+class Mark(NamedTuple):
+    """Bytes by which a record is found again behind damage."""
+
+    text: bytes
+    back: int  # how far behind the record's beginning they stand
+    opcode: int  # of the record
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Bytes that are no whole record."""
+
+    # offset, bytes: where they begin, and how many
+    offset: int
+    bytes: int
+    why: str  # what is wrong, as the end of a sentence
+    what: str = ""  # "chunk", "attachment", … if it still shows; "" if it does not
+    # after_ns, before_ns: Log time of the last message before and the first one after it, UTC, ns
+    after_ns: int | None = None
+    before_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkHead:
+    """A whole chunk, whose records are the items that follow."""
+
+    # first_ns, last_ns: log times that it spans, UTC, ns
+    first_ns: int
+    last_ns: int
+    short: int = 0  # messages shorter than their own head, which are left out
+    repeated: bool = False  # whether it stood there before; its records do not follow then
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A record of a kind that the format leaves to others."""
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """How the file ends."""
+
+    finished: bool = False  # whether the footer and the magic are there
+    cut: bool = False  # whether the file ends before its footer does
+    trailing: int = 0  # bytes behind the footer that do not belong there
+    indexed: bool = False  # whether the footer names a summary
+    checksum_wrong: bool = False  # whether the checksum over all data is wrong though every record is whole
+
+
+Item: TypeAlias = McapRecord | Batch | ChunkHead | Unknown | Damage | Index | End
+
+
+def walk(
+    stream: IO[bytes],
+    marks: Sequence[Mark] = (),
+    progress: Callable[[float], None] = lambda share: None,
+    *,
+    indexes: bool = False,
+) -> Iterator[Item]:
+    """Yield a log's items in file order; `End` is the last.
+
+    `stream`: the file, not empty.
+    `marks`: how to find records behind damage. Without any, the walk ends with the first `Damage`, and passes over
+      what a reader of samples does not need: message indexes and the checksums of attachments.
+    `progress`: called with the share done, 0 to 1.
+    `indexes`: whether the index behind each chunk is compared with it, which takes time.
+    """
+    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        yield from _Walk(data, marks, progress, indexes=indexes).items()
+
+
+class _BrokenRecordError(Exception):
+    """Bytes are no whole record: why, up to where it would go, and its opcode."""
+
+    def __init__(self, why: str, end: int = 0, opcode: int = 0) -> None:
+        super().__init__(why)
+        self.end, self.opcode = end, opcode
+
+
+class _Walk:
+    """One walk over a file's bytes."""
+
+    def __init__(
+        self, data: mmap.mmap, marks: Sequence[Mark], progress: Callable[[float], None], *, indexes: bool
+    ) -> None:
+        self._data, self._size = data, len(data)
+        self._marks, self._progress, self._indexes = marks, progress, indexes
+        self._inflater = mcap_format.Inflater(self._size)
+        self._next = [-1] * len(marks)
+        self._chunks: set[int] = set()
+        self._starts: list[int] = []
+        self._inside: bytes | None = None
+        self._fitting = 0  # up to where message indexes are known to be what they must be
+        self._found: tuple[int, list[Item], int] = (-1, [], 0)  # the record that the last search found
+        self._summed, self._sum = 0, 0
+        self._in_summary = self._damaged = self._wrong = False
+        self._footer: Footer | None = None
+
+    def items(self) -> Iterator[Item]:
+        """Yield the items from the first byte to the last."""
+        if self._marks and (index := self._index()) is not None:
+            self._starts = index.starts
+            yield index
+        at = len(MAGIC)
+        if self._data[:at] != MAGIC:
+            cut = MAGIC.startswith(self._data[:at])
+            damage = self._damage(
+                0, _BrokenRecordError(f"{CUT}its first bytes" if cut else "it does not begin as it must")
+            )
+            yield damage
+            at = damage.bytes
+        held_from = 0
+        while at < self._size and self._footer is None:
+            try:
+                items, end = self._record(at)
+            except _BrokenRecordError as broken:
+                damage = self._damage(at, broken)
+                yield damage
+                at = damage.offset + damage.bytes
+                continue
+            yield from items
+            at = end
+            if at - held_from > WINDOW:
+                self._add_to_sum(at)
+                forget(self._data, held_from, at)
+                held_from = at
+            self._progress(at / self._size)
+        yield self._end(at)
+
+    def _end(self, at: int) -> End:
+        if self._footer is None:
+            return End(cut=True)
+        rest = self._data[at : at + len(MAGIC)]
+        finished, indexed = rest == MAGIC, bool(self._footer.summary_start)
+        if not finished and MAGIC.startswith(rest):
+            return End(cut=True, indexed=indexed, checksum_wrong=self._wrong)
+        trailing = self._size - at - (len(MAGIC) if finished else 0)
+        return End(finished, False, trailing, indexed, self._wrong)
+
+    def _add_to_sum(self, end: int) -> None:
+        if not self._in_summary and not self._damaged:
+            with memoryview(self._data) as view:
+                self._sum = zlib.crc32(view[self._summed : end], self._sum)
+            self._summed = end
+
+    # -- a record --
+
+    def _record(self, at: int) -> tuple[list[Item], int]:
+        """Return the items of the record at an offset, and where the next one begins; raise if it is not whole."""
+        if self._found[0] == at:
+            _, items, end = self._found
+        else:
+            items, end = self._whole(at)
+        opcode = self._data[at]
+        if opcode == Opcode.DATA_END:
+            self._end_of_data(at)
+        elif opcode == Opcode.FOOTER:
+            self._footer = mcap_format.parse(Footer, self._data[at + HEAD.size : end])
+        elif opcode == Opcode.CHUNK and self._marks:
+            items = self._once(self._data[at + HEAD.size : end], items)
+        return ([], end) if self._in_summary else (items, end)
+
+    def _end_of_data(self, at: int) -> None:
+        self._add_to_sum(at)
+        self._in_summary = True
+        (stated,) = struct.unpack_from("<I", self._data, at + HEAD.size)
+        self._wrong = bool(stated) and not self._damaged and self._sum != stated
+
+    def _once(self, body: bytes, items: list[Item]) -> list[Item]:
+        """Return a chunk's items, or its head alone if the same chunk stood there before."""
+        key = len(body) << 64 | zlib.crc32(body) << 32 | zlib.adler32(body)
+        if key in self._chunks:
+            return [ChunkHead(*mcap_format.chunk_times(body), repeated=True)]
+        self._chunks.add(key)
+        return items
+
+    def _whole(self, at: int) -> tuple[list[Item], int]:
+        """Return the items and the end of a record that is whole; raise _BrokenRecordError otherwise."""
+        if at + HEAD.size > self._size:
+            raise _BrokenRecordError(f"{CUT}a record")
+        opcode, length = HEAD.unpack_from(self._data, at)
+        first, end = at + HEAD.size, at + HEAD.size + length
+        if opcode not in mcap_format.OPCODES and opcode < mcap_format.PRIVATE:
+            raise _BrokenRecordError("these bytes are no record", end, opcode)
+        why = ""
+        if length > LIMIT:
+            why = "a length is out of range"
+        elif end > self._size:
+            why = f"{CUT}{_article(_name(opcode))}"
+        elif self._in_summary and opcode in _MESSAGES:
+            why = "messages stand behind the end of the data"
+        elif opcode >= mcap_format.PRIVATE and not self._follows(end):
+            why = "these bytes are no record"
+        if why:
+            raise _BrokenRecordError(why, end, opcode)
+        try:
+            if opcode == Opcode.MESSAGE:
+                return self._messages(at, end)
+            return self._items(opcode, first, end), end
+        except ChecksumError:
+            raise _BrokenRecordError(CHECKSUM, end, opcode) from None
+        except (*MALFORMED, MemoryError) as error:
+            raise _BrokenRecordError(
+                f"{_article(_name(opcode))} cannot be read ({reason(error)})", end, opcode
+            ) from error
+
+    def _items(self, opcode: int, first: int, end: int) -> list[Item]:
+        """Return the items of a record's content; raise one of MALFORMED if it is not what it must be."""
+        if opcode >= mcap_format.PRIVATE:
+            return [Unknown()]
+        if opcode == Opcode.CHUNK:
+            return self._chunk(self._data[first:end], end)
+        if opcode == Opcode.MESSAGE_INDEX:
+            if self._marks and first >= self._fitting:
+                self._check_index(self._data[first:end])
+            return []
+        if opcode in _SIZES and end - first != _SIZES[opcode]:
+            raise McapError("its length is wrong")
+        if opcode not in mcap_format.PARSED:
+            return []
+        body = self._data[first:end]
+        record = mcap_format.parse(mcap_format.PARSED[opcode], body)
+        if isinstance(record, Attachment) and self._marks:
+            (stated,) = struct.unpack("<I", body[-4:])
+            if stated and stated != zlib.crc32(body[:-4]):
+                raise McapError("a checksum is wrong")
+        return [record] if opcode in _ITEMS else []
+
+    def _chunk(self, body: bytes, end: int) -> list[Item]:
+        self._inside = None
+        content = self._inflater.content(mcap_format.chunk_of(body))
+        told = told_behind(self._data, end)
+        found = tabulate(content, told=told.entries[:, 1])
+        if found.end != len(content):
+            raise McapError("its content ends in the middle of a record")
+        short = found.short
+        rows = found.rows[~short] if short.any() else found.rows
+        items = records_of(content, rows)
+        self._inside = content
+        # all entries at once; one by one, which takes longer, only to report which one is wrong
+        self._fitting = told.end if not self._indexes or told.fits(content) else 0
+        return [ChunkHead(*mcap_format.chunk_times(body), int(short.sum())), *items]
+
+    def _check_index(self, body: bytes) -> None:
+        told = told_behind(HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body, 0)
+        if not told.end or (self._indexes and self._inside is not None and not told.fits(self._inside)):
+            raise McapError("it does not fit its chunk")
+
+    def _messages(self, at: int, end: int) -> tuple[list[Item], int]:
+        """Return the messages outside of chunks that begin at an offset, as one batch, and where they end."""
+        content = self._data[at : max(end, min(at + _BLOCK, self._size))]
+        found = tabulate(content, _ONLY_MESSAGES)
+        opcodes = np.frombuffer(content, np.uint8)[found.starts]
+        others = np.flatnonzero(opcodes != Opcode.MESSAGE)
+        count = int(others[0]) if others.size else opcodes.size
+        short = np.flatnonzero(found.short[:count])
+        if short.size and not short[0]:
+            raise McapError("a message is shorter than its header")
+        count = int(short[0]) if short.size else count
+        end = int(found.starts[count]) if count < opcodes.size else found.end
+        return [Batch(content, found.rows[:count])], at + end
+
+    # -- where to go on --
+
+    def _damage(self, at: int, broken: _BrokenRecordError) -> Damage:
+        """Return the damage from an offset to where the next whole record begins."""
+        self._damaged = True
+        why, end, opcode = str(broken), broken.end, broken.opcode
+        if not self._marks:
+            return Damage(at, self._size - at, why, _name(opcode))
+        # its length may be right all the same: others follow it
+        inside = 0 < end < self._size and self._follows(end)
+        k = bisect.bisect(self._starts, at)
+        indexed = self._starts[k] if k < len(self._starts) else self._size
+        go_on = end if inside else min(self._found_again(at), indexed)
+        of_index = self._in_summary and opcode not in _MESSAGES
+        what = "summary" if of_index else _name(opcode) if opcode in mcap_format.OPCODES else ""
+        if opcode == Opcode.MESSAGE_INDEX and not inside and go_on < self._size:
+            what = ""  # what else stood there is not known
+        return Damage(at, go_on - at, why, what)
+
+    def _follows(self, at: int) -> bool:
+        """Whether records begin here, as far as their heads tell."""
+        for _ in range(_DEPTH):
+            if at + HEAD.size > self._size:
+                break
+            opcode, length = HEAD.unpack_from(self._data, at)
+            if opcode not in mcap_format.OPCODES or length > LIMIT:
+                return False
+            if opcode == Opcode.FOOTER:
+                return bool(length == FOOTER_SIZE)
+            at += HEAD.size + length
+        return True
+
+    def _found_again(self, at: int) -> int:
+        """Return where the next record begins that a mark shows and that is whole."""
+        for number, mark in enumerate(self._marks):
+            if self._next[number] <= at:
+                self._next[number] = self._search(at, mark)
+        return min(self._next)
+
+    def _search(self, at: int, mark: Mark) -> int:
+        found = at + mark.back
+        while (found := find(self._data, mark.text, found + 1)) >= 0:
+            start = found - mark.back
+            if self._data[start] != mark.opcode or start + HEAD.size > self._size:
+                continue
+            try:
+                items, end = self._whole(start)
+            except _BrokenRecordError:
+                continue
+            if self._follows(start):
+                self._found = start, items, end
+                return start
+        return self._size
+
+    def _index(self) -> Index | None:
+        """Return the summary, if there is one that is right; bytes may follow the file's end."""
+        for size in (self._size, self._data.rfind(MAGIC, max(len(MAGIC), self._size - _TRAILING)) + len(MAGIC)):
+            tail = size - mcap_format.TAIL
+            if tail < len(MAGIC):
+                continue
+            try:
+                index = mcap_format.read_index(self._data[tail:size], size, lambda first, last: self._data[first:last])
+            except MALFORMED:
+                continue
+            if index is not None:
+                return index
+        return None
+
+
+_SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
+
+
+def _name(opcode: int) -> str:
+    return Opcode(opcode).name.lower().replace("_", " ") if opcode in mcap_format.OPCODES else "record"
+
+
+def _article(name: str) -> str:
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+
+
+def reason(error: BaseException) -> str:
+    """Return the first line of an error's text."""
+    return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+
+
+# -------------------------------------------------------------------------------------------------------- mapped file
+# A mapped file that is walked from end to end does not stay in memory.
+
+WINDOW = 8 * 2**20  # bytes that are read before those behind them are released
+
+
+def forget(data: mmap.mmap, first: int, last: int) -> None:
+    """Release the memory that holds a file's bytes between two offsets; the kernel reads them anew on demand."""
+    begin = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
+    length = last // mmap.PAGESIZE * mmap.PAGESIZE - begin
+    # not every system has the call
+    if length > 0 and hasattr(mmap, "MADV_DONTNEED"):
+        data.madvise(mmap.MADV_DONTNEED, begin, length)
+
+
+def find(data: mmap.mmap, mark: bytes, start: int) -> int:
+    """Return the offset of the first such bytes from `start` on; -1 if there are none."""
+    size = len(data)
+    for first in range(start, size, WINDOW):
+        last = min(first + WINDOW, size)
+        found = data.find(mark, first, min(last + len(mark) - 1, size))
+        if found >= 0:
+            return found
+        forget(data, first, last)
+    return -1
