@@ -87,6 +87,7 @@ class Topic:
     channels: set[int] = field(default_factory=set)  # of the file
     stamps: Order = field(default_factory=Order)
     logged: Order = field(default_factory=Order)
+    undecodable: int = 0  # messages that are none of their type
     zero: int = 0  # samples whose six readings are zero
     missing: int = 0  # samples with a reading that is no number
     unknown: np.ndarray = field(default_factory=lambda: np.zeros(2, int))  # gyro and accel stated as "no estimate"
@@ -192,6 +193,8 @@ def survey(records: Iterable[McapRecord | Batch]) -> Survey | None:
                     rows, bad = columns.read(part, np.full(len(part.table), role))
                     good = np.ones(len(part.table), bool)
                     good[list(bad)] = False
+                    if bad:
+                        found.samples.setdefault(topic, Topic(topic)).undecodable += len(bad)
                     if good.any():
                         seen = found.samples.setdefault(topic, Topic(topic))
                         seen.channels.add(int(part.table[0, CHANNEL]))
@@ -253,6 +256,13 @@ def plan(found: Survey, reading: Reading, records: Records) -> Plan:
     unknown = [bool(0 < topic.unknown[k] < topic.count) for k, topic in enumerate((gyro, accel))]
     if any(topic.unknown[k] == topic.count for k, topic in enumerate((gyro, accel))):
         assumed.append("a covariance of -1 in every message stands for an unknown covariance, not for no reading")
+    if gyro.undecodable:
+        those = (
+            "1 message that cannot be decoded is"
+            if gyro.undecodable == 1
+            else f"{gyro.undecodable:,} messages that cannot be decoded are"
+        )
+        assumed.append(f"{those} left out")
     if gyro.missing:
         assumed.append(f"{_samples(gyro.missing)} with NaN hold no reading")
     if accel is gyro and gyro.zero:
@@ -347,9 +357,10 @@ def _stamps(topic: Topic, reading: Reading, *, sortable: bool) -> tuple[str, lis
         if logged.equal:
             assumed.append(f"{_samples(logged.equal)} with the log time of the one before are dropped")
         return "log", assumed
-    if order.equal > _FEW * topic.count and not logged.equal and not logged.back:
+    if order.equal > _FEW * topic.count:
         what = f"{_samples(order.equal)} of {topic.name} have the stamp of the one before: its stamps stand still"
-        raise RefusedLogError(what, [("", ("--stamps", "log")), ("", ("--stamps", "arrival"))])
+        cures: list[Cure] = [("", ("--stamps", "log")), ("", ("--stamps", "arrival"))]
+        raise RefusedLogError(what, cures if logged.equal <= _FEW * topic.count else [])
     if logged.back and sortable:
         assumed.append("samples are put into the order of their log times")
     elif order.back and whole:

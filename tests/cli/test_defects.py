@@ -19,9 +19,9 @@ NUMPY = "zero-size array to reduction operation minimum which has no identity"
 TOLD = "a defect of imutui, and not of what it was given: "
 
 INSIDE = {
-    f"info {SAMPLE}": "imutui.logbook.scan.scan",
-    f"check {SAMPLE}": "imutui.logbook.scan.scan",
-    f"recover {SAMPLE} -o new.mcap": "imutui.jobs.recover.scan",
+    f"info {SAMPLE}": "imutui.logbook.scan.Scan.items",
+    f"check {SAMPLE}": "imutui.logbook.scan.Scan.items",
+    f"recover {SAMPLE} -o new.mcap": "imutui.logbook.scan.Scan.items",
     f"replay {SAMPLE}": "imutui.jobs.replay.motion_of",
     f"trace {SAMPLE}": "imutui.jobs.runs.read_run",
     f"export {SAMPLE} --format csv -o new.csv": "imutui.logbook.reader.records",

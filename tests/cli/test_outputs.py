@@ -60,10 +60,10 @@ def meanwhile(monkeypatch: pytest.MonkeyPatch, happens: Callable[[], object]) ->
     """Have something happen while a replay is at work."""
     made = replay._replayed
 
-    def at_work(*arguments: object) -> replay.Replayed:
+    def at_work(*arguments: object, **wanted: object) -> replay.Replayed:
         monkeypatch.setattr(replay, "_replayed", made)
         happens()
-        return made(*arguments)  # type: ignore[arg-type]
+        return made(*arguments, **wanted)  # type: ignore[arg-type]
 
     monkeypatch.setattr(replay, "_replayed", at_work)
 

@@ -14,7 +14,7 @@ from filters.kalman import series_evidence
 from imutui.jobs import replay_input
 from imutui.jobs.replay import EstimatesFile, replayed
 from imutui.logbook import SessionInfo, pieces, reader, schemas
-from imutui.logbook.reading import Reading
+from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.writer import LogWriter
 
@@ -111,7 +111,7 @@ def test_noise_measured_in_pieces_is_that_of_the_whole(
     assert whole["gaps"]
     for rows in (1, 200):
         in_pieces(rows)
-        known = replay_input.outline_of_long(path)
+        known = replay_input.outline_of_long(path, AS_STATED)
         assert known is not None
         found = replayed(path, options).result
         for name, values in whole["noise"]["used"].items():
@@ -154,7 +154,7 @@ def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int],
     for seconds in (60.0, 240.0):
         path = still(tmp_path / f"{seconds}.mcap", seconds)
         in_pieces(200)
-        known = replay_input.outline_of_long(path)
+        known = replay_input.outline_of_long(path, AS_STATED)
         assert known is not None
         fed = replay_input.in_pieces(known, None, None)
         lengths = [part.t.size for part in fed.parts()]

@@ -102,7 +102,7 @@ def test_the_beginning_of_a_long_log_is_told_before_the_rest_is_read(
     """What the first minutes say stands below what is being done, to the end; shares never go back."""
     in_pieces()
     told: list[tuple[float, str]] = []
-    tasks.trace_logs([faulty(tmp_path / "a.mcap")], None, lambda share, what: told.append((share, what)))
+    tasks.trace_logs([faulty(tmp_path / "a.mcap")], lambda share, what: told.append((share, what)))
     number = next(k for k, (_, what) in enumerate(told) if "\n" in what)
     assert not any("reading a.mcap" in what for _, what in told[:number])
     text = r"[^\n]+\nProvisional, of the first 2\d min: gx: linear in temperature"

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from helpers import ros_messages
 from helpers.acquisitions import acquiring, mounted, mounts, untimed
 from helpers.commands import imutui
 from helpers.documents import dwell, profile_toml
@@ -42,7 +43,7 @@ def faults_of_file(log: Path) -> list[Any]:
 
 def ticks(*logs: Path) -> np.ndarray:
     """Time counters of the packets of some logs."""
-    return np.array([packet.ticks for log in logs for packet in reader.read(log, raw=True).raw])
+    return np.array([packet.ticks for log in logs for packet in ros_messages.packets(reader.read(log, raw=True))])
 
 
 def is_unbroken(*logs: Path) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from helpers import ros_messages
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
@@ -110,7 +111,9 @@ def silent(folder: Path, seconds: float) -> Silence:
         log = it.client.stop()
     assert log is not None
     # as the acquisition read them: whoever writes to the wire may be held up before it looks at a clock
-    arrived = np.array([packet.host_monotonic_ns for packet in reader.read(Path(log["log"]), raw=True).raw])
+    arrived = np.array(
+        [packet.host_monotonic_ns for packet in ros_messages.packets(reader.read(Path(log["log"]), raw=True))]
+    )
     last, back = arrived[arrived < told][-1], arrived[arrived > told][0]
     return Silence((told - last) / 1e9, (over - back) / 1e9)
 

@@ -173,7 +173,7 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
         await see("6 → l shows the last result again")
         await see("l → trace of turns.mcap | gx  ")
     saved = json.loads((home / "logs" / "turns_trace.json").read_text())
-    expected = tasks.trace_logs([log], None, lambda share, text: None)
+    expected = tasks.trace_logs([log], lambda share, text: None)
     assert saved == json.loads(json.dumps(expected.document))
     assert (home / "logs" / "turns_effects.toml").read_text() == expected.effects
 
