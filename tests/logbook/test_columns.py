@@ -156,11 +156,12 @@ def by_rosbags(role: int, message: Message) -> tuple[Any, ...]:
     details = len(message.data) == schemas.RAW_DTYPE.itemsize
     typename = schemas.raw_type(details=details) if role == RAW else schemas.TYPES[TOPICS[role]]
     m = ros_messages.decode(typename, message.data)
+    published = int(np.uint64(message.publish_time).astype(np.int64))  # a spoiled one wraps
     if role == RAW:
         more = (m.rate_temperatures.tolist(), m.board_temperature, m.status) if details else ([0, 0, 0], 0, 0)
         packet = (m.sequence, m.host_monotonic_ns, m.counts.tolist(), m.temperature, m.ticks, m.mode, m.flags, *more)
-        return (message.publish_time, *packet)
-    stamp = ros_messages.stamp_ns(m.header) or message.publish_time
+        return (published, *packet)
+    stamp = ros_messages.stamp_ns(m.header) or published
     if role == TEMPERATURE:
         return (stamp, m.temperature)
     if role == TABLE:

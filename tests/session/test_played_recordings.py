@@ -51,11 +51,11 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
     assert told == ["the unit's status word (BIT) is 0x0002 (hardware error); readings count whatever it says"]
     with AnyReader([recorded]) as bag:
         by_rosbags = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.RAW]
-    for packet, told, event in zip(ros_messages.packets(log), by_rosbags, sent, strict=True):
+    for packet, decoded, event in zip(ros_messages.packets(log), by_rosbags, sent, strict=True):
         assert isinstance(event, PacketS1)
-        assert packet.counts == (*event.rates, *event.accels) == tuple(told.counts)
-        assert packet.ticks == event.counter == told.ticks
-        details = tuple(told.rate_temperatures), told.board_temperature, told.status
+        assert packet.counts == (*event.rates, *event.accels) == tuple(decoded.counts)
+        assert packet.ticks == event.counter == decoded.ticks
+        details = tuple(decoded.rate_temperatures), decoded.board_temperature, decoded.status
         of_packet = tuple(packet.rate_temperatures), packet.board_temperature, packet.status
         assert of_packet == details == (event.rate_temperatures, event.board_temperature, event.bit)
     assert [p.sequence for p in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))

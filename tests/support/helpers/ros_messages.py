@@ -1,5 +1,6 @@
 """Messages as rosbags decodes and encodes them: an oracle beside the layouts of the product."""
 
+from collections import namedtuple
 from functools import cache
 from typing import Any
 
@@ -36,9 +37,13 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def packets(log: Log) -> Any:
-    """Return the packets of a log as records with attributes."""
-    return log.packets.view(np.recarray)
+Packet = namedtuple("Packet", schemas.RAW_DTYPE.names)  # type: ignore[misc]
+
+
+def packets(log: Log) -> list[Any]:
+    """Return the packets of a log, as records of plain integers and tuples of them."""
+    columns = [log.packets[name].tolist() for name in Packet._fields]
+    return [Packet(*(tuple(x) if isinstance(x, list) else x for x in row)) for row in zip(*columns, strict=True)]
 
 
 Details = tuple[tuple[int, int, int], int, int]

@@ -17,6 +17,7 @@ from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
 from imutui.jobs import residuals
 from imutui.logbook import import_reference
 from imutui.logbook.importing import recording as recordings
+from imutui.logbook.importing.table import Asked
 from imutui.logbook.importing.write import write
 from imutui.logbook.session_info import SessionInfo
 
@@ -63,7 +64,8 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     source = path.with_suffix(".npz")
     np.savez(source, **given)
     session = SessionInfo(**({"instrument": ""} | info))
-    recording = recordings.load(source)
+    # the units are stated: some of these recordings contradict them
+    recording = recordings.load(source, Asked(units="t:s,gyro:deg/s,accel:g,temp:degC"))
     reference = import_reference.from_arrays(recording.known_t, recording.known, session.axes().mount)
     if reference is not None:
         session = SessionInfo(**({"instrument": ""} | info | {"reference": reference.kind}))
@@ -71,7 +73,8 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     return path
 
 
-RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
+RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False,
+       "assumed": []}  # fmt: skip
 COMMON = {
     "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
     "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
@@ -218,7 +221,7 @@ def whole_document() -> dict[str, Any]:
     run = {
         "id": "a", "log": "/data/a.mcap", "kind": "simulated", "source": "", "rate_hz": 20.0, "seconds": 900.0,
         "samples": 18_001, "accel_sign": -1, "mount": "x,y,z", "reference": "level", "heldout": False, "power_on": "p",
-        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32, "health": [],
+        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32, "health": [], "assumed": [],
     }  # fmt: skip
     added: dict[str, dict[str, Any]] = {
         "error": {"before_ci95": [0.079, 0.089]}, "findings": {"shape": {}}, "integrity": {"size": None},
