@@ -23,7 +23,7 @@ MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i
 JOINED = 2**13  # messages that are taken at once: what a batch costs beside its messages is nothing then
 _MESSAGE = int(Opcode.MESSAGE)  # compared with an array, numpy takes an enum's member for an object
 _LENGTH_OF_RECORD = struct.Struct("<xQ")
-_INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
+INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
 _ENTRY = 16  # a time and a place
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
 _NONE, _NO_ROWS = np.empty(0, np.int64), np.empty((0, 4), np.int64)
@@ -116,9 +116,9 @@ class Told(NamedTuple):
 def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
     """What the message indexes say that begin at an offset."""
     channels, counts, entries = [], [], []
-    while at + _INDEX_HEAD.size <= len(data):
-        opcode, length, channel, size = _INDEX_HEAD.unpack_from(data, at)
-        first, end = at + _INDEX_HEAD.size, at + HEAD.size + length
+    while at + INDEX_HEAD.size <= len(data):
+        opcode, length, channel, size = INDEX_HEAD.unpack_from(data, at)
+        first, end = at + INDEX_HEAD.size, at + HEAD.size + length
         if opcode != Opcode.MESSAGE_INDEX or size % _ENTRY or first + size != end or end > len(data):
             break
         channels.append(channel)

@@ -7,27 +7,47 @@ so a rebuilt file gives the same estimates as the unfinished one did.
 import contextlib
 import hashlib
 import time
+import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata, Schema
-from mcap.writer import IndexType, Writer
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 
 import imutui
-from imutui.logbook import layout, schemas
-from imutui.logbook.mcap_format import HEAD, MAGIC, MESSAGE, OPCODES
-from imutui.logbook.mcap_stream import Batch
+from imutui.logbook import layout, reader, schemas
+from imutui.logbook.mcap_format import FOOTER, FOOTER_SIZE, HEAD, MAGIC, MESSAGE
+from imutui.logbook.mcap_stream import CHANNEL, INDEX_HEAD, LENGTH, OFFSET, Batch
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import RECOVERED, Content, Scan
 from imutui.logbook.session_info import METADATA
-from imutui.logbook.walk import ChunkHead, End, walk
+from imutui.logbook.walk import ChunkHead
 from imutui.plain_text import in_line
 
 _MOST_CHANNELS = 2**16 - 1  # their numbers have 16 bits
 _PROFILE = "ros2"
+_CHUNK = 2**20  # bytes of messages from which on a chunk is full
+_UNKNOWN, _HOMELESS = 0, -1  # in place of a channel's new number
 
 
 class NotAsWrittenError(OSError):
@@ -47,7 +67,7 @@ class RebuiltContent:
     metadata: list[str] = field(default_factory=list)
     attachments: list[str] = field(default_factory=list)
     assumed: bool = False  # whether the channels are those that imutui writes, since the file does not say so any more
-    digest: str = ""  # of all messages in order, with their channels, numbers and times
+    sha256: str = ""  # of the file
 
     @property
     def messages(self) -> int:
@@ -80,38 +100,155 @@ def rebuild(
     return kept
 
 
+class _Output:
+    """The rebuilt file as it grows: records, and chunks of messages whose bytes stay what they are."""
+
+    def __init__(self, stream: IO[bytes], profile: str) -> None:
+        self._stream, self._at, self._sum, self._digest = stream, 0, 0, hashlib.sha256()
+        self.schemas: list[Schema] = []
+        self.channels: list[Channel] = []
+        self._declarations: list[bytes] = []  # of the next chunk
+        self._messages: list[bytes | bytearray] = []
+        self._held = 0  # bytes of these
+        # channels, log times and lengths of these messages
+        self._columns: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._chunks: list[ChunkIndex] = []
+        self._attachments: list[AttachmentIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._counts: dict[int, int] = {}
+        self._put(MAGIC + _bytes_of(Header(profile, f"imutui {imutui.__version__}")))
+
+    def _put(self, data: bytes) -> tuple[int, int]:
+        """Write bytes; return where they begin and how many they are."""
+        self._stream.write(data)
+        self._sum, at = zlib.crc32(data, self._sum), self._at
+        self._digest.update(data)
+        self._at += len(data)
+        return at, len(data)
+
+    def declare(self, record: Schema | Channel) -> None:
+        """Put a declaration in front of the next message."""
+        self.schemas.append(record) if isinstance(record, Schema) else self.channels.append(record)
+        self._declarations.append(_bytes_of(record))
+
+    def attach(self, record: Attachment) -> None:
+        """Write an attachment."""
+        self.flush()
+        at, length = self._put(_bytes_of(record))
+        index = AttachmentIndex(
+            offset=at,
+            length=length,
+            log_time=record.log_time,
+            create_time=record.create_time,
+            data_size=len(record.data),
+            name=record.name,
+            media_type=record.media_type,
+        )
+        self._attachments.append(index)
+
+    def describe(self, record: Metadata) -> None:
+        """Write metadata."""
+        self.flush()
+        self._metadata.append(MetadataIndex(*self._put(_bytes_of(record)), record.name))
+
+    def add(self, messages: bytes | bytearray, channels: np.ndarray, times: np.ndarray, lengths: np.ndarray) -> None:
+        """Add message records in a row; shape (n,) each, with the records' heads in `lengths`."""
+        self._messages.append(messages)
+        self._held += len(messages)
+        self._columns.append((channels, times, lengths))
+        if self._held > _CHUNK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the messages that were added as a chunk, and the indexes of its channels."""
+        if not self._messages:
+            return
+        channels, times, lengths = (np.concatenate(column) for column in zip(*self._columns, strict=True))
+        content = b"".join([*self._declarations, *self._messages])
+        starts = len(content) - self._held + np.cumsum(lengths) - lengths
+        entries = np.column_stack([times, starts.astype(np.uint64)]).astype("<u8")
+        first, last = int(entries[:, 0].min()), int(entries[:, 0].max())
+        data = zstandard.compress(content)
+        at, length = self._put(_bytes_of(Chunk("zstd", data, last, first, zlib.crc32(content), len(content))))
+        places, behind = dict[int, int](), self._at
+        for channel in np.flatnonzero(np.bincount(channels)).tolist():
+            own = entries[channels == channel]
+            head = INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD.size - HEAD.size + own.nbytes, channel, own.nbytes)
+            places[channel], _ = self._put(head + own.tobytes())
+            self._counts[channel] = self._counts.get(channel, 0) + len(own)
+        index = ChunkIndex(
+            chunk_length=length,
+            chunk_start_offset=at,
+            compression="zstd",
+            compressed_size=len(data),
+            message_end_time=last,
+            message_index_length=self._at - behind,
+            message_index_offsets=places,
+            message_start_time=first,
+            uncompressed_size=len(content),
+        )
+        self._chunks.append(index)
+        self._declarations, self._messages, self._columns, self._held = [], [], [], 0
+
+    def finish(self) -> str:
+        """Write the summary; return the SHA-256 of the file."""
+        self.flush()
+        self._put(_bytes_of(DataEnd(self._sum)))
+        start, self._sum = self._at, 0
+        statistics = Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self.channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self.schemas),
+        )
+        groups = (self.schemas, self.channels, [statistics], self._chunks, self._attachments, self._metadata)
+        # an empty group is an error to validators
+        parts = [_bytes_of(*group) for group in groups if group]
+        offsets = [SummaryOffset(data[0], *self._put(data)) for data in parts]
+        offsets_at, _ = self._put(_bytes_of(*offsets))
+        footer = FOOTER.pack(Opcode.FOOTER, FOOTER_SIZE, start, offsets_at, 0)[:-4]
+        self._put(footer + zlib.crc32(footer, self._sum).to_bytes(4, "little") + MAGIC)
+        return self._digest.hexdigest()
+
+
+def _bytes_of(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
 class _Copy:
-    """Records of a file into a writer, channels by their new numbers."""
+    """Records of a file into another one, channels by their new numbers."""
 
     def __init__(self, found: Scan, stream: IO[bytes]) -> None:
         self.kept = RebuiltContent()
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
         self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
-        self._numbers: dict[int, int | None] = {}
+        self._numbers = np.full(2**16, _UNKNOWN)
         self._declared: dict[int, Channel] = {}
         self._sequences: dict[int, int] = {}
         self._own = False
-        self._path, self._registered = found.path, 0
-        self._digest = hashlib.blake2b()
-        profile = _PROFILE if found.profile is None else found.profile
-        # an index of no attachments is an error to validators
-        index = (
-            IndexType.ALL if _has_attachments(found.path) else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
-        )
-        self._writer = Writer(stream, enable_data_crcs=True, index_types=index)
-        self._writer.start(profile, f"imutui {imutui.__version__}")
+        self._path = found.path
+        self._output = _Output(stream, _PROFILE if found.profile is None else found.profile)
 
     def take(self, item: Content) -> None:
         """Copy an item of the source; each of its chunks becomes one or more."""
         match item:
             case ChunkHead():
-                self._writer.flush()  # type: ignore[no-untyped-call]
+                self._output.flush()
                 self.kept.chunks += 1
                 self.kept.homeless += item.short  # nothing tells whose they are
             case Batch():
-                for _, channel, at, length in item.table.tolist():
-                    self._message(item.content, channel, at, length)
+                full = np.flatnonzero(np.diff(item.table[:, OFFSET] // _CHUNK)) + 1
+                for rows in np.split(item.table, full):
+                    self._messages(Batch(item.content, rows))
             case Schema():
                 self._schemas[item.id] = item
             case Channel():
@@ -119,32 +256,44 @@ class _Copy:
                 self._register(item)
             case Metadata():
                 self._own = self._own or item.name == METADATA
-                self._writer.flush()  # type: ignore[no-untyped-call]
-                self._writer.add_metadata(item.name, item.metadata)
+                self._output.describe(item)
                 self.kept.metadata.append(item.name)
             case Attachment():
-                self._writer.flush()  # type: ignore[no-untyped-call]
-                self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+                self._output.attach(item)
                 self.kept.attachments.append(item.name)
 
-    def _message(self, content: bytes, channel: int, at: int, length: int) -> None:
-        _, sequence, log_time, publish_time = MESSAGE.unpack_from(content, at - MESSAGE.size)
-        data = content[at : at + length]
-        if channel not in self._numbers:
-            self._adopt(channel, data)
-        number = self._numbers[channel]
-        if number is None:
-            self.kept.homeless += 1
-            return
-        topic = self._channels[channel].topic
-        before = self._sequences.get(number, -1)
-        if self._own and sequence > before + 1:
-            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + sequence - before - 1
-        self._sequences[number] = sequence
-        self.kept.topics[topic] = self.kept.topics.get(topic, 0) + 1
-        self._digest.update(MESSAGE.pack(number, sequence, log_time, publish_time))
-        self._digest.update(data)
-        self._writer.add_message(number, log_time, data, publish_time, sequence)
+    def _messages(self, batch: Batch) -> None:
+        channels = batch.table[:, CHANNEL]
+        while (unknown := np.flatnonzero(self._numbers[channels] == _UNKNOWN)).size:
+            self._adopt(batch.message(int(unknown[0])))
+        numbers = self._numbers[channels]
+        if (homeless := numbers == _HOMELESS).any():
+            self.kept.homeless += int(np.count_nonzero(homeless))
+            batch, numbers = Batch(batch.content, batch.table[~homeless]), numbers[~homeless]
+            if not numbers.size:
+                return
+        heads = batch.heads
+        for number in np.flatnonzero(np.bincount(numbers)).tolist():
+            self._count(number, heads["sequence"][numbers == number].astype(np.int64))
+        ends = batch.table[:, OFFSET] + batch.table[:, LENGTH]
+        starts = batch.table[:, OFFSET] - MESSAGE.size - HEAD.size
+        if (starts[1:] == ends[:-1]).all():
+            messages = bytearray(batch.content[starts[0] : ends[-1]])
+        else:
+            messages = bytearray().join(batch.content[a:b] for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
+        lengths = ends - starts
+        at, data = np.cumsum(lengths) - lengths + HEAD.size, np.frombuffer(messages, np.uint8)
+        data[at], data[at + 1] = numbers & 0xFF, numbers >> 8
+        self._output.add(messages, numbers, heads["log_ns"].astype(np.uint64), lengths)
+
+    def _count(self, number: int, sequences: np.ndarray) -> None:
+        """Count messages of a channel, and the numbers that are missing among theirs."""
+        topic = self._output.channels[number - 1].topic
+        self.kept.topics[topic] = self.kept.topics.get(topic, 0) + sequences.size
+        left_out = np.diff(sequences, prepend=self._sequences.get(number, -1)) - 1
+        self._sequences[number] = int(sequences[-1])
+        if self._own and (left_out > 0).any():
+            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + int(left_out[left_out > 0].sum())
 
     def _register(self, channel: Channel) -> None:
         """Give a channel that the file declares its number in the new one."""
@@ -152,31 +301,33 @@ class _Copy:
         if before == channel:
             return
         self._declared[channel.id] = channel
-        self._registered += 1
-        if self._registered > _MOST_CHANNELS:
+        number = len(self._output.channels) + 1
+        if number > _MOST_CHANNELS:
             raise UnreadableLogError(
                 f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
                 " did not write it. `imutui export` makes a table of its samples."
             )
         schema = self._schemas.get(channel.schema_id)
-        self._numbers[channel.id] = self._writer.register_channel(
-            channel.topic, channel.message_encoding, 0 if schema is None else self._schema(schema), channel.metadata
-        )
+        schema_id = 0 if schema is None else self._schema(schema)
+        self._output.declare(replace(channel, id=number, schema_id=schema_id))
+        self._numbers[channel.id] = number
 
     def _schema(self, schema: Schema) -> int:
         key = (schema.name, schema.encoding, schema.data)
         if key not in self._written_schemas:
-            self._written_schemas[key] = self._writer.register_schema(*key)
+            self._written_schemas[key] = len(self._written_schemas) + 1
+            self._output.declare(replace(schema, id=self._written_schemas[key]))
         return self._written_schemas[key]
 
-    def _adopt(self, number: int, data: bytes) -> None:
+    def _adopt(self, message: Message) -> None:
         """Find out about a channel whose declaration is lost: from the summary, or from what imutui writes."""
+        number = message.channel_id
         if number not in self._channels and self._own:
-            self._assume(number, data)
+            self._assume(number, message.data)
         if number in self._channels:
             self._register(self._channels[number])
         else:
-            self._numbers[number] = None
+            self._numbers[number] = _HOMELESS
 
     def _assume(self, number: int, data: bytes) -> None:
         """Take a channel for the one that our recorder gives this number, if its first message reads as such."""
@@ -200,28 +351,13 @@ class _Copy:
 
     def finish(self, note: Callable[[RebuiltContent], dict[str, str]]) -> RebuiltContent:
         """Close the file with the note in it."""
-        self.kept.digest = self._digest.hexdigest()
         # channels that nobody wrote to are part of the file too
         for channel in self._channels.values():
-            if channel.id not in self._numbers:
+            if self._numbers[channel.id] == _UNKNOWN:
                 self._register(channel)
-        self._writer.add_metadata(RECOVERED, note(self.kept))
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._output.describe(Metadata(RECOVERED, note(self.kept)))
+        self.kept.sha256 = self._output.finish()
         return self.kept
-
-
-def _has_attachments(path: Path) -> bool:
-    """Return whether an attachment stands in a file, as far as the heads of its records lead."""
-    with path.open("rb") as stream:
-        at = len(MAGIC)
-        while len(head := stream.read(HEAD.size) if stream.seek(at) >= 0 else b"") == HEAD.size:
-            opcode, length = HEAD.unpack(head)
-            if opcode == Opcode.ATTACHMENT:
-                return True
-            if opcode not in OPCODES:
-                return False
-            at += HEAD.size + length
-    return False
 
 
 def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:
@@ -238,19 +374,9 @@ def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str)
 
 
 def _read_back(path: Path, kept: RebuiltContent) -> None:
-    """Raise if a file does not hold, record by record, what was kept."""
-    digest, messages, finished = hashlib.blake2b(), 0, False
-    with path.open("rb") as stream:
-        for item in walk(stream):
-            if isinstance(item, Batch):
-                for _, _, at, length in item.table.tolist():
-                    digest.update(item.content[at - MESSAGE.size : at + length])
-                messages += len(item.table)
-            finished = finished or (isinstance(item, End) and item.finished and not item.checksum_wrong)
-    if not finished or messages != kept.messages or digest.hexdigest() != kept.digest:
+    """Raise if a file does not hold the bytes that were written."""
+    if reader.sha256(path) != kept.sha256:
         raise NotAsWrittenError(
-            5,
-            f"the rebuilt file did not read back as it was written ({messages} of {kept.messages} messages), so it was"
-            " not kept; the disk may be failing",
+            5, "the rebuilt file did not read back as it was written, so it was not kept; the disk may be failing",
             str(path),
-        )
+        )  # fmt: skip

@@ -22,6 +22,7 @@ from imutui.jobs.recover import recover
 from imutui.jobs.replay import replay
 from imutui.logbook import SessionInfo, added_notes, file_lock, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
+from imutui.logbook.mcap_format import HEAD, MAGIC
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import Reading
 from imutui.logbook.recover import NotAsWrittenError
@@ -140,6 +141,16 @@ def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:
         assert messages(output) == whole[:expected], size
         assert document["complete"], document["sentences"]
         assert reader.read(output).finished
+
+
+def test_a_length_beyond_any_file_stops_no_recovery(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.mcap")
+    whole = messages(tmp_path / "a.mcap")
+    at = len(MAGIC) + HEAD.size + HEAD.unpack_from(data, len(MAGIC))[1]
+    made(tmp_path / "a.mcap", data[: at + 1] + b"\xff" * 8 + data[at + 9 :])
+    document, output = recovered(tmp_path / "a.mcap")
+    assert messages(output) == whole
+    assert document["damages"][0]["offset"] == at
 
 
 def test_a_flipped_byte_costs_its_chunk_and_nothing_else(tmp_path: Path) -> None:
