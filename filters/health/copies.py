@@ -37,13 +37,23 @@ class _InARow:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._count = np.zeros(shape, np.int64)
-        self.since = np.full(shape, np.nan)
+        self._since = np.full(shape, np.nan)
 
-    def add(self, t: Array, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Take what was found in a span with times `t`; returns what has now been found for long enough."""
-        self.since = np.where(found & (self._count == 0), t[0], self.since)
-        self._count = np.where(found, self._count + 1, 0)
-        return np.asarray((self._count >= _SPANS) & (t[-1] - self.since >= _LEAST_S))
+    def add(self, t: Array, found: NDArray[np.bool_]) -> Array:
+        """Take what was found in spans with times `t`, (spans, n).
+
+        Returns since when each had then been found in a row, s, NaN where not for long enough; of the shape of `found`.
+        """
+        out = np.full(found.shape, np.nan)
+        for k in range(len(t)):
+            if not found[k].any():
+                self._count[...] = 0
+                continue
+            self._since = np.where(found[k] & (self._count == 0), t[k, 0], self._since)
+            self._count = np.where(found[k], self._count + 1, 0)
+            long = (self._count >= _SPANS) & (t[k, -1] - self._since >= _LEAST_S)
+            out[k, long] = self._since[long]
+        return out
 
 
 class Copies:
@@ -61,56 +71,63 @@ class Copies:
         self.sums: dict[int, float] = {}
         """Channels that are sums of others, and since when, s."""
 
-    def add(self, t: Array, x: Array, *, still: bool) -> None:
-        """Take a span of readings: times (SPAN,), values (SPAN, channels), and whether the unit is at rest."""
-        d = x[2:] - 2.0 * x[1:-1] + x[:-2]
-        scale = np.median(np.abs(d), axis=0) / 0.6745
+    def add(self, t: Array, second: Array, still: NDArray[np.bool_]) -> None:
+        """Take spans of readings.
+
+        `t`: times, shape (spans, SPAN).
+        `second`: second differences of the values, shape (spans, SPAN - 2, channels).
+        `still`: whether the unit is at rest, shape (spans,).
+        """
+        scale = np.median(np.abs(second), axis=1) / 0.6745
         usable = scale > 0.0
-        if not still:
-            usable &= np.einsum("ij,ij->j", d[1:], d[:-1]) < 0.0
-        z = np.clip(d / np.where(usable, scale, 1.0), -_CLIP, _CLIP)
-        z *= usable
+        if not still.all():
+            usable &= still[:, None] | (np.einsum("sij,sij->sj", second[:, 1:], second[:, :-1]) < 0.0)
+        z = np.clip(second / np.where(usable, scale, 1.0)[:, None], -_CLIP, _CLIP)
+        z *= usable[:, None]
         by_lag = _correlations(z)
-        usable &= np.abs(np.einsum("kii->ki", by_lag[_TONE_LAGS])).max(axis=0) < _TONE
-        self._quietest = np.minimum(self._quietest, np.where(usable, scale, np.inf))
+        usable &= np.abs(np.einsum("slii->sli", by_lag)[:, _TONE_LAGS]).max(axis=1) < _TONE
+        quietest = np.minimum.accumulate([self._quietest, *np.where(usable, scale, np.inf)])
+        self._quietest = quietest[-1]
         # of either channel behind the other one
-        by_lag = np.where(np.abs(by_lag) >= np.abs(by_lag.transpose(0, 2, 1)), by_lag, by_lag.transpose(0, 2, 1))
-        late = np.abs(by_lag).argmax(axis=0)
-        alike = np.take_along_axis(by_lag, late[None], axis=0)[0]
+        turned = by_lag.transpose(0, 1, 3, 2)
+        by_lag = np.where(np.abs(by_lag) >= np.abs(turned), by_lag, turned)
+        late = np.abs(by_lag).argmax(axis=1)
+        alike = np.take_along_axis(by_lag, late[:, None], axis=1)[:, 0]
         # what of a channel's changes the other one does not have
-        rest = np.sqrt(np.maximum(1.0 - alike**2, 0.0)) * scale
-        found = (np.abs(alike) >= _ALIKE) & (rest < _REST * self._quietest) & usable & usable[:, None]
-        found &= found.T
-        np.fill_diagonal(found, False)
-        for a, b in zip(*np.nonzero(np.triu(self._alike.add(t, found))), strict=True):
-            pair = (int(a), int(b))
-            if pair not in self.pairs:
-                ratio = float(np.sign(alike[pair]) * scale[b] / scale[a])
-                self.pairs[pair] = Pair(*pair, float(self._alike.since[pair]), ratio, int(late[pair]))
-        summed = _sums(by_lag[0], usable) if not found.any() else np.zeros(scale.size, np.bool_)
-        for c in np.flatnonzero(self._summed.add(t, summed)).tolist():
-            self.sums.setdefault(c, float(self._summed.since[c]))
+        rest = np.sqrt(np.maximum(1.0 - alike**2, 0.0)) * scale[:, None]
+        found = (np.abs(alike) >= _ALIKE) & (rest < _REST * quietest[1:, None]) & usable[:, None] & usable[:, :, None]
+        found &= found.transpose(0, 2, 1) & ~np.eye(scale.shape[1], dtype=bool)
+        since = self._alike.add(t, found)
+        for k, a, b in np.argwhere(np.triu(~np.isnan(since))).tolist():
+            if (a, b) not in self.pairs:
+                ratio = float(np.sign(alike[k, a, b]) * scale[k, b] / scale[k, a])
+                self.pairs[a, b] = Pair(a, b, float(since[k, a, b]), ratio, int(late[k, a, b]))
+        summed = _sums(by_lag[:, 0], usable) & ~np.asarray(found.any(axis=(1, 2)))[:, None]
+        since = self._summed.add(t, summed)
+        for k, c in np.argwhere(~np.isnan(since)).tolist():
+            self.sums.setdefault(c, float(since[k, c]))
 
 
 def _correlations(z: Array) -> Array:
-    """Correlation of each column with each one some rows earlier, shape (_LATEST + 1, channels, channels)."""
-    late = z[_LATEST:]
-    # early[row, channel, lag]: the channel's value so many rows before
-    early = sliding_window_view(z, _LATEST + 1, axis=0)[:, :, ::-1]
-    products = np.tensordot(early, late, axes=(0, 0))
-    norms = np.sqrt(np.einsum("rcl,rcl->lc", early, early)), np.sqrt(np.einsum("rc,rc->c", late, late))
-    scale = np.maximum(norms[0][:, None, :] * norms[1][:, None], 1e-300)
-    return np.asarray(products.transpose(1, 2, 0) / scale)
+    """Correlation of each column with each one some rows earlier, shape (spans, _LATEST + 1, channels, channels)."""
+    spans, rows, channels = z.shape
+    kept = rows - _LATEST
+    # early[span, channel, lag, row]: the channel's value so many rows before
+    early = sliding_window_view(np.ascontiguousarray(z.transpose(0, 2, 1)), kept, axis=2)[:, :, ::-1]
+    products = (early.reshape(spans, -1, kept) @ z[:, _LATEST:]).reshape(spans, channels, -1, channels)
+    until = np.concatenate([np.zeros((spans, 1, channels)), np.cumsum(z**2, axis=1)], axis=1)
+    norms = np.sqrt(np.maximum(until[:, kept:] - until[:, : _LATEST + 1], 0.0))[:, ::-1]
+    scale = np.maximum(norms[:, :, None] * norms[:, :1, :, None], 1e-300)
+    return np.asarray(products.transpose(0, 2, 3, 1) / scale)
 
 
 def _sums(correlation: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether each channel is a linear combination of the others, bool, shape (channels,).
+    """Whether each channel is a linear combination of the others, bool, shape (spans, channels).
 
     Of channels with correlation matrix R, the share of i that the others do not explain is 1/√(R⁻¹)ᵢᵢ.
     """
-    rows = np.flatnonzero(usable)
-    out = np.zeros(usable.size, np.bool_)
-    if rows.size > 2:
-        R = correlation[np.ix_(rows, rows)] + 1e-9 * np.eye(rows.size)
-        out[rows] = np.diag(np.linalg.inv(R)) > _OF_SUM**-2
-    return out
+    own = np.eye(usable.shape[1])
+    # a channel that is not usable is like no other
+    R = np.where(usable[:, None] & usable[:, :, None], correlation, own) + 1e-9 * own
+    explained = np.diagonal(np.linalg.inv(R), axis1=1, axis2=2) > _OF_SUM**-2
+    return np.asarray(explained & usable & (usable.sum(axis=1) > 2)[:, None])

@@ -34,28 +34,32 @@ class Levels:
         self._pieces = np.zeros((_PIECES, channels))
         self._of_piece = 1
 
-    def add(self, t: Array, x: Array) -> None:
-        """Take a span of readings: times (n,), values (n, channels)."""
-        mean, middle, self._readings = x.mean(axis=0), float(t.mean()), t.size
+    def add(self, t: Array, means: Array, second: Array) -> None:
+        """Take spans: times (spans, n), means (spans, channels), second differences (spans, n - 2, channels)."""
+        self._readings = t.shape[1]
+        middles = t.mean(axis=1)
         if self._spans == 0:
-            self._first, self._t_first = mean, middle
-        d = x[2:] - 2.0 * x[1:-1] + x[:-2]
-        row = self._steps % _KEPT
-        if self._before is not None:
-            self._means[row] = (mean - self._before) ** 2
-            self._fast[row] = np.median(d**2, axis=0)
-            self._seconds[row] = (t[-1] - t[0]) * t.size / max(t.size - 1, 1)
-            self._steps += 1
-        self._before = mean
-        since, off = middle - self._t_first, mean - self._first
-        self._sums += np.stack([np.full(off.size, since), np.full(off.size, since**2), off, since * off])
-        if self._spans == _PIECES * self._of_piece:
-            half = _PIECES // 2
-            self._pieces[:half] = self._pieces.reshape(half, 2, -1).sum(axis=1)
-            self._pieces[half:] = 0.0
-            self._of_piece *= 2
-        self._pieces[self._spans // self._of_piece] += off
-        self._spans += 1
+            self._first, self._t_first = means[0], float(middles[0])
+        before = means[:1] if self._before is None else self._before[None]
+        apart = (means - np.concatenate([before, means[:-1]])) ** 2
+        fast, seconds = np.median(second**2, axis=1), (t[:, -1] - t[:, 0]) * self._readings / (self._readings - 1)
+        first = int(self._before is None)  # has none before it
+        rows = (self._steps + np.arange(len(t) - first)) % _KEPT
+        self._means[rows], self._fast[rows], self._seconds[rows] = apart[first:], fast[first:], seconds[first:]
+        self._steps += rows.size
+        self._before = means[-1]
+        since, off = (middles - self._t_first)[:, None], means - self._first
+        since = np.broadcast_to(since, off.shape)
+        # one after the other: how spans are divided among calls must not show in the last bit
+        self._sums = np.add.accumulate([self._sums, *np.stack([since, since**2, off, since * off], axis=1)])[-1]
+        for own in off:
+            if self._spans == _PIECES * self._of_piece:
+                half = _PIECES // 2
+                self._pieces[:half] = self._pieces.reshape(half, 2, -1).sum(axis=1)
+                self._pieces[half:] = 0.0
+                self._of_piece *= 2
+            self._pieces[self._spans // self._of_piece] += own
+            self._spans += 1
 
     def density(self) -> tuple[Array, Array] | None:
         """White noise density by slow and by fast differences, unit·√s, shape (channels,) each.

@@ -13,12 +13,11 @@ from filters.health import finding
 from filters.health.copies import SPAN, Copies
 from filters.health.finding import HealthFinding, of_kind
 from filters.health.levels import Levels
-from filters.health.standstill import Standstill
+from filters.health.standstill import BLOCK, Standstill
 from filters.health.values import Temperatures, Zeros
 from filters.specification import ImuSpec
 from filters.types import Array
 
-_BLOCK = 16  # readings between two looks for channels that stand still
 _WINDOW = 4096  # readings that are searched for single faults at once
 _LOOK_S = 20.0  # between two searches of readings that still come
 _FEWEST = 256
@@ -117,30 +116,36 @@ class HealthMonitor:
 
     def _advance(self) -> None:
         """Look at the blocks and spans that are full, and at the window if it is."""
-        while self._blocks + _BLOCK <= self._filled:
-            rows = slice(self._blocks, self._blocks + _BLOCK)
+        if (blocks := self._filled // BLOCK * BLOCK) > self._blocks:
+            rows = slice(self._blocks, blocks)
             self._standstill.add(self._t[rows], self._x[rows, : len(CHANNELS)])
-            self._blocks += _BLOCK
-        while self._spans + SPAN <= self._filled:
-            self._span(slice(self._spans, self._spans + SPAN))
-            self._spans += SPAN
+            self._blocks = blocks
+        if (spans := self._filled // SPAN * SPAN) > self._spans:
+            self._add_spans(slice(self._spans, spans))
+            self._spans = spans
         if self._filled == _WINDOW:
             self._count += _WINDOW
             _merge(self._tallies, self._window(_WINDOW, self._zeros), _WINDOW)
             self._filled = self._blocks = self._spans = 0
 
-    def _span(self, rows: slice) -> None:
-        t, x = self._t[rows], self._x[rows, : len(CHANNELS)]
-        self._temperatures.add(t, self._x[rows, _TEMPERATURE])
+    def _add_spans(self, rows: slice) -> None:
+        """Look at whole spans: copies, noise and trends, and whether the unit was turned."""
+        self._temperatures.add(self._t[rows], self._x[rows, _TEMPERATURE])
+        t, x = self._t[rows].reshape(-1, SPAN), self._x[rows, : len(CHANNELS)].reshape(-1, SPAN, len(CHANNELS))
         known = np.where(np.isfinite(x), x, 0.0)
-        self._rest = np.median(known, axis=0) if self._rest is None else self._rest
-        if self._still and (np.abs(known.mean(axis=0) - self._rest) >= _TURNED).any():
-            # isolated readings far off, and noise, turn no unit
-            moved = np.abs(np.median(known, axis=0) - self._rest)
-            self._still = bool((moved < np.maximum(_TURNED, _TURNED_SD * _median_sd(known))).all())
-        self._copies.add(t, known, still=self._still)
+        second = known[:, 2:] - 2.0 * known[:, 1:-1] + known[:, :-2]
+        means, still = known.mean(axis=1), np.full(len(t), self._still)
+        self._rest = np.median(known[0], axis=0) if self._rest is None else self._rest
         if self._still:
-            self._levels.add(t, known)
+            for k in np.flatnonzero((np.abs(means - self._rest) >= _TURNED).any(axis=1)).tolist():
+                # isolated readings far off, and noise, turn no unit
+                moved = np.abs(np.median(known[k], axis=0) - self._rest)
+                if not (moved < np.maximum(_TURNED, _TURNED_SD * _median_sd(second[k]))).all():
+                    self._still, still[k:] = False, False
+                    break
+        self._copies.add(t, second, still)
+        if still.any():
+            self._levels.add(t[still], means[still], second[still])
 
     # ---------------------------------------------------------------------------------------------- faults of a window
 
@@ -354,10 +359,9 @@ def _merge(tallies: dict[tuple[str, str], _Tally], found: Sequence[tuple[DataFau
             known.densest = max(known.densest, share)
 
 
-def _median_sd(x: Array) -> Array:
-    """Standard deviation that white noise, seen in second differences, gives the median of a span (n, channels)."""
-    d = x[2:] - 2.0 * x[1:-1] + x[:-2]
-    return np.asarray(np.median(np.abs(d), axis=0) / 0.6745 * np.sqrt(np.pi / 12.0 / x.shape[0]))
+def _median_sd(second: Array) -> Array:
+    """Standard deviation that white noise gives the median of a span, by its second differences, (n, channels)."""
+    return np.asarray(np.median(np.abs(second), axis=0) / 0.6745 * np.sqrt(np.pi / 12.0 / SPAN))
 
 
 def _smallest_step(x: Array) -> float:

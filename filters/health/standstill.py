@@ -6,6 +6,7 @@ import numpy as np
 
 from filters.types import Array
 
+BLOCK = 16  # readings that are looked at together
 _LEAST_S = 1.5  # a channel stands still for this long before it counts as dead or frozen
 _LEAST_READINGS = 20
 _LEAST_OF_TRIAD = 48  # where no other channel of the kind changes either
@@ -26,47 +27,51 @@ class Standstill:
 
     def __init__(self, channels: int, *, resolved: bool) -> None:
         self._resolved = resolved
-        self._first: float | None = None
         self._last = 0.0
         self._before: Array | None = None
         self._changes = np.zeros(channels)
         self._equal = np.zeros(channels)  # readings equal to the one before, in runs that ended
-        self._run = np.zeros(channels, np.int64)  # equal pairs in the present run
+        # equal pairs in the present run; the first reading follows itself
+        self._run = np.full(channels, -1)
         self._since = np.zeros(channels)  # time of the first reading of the present run, s
         self._changed = np.zeros(channels, bool)
         self.frozen_s = np.zeros(channels)  # longest run that counted and ended, s
         self.frozen_since = np.full(channels, np.nan)  # when the first one began, s
 
     def add(self, t: Array, x: Array) -> None:
-        """Take the next readings: times (n,), values (n, channels), n > 0."""
+        """Take the next readings: times (n,), values (n, channels), n a multiple of `BLOCK`."""
         if self._before is None:
-            self._first, self._since[:], self._before = float(t[0]), float(t[0]), x[0]
-            t, x = t[1:], x[1:]
-            if not t.size:
-                return
-        steps = np.concatenate([self._before[None], x])
+            self._since[:], self._last, self._before = t[0], float(t[0]), x[0]
+        blocks, steps = np.arange(t.size // BLOCK)[:, None], np.concatenate([self._before[None], x])
         # NaN is no reading: it neither continues nor ends a run
-        changed = (steps[1:] != steps[:-1]) & np.isfinite(x) & np.isfinite(steps[:-1])
-        n = t.size
-        ends = changed.any(axis=0)
-        lead, trail = changed.argmax(axis=0), changed[::-1].argmax(axis=0)
-        closed = self._run + lead
-        counted = ends & (closed >= _LEAST_READINGS)
-        if counted.any():
-            counted &= closed >= self.least()
-        changes = changed.sum(axis=0)
-        self._equal += np.where(ends, np.where(counted, 0, closed) + n - lead - changes - trail, 0)
-        if counted.any():
-            # the last equal reading of the run came just before the change
-            end = np.concatenate([[self._last], t])[lead]
+        known = np.isfinite(steps)
+        changed = ((steps[1:] != steps[:-1]) & known[1:] & known[:-1]).reshape(blocks.size, BLOCK, -1)
+        ends, changes = changed.any(axis=1), changed.sum(axis=1)
+        lead, trail = changed.argmax(axis=1), changed[:, ::-1].argmax(axis=1)
+        # the block in which the run began that each block ends with; -1: before all of these
+        began = np.maximum.accumulate(np.where(ends, blocks, -1))
+        behind = np.take_along_axis(trail, np.maximum(began, 0), axis=0)
+        run = np.where(began < 0, self._run + BLOCK * (blocks + 1), behind + BLOCK * (blocks - began))
+        since = np.where(began < 0, self._since, t[(np.maximum(began, 0) + 1) * BLOCK - 1 - behind])
+        closed = np.concatenate([self._run[None], run[:-1]]) + lead
+        equal = np.where(ends, closed + BLOCK - lead - changes - trail, 0)
+        done, times = 0, np.append(self._last, t)
+        for k in np.flatnonzero((ends & (closed >= _LEAST_READINGS)).any(axis=1)).tolist():
+            # how often readings are equal by chance, as the blocks before show it
+            self._changes += changes[done:k].sum(axis=0)
+            self._equal += equal[done:k].sum(axis=0)
+            done, counted = k, ends[k] & (closed[k] >= self.least())
+            equal[k] -= np.where(counted, closed[k], 0)
             for c in np.flatnonzero(counted).tolist():
-                self.frozen_s[c] = max(self.frozen_s[c], float(end[c] - self._since[c]))
+                began_s = float(since[k - 1, c] if k else self._since[c])
+                # the last equal reading of the run came just before the change
+                self.frozen_s[c] = max(self.frozen_s[c], float(times[k * BLOCK + lead[k, c]]) - began_s)
                 if np.isnan(self.frozen_since[c]):
-                    self.frozen_since[c] = self._since[c]
-        self._changes += changes
-        self._run = np.where(ends, trail, self._run + n)
-        self._since = np.where(ends, t[n - 1 - trail], self._since)
-        self._changed |= ends
+                    self.frozen_since[c] = began_s
+        self._changes += changes[done:].sum(axis=0)
+        self._equal += equal[done:].sum(axis=0)
+        self._run, self._since = run[-1], since[-1]
+        self._changed |= ends.any(axis=0)
         self._before, self._last = x[-1], float(t[-1])
 
     def least(self) -> Array:

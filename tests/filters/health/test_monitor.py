@@ -46,6 +46,15 @@ def test_findings_do_not_depend_on_how_readings_arrive(name: str, made: Made) ->
     assert all(findings(spoiled, chunk=chunk) == whole for chunk in (1, 13, 4096))
 
 
+def test_a_channel_that_is_a_sum_twice_is_one_since_the_first_time(made: Made) -> None:
+    x = made.x.copy()
+    x[:, 1] = np.where((made.t > 60.0) & (made.t < 70.0), x[:, 1], (x[:, 0] + x[:, 2]) / 2.0)
+    for chunk in (13, made.t.size):
+        sums = [one for one in findings(replace(made, x=x), chunk=chunk) if "sum of" in one.said]
+        assert {one.channel for one in sums} == {"gx", "gy", "gz"}
+        assert all(one.since_s == made.t[0] for one in sums)
+
+
 @pytest.mark.parametrize("name", ["dead", "frozen after 60 s", "copy"])
 def test_what_is_bad_shows_within_three_seconds_of_a_stream(name: str) -> None:
     made = healthy("imu400cd", 400.0 / 3.0, 5, 70.0)
