@@ -7,17 +7,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from imutui.jobs import check_file
-from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, lossy
+from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, state_of
 from imutui.jobs.check_packets import PacketSteps
 from imutui.jobs.check_samples import Health, Impossible, Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument
 from imutui.jobs.info import lacking_channels, status_words
 from imutui.jobs.quantities import plural
-from imutui.logbook import audit, checksum_file, reader, scan, summary
+from imutui.logbook import audit, checksum_file, reader, scan
 from imutui.logbook.audit import Audit
 from imutui.logbook.reading import AS_STATED, Reading
-from imutui.logbook.scan import Scan
 
 VERSION = 1
 _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
@@ -52,7 +51,7 @@ def check(
     return {
         "version": VERSION,
         "log": str(path.resolve()),
-        "state": _state(found),
+        "state": state_of(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
         "health": [] if health is None else health.entries,
@@ -73,7 +72,7 @@ def _notes(log: CheckContext) -> Iterator[str]:
     a, found = log.audit, log.found
     if found.held:
         yield "A recorder is writing to it: this is how far it had come."
-    if found.finished and not found.end.indexed:
+    if found.end.finished and not found.end.indexed:
         yield "It was written without an index, so viewers read all of it to find a topic."
     if not a.session:
         yield "Another program's file: it has no session, so only its samples were looked at."
@@ -115,11 +114,3 @@ def _worth_a_word(text: str) -> bool:
     return not text.startswith(
         ("connected to", "recording to", "finished", "the unit's status word")
     ) and not text.endswith("packets lost")
-
-
-def _state(found: Scan) -> str:
-    if found.held:
-        return summary.WRITING
-    if lossy(found) or not (found.finished or found.cut):
-        return summary.DAMAGED
-    return summary.FINISHED if found.finished else summary.UNFINISHED

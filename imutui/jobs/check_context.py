@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from imutui.command_line import command
-from imutui.logbook import reader, schemas
+from imutui.logbook import reader, schemas, summary
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.scan import Scan
 from imutui.logbook.walk import Damage
@@ -42,11 +42,6 @@ class CheckContext:
         self.start_ns: int | None = content.first_ns if content.samples else min(first) if first else None
         raw = content.messages.get(schemas.RAW)
         self.paired = raw is not None and raw.count == content.packets
-
-    @property
-    def name(self) -> str:
-        """The file as commands name it."""
-        return str(self.found.path)
 
     @property
     def polled(self) -> bool:
@@ -92,14 +87,25 @@ def integer(text: str | None) -> int:
 # ------------------------------------------------------------------------------------------------------------- damage
 
 
-def at_end(found: Scan, damage: Damage) -> bool:
-    """Whether damage is only that the file ends before its last record does."""
-    return found.cut and damage.offset + damage.bytes >= found.size
+def state_of(found: Scan) -> str:
+    """Return the word for a file's state."""
+    if found.held:
+        return summary.WRITING
+    if lossy(found) or not (found.end.finished or found.end.cut):
+        return summary.DAMAGED
+    return summary.FINISHED if found.end.finished else summary.UNFINISHED
+
+
+def cut_end(found: Scan) -> Damage | None:
+    """Return the damage that is only that the file ends before its last record does."""
+    last = next(reversed(found.damages), None) if found.end.cut else None
+    return last if last is not None and last.offset + last.bytes >= found.size else None
 
 
 def lossy(found: Scan) -> list[Damage]:
     """Damage that cost records: not the cut end of an unfinished file, nor what can be made anew."""
-    return [d for d in found.damages if not at_end(found, d) and d.what not in ("summary", "message index")]
+    end = cut_end(found)
+    return [d for d in found.damages if d is not end and d.what not in ("summary", "message index")]
 
 
 def place(damage: Damage, start_ns: int | None) -> str:

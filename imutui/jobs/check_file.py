@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from filters.errors import InputError
-from imutui.jobs.check_context import SHOWN, CheckContext, Finding, at_end, lossy, place
+from imutui.jobs.check_context import SHOWN, CheckContext, Finding, cut_end, lossy, place
 from imutui.jobs.quantities import plural
 from imutui.logbook import checksum_file, effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.audit import Audit
@@ -49,8 +49,8 @@ _CHANGED = "Go back to another copy; if you changed it yourself, `sha256sum` mak
 def _ending(log: CheckContext) -> Iterator[Finding]:
     """How the file ends."""
     found = log.found
-    if found.cut and not found.held:
-        cut = next((d for d in found.damages if at_end(found, d)), None)
+    if found.end.cut and not found.held:
+        cut = cut_end(found)
         tail = "" if cut is None else f", and its last {plural(cut.bytes, 'byte')} are no whole record"
         yield Finding(
             "unfinished",
@@ -58,11 +58,11 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
             f"at byte {found.size:,}",
             f"It can be used as it is; {log.recover()}",
         )
-    elif not found.cut and not found.finished:
+    elif not found.end.cut and not found.end.finished:
         yield Finding(
             "end", "The file's end is damaged.", f"at byte {found.size - found.end.trailing:,}", log.recover()
         )
-    elif found.finished and (
+    elif found.end.finished and (
         (found.end.indexed and found.index is None) or any(d.what == "summary" for d in found.damages)
     ):
         yield Finding("index", "The index cannot be read, so viewers may refuse the file.", "at its end", log.recover())
@@ -70,7 +70,7 @@ def _ending(log: CheckContext) -> Iterator[Finding]:
         what = f"{plural(len(indexes), 'list')} of a chunk's messages cannot be used, so viewers may miss some of them."
         where = f"first {place(indexes[0], log.start_ns)}"
         yield Finding("index", what, where, f"All messages are there; {log.recover()}")
-    if found.end.trailing and found.finished:
+    if found.end.trailing and found.end.finished:
         what = f"{plural(found.end.trailing, 'byte')} follow the end of the log."
         yield Finding("trailing", what, f"from byte {found.size - found.end.trailing:,} on", log.recover())
 
@@ -142,7 +142,7 @@ def _belongings(log: CheckContext) -> Iterator[Finding]:
         return
     if summary.CONFIGURATION not in a.attachments:
         yield Finding("attachment", "The configuration is missing.", f"attachment {summary.CONFIGURATION}", _NO_CURE)
-    if log.found.finished and summary.SUMMARY not in a.attachments and scan.RECOVERED not in a.metadata:
+    if log.found.end.finished and summary.SUMMARY not in a.attachments and scan.RECOVERED not in a.metadata:
         yield Finding("attachment", "The quality summary is missing.", f"attachment {summary.SUMMARY}", _NO_CURE)
     yield from _hashes(a)
 

@@ -81,7 +81,7 @@ class SamplesOfPackets:
         if self._info is None or not log.paired:
             return
         made, samples = self._made.total, log.audit.samples
-        if abs(made - samples) > (1 if log.found.cut else 0):
+        if abs(made - samples) > (1 if log.found.end.cut else 0):
             what = f"The packets make {plural(made, 'sample')}, the log has {samples:,}."
             yield Finding("samples", what, "over the whole log", log.recover())
         if self._off.count:

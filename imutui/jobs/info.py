@@ -185,7 +185,7 @@ def info(
         "bytes": found.size,
         "state": ends.state,
         "why": ends.why,
-        "finished": found.finished,
+        "finished": found.end.finished,
         **_session(content),
         "assumed": list(content.assumed),
         **_extent(content, found),

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from filters.errors import InputError
-from imutui.jobs.check_context import at_end, lossy, place, since
+from imutui.jobs.check_context import cut_end, lossy, place, since, state_of
 from imutui.jobs.documents import DamageField, RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock, pieces, reader, schemas, summary
+from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock, pieces, reader, schemas
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
@@ -52,7 +52,8 @@ def recover(
         kept = rebuilding.rebuild(
             found,
             part,
-            lambda kept: rebuilding.note(found, kept, _lost(found, kept), digest),
+            lambda kept: _lost(found, kept),
+            digest,
             lambda share: progress(_WRITTEN * share, f"writing {output.name}"),
         )
         if not kept.messages:
@@ -62,12 +63,11 @@ def recover(
             )
         progress(_WRITTEN, f"reading {output.name} back")
         known, trouble = _samples(part, output)
-    made = reader.sha256(output)
     with contextlib.suppress(OSError):  # the log is whole without it
-        checksum_file.write(output, made, mode)
+        checksum_file.write(output, kept.sha256, mode)
         added_notes.copy(path, output)
     progress(1.0, "done")
-    return _document(found, output, kept, known, trouble, (digest, made))
+    return _document(found, output, kept, known, trouble, digest)
 
 
 def _refuse_held(path: Path) -> None:
@@ -93,16 +93,15 @@ def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:
 
 
 def _document(
-    found: Scan, output: Path, kept: RebuiltContent, known: Outline | None, trouble: str, sha256: tuple[str, str]
+    found: Scan, output: Path, kept: RebuiltContent, known: Outline | None, trouble: str, digest: str
 ) -> RecoverDocument:
     lost = _lost(found, kept)
     told = f"It can't be replayed: {trouble}" if known is None else f"It can be replayed in part: {trouble}."
-    state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
     return {
         "version": VERSION,
         "log": str(found.path.resolve()),
         "output": str(output.resolve()),
-        "state": summary.DAMAGED if lossy(found) else state,
+        "state": state_of(found),
         "messages": kept.messages,
         "samples": 0 if known is None else known.samples,
         "duration_s": 0.0 if known is None else known.seconds,
@@ -115,16 +114,15 @@ def _document(
         "complete": not lost and not trouble,
         "readable": known is not None,
         "sentences": [*_ending(found), *lost, *([told] if trouble else [])],
-        "log_sha256": sha256[0],
-        "output_sha256": sha256[1],
+        "log_sha256": digest,
+        "output_sha256": kept.sha256,
     }
 
 
 def _damages(found: Scan) -> list[DamageField]:
-    start_ns = _start(found)
     return [
         {"offset": d.offset, "bytes": d.bytes, "what": d.what, "why": d.why,
-         "after_s": since(d.after_ns, start_ns), "before_s": since(d.before_ns, start_ns)}
+         "after_s": since(d.after_ns, found.first_ns), "before_s": since(d.before_ns, found.first_ns)}
         for d in found.damages
     ]  # fmt: skip
 
@@ -144,9 +142,9 @@ def _missing(found: Scan, kept: RebuiltContent, topic: str | None) -> int | None
 
 def _ending(found: Scan) -> list[str]:
     """How an unfinished file ended."""
-    if not found.cut:
+    if not found.end.cut:
         return []
-    cut = next((d for d in found.damages if at_end(found, d)), None)
+    cut = cut_end(found)
     if cut is None:
         return ["It ended without its index; every record in it is whole."]
     if cut.what == "summary":
@@ -157,7 +155,7 @@ def _ending(found: Scan) -> list[str]:
 def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
     """What is not in the rebuilt file, a sentence each; empty if nothing is missing but an unfinished end."""
     costly = lossy(found)
-    told = [f"{place(d, _start(found))}: {d.why}." for d in costly[:_SHOWN]]
+    told = [f"{place(d, found.first_ns)}: {d.why}." for d in costly[:_SHOWN]]
     told += [f"And {len(costly) - _SHOWN} more such places."] if len(costly) > _SHOWN else []
     messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)
     if messages:
@@ -181,7 +179,3 @@ def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
     if METADATA not in kept.metadata and set(kept.topics) & {schemas.RAW, schemas.ESTIMATE}:
         told.append("The session's metadata is lost: signs, mounting and site are unknown; it reads as a foreign log.")
     return told
-
-
-def _start(found: Scan) -> int | None:
-    return found.first_ns

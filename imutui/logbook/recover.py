@@ -78,14 +78,16 @@ class RebuiltContent:
 def rebuild(
     found: Scan,
     part: Path,
-    note: Callable[[RebuiltContent], dict[str, str]],
+    lost: Callable[[RebuiltContent], list[str]],
+    source_sha256: str,
     progress: Callable[[float], None],
 ) -> RebuiltContent:
     """Write the whole records of a file, and read them back.
 
     `found`: of the source, filled while it is walked.
     `part`: file to write, replaced.
-    `note`: makes the metadata `imutui.recovered` of the content that was kept.
+    `lost`: says what is missing in the content that was kept, a sentence each.
+    `source_sha256`: hash of the source.
     `progress`: called with the share done, 0 to 1.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
@@ -94,7 +96,7 @@ def rebuild(
         for item in found.items(progress):
             copy = copy or _Copy(found, stream)
             copy.take(item)
-        kept = (copy or _Copy(found, stream)).finish(note)
+        kept = (copy or _Copy(found, stream)).finish(lost, source_sha256)
     _read_back(part, kept)
     progress(1.0)
     return kept
@@ -115,7 +117,7 @@ class _Output:
         self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._counts: dict[int, int] = {}
+        self.counts: dict[int, int] = {}
         self._put(MAGIC + _bytes_of(Header(profile, f"imutui {imutui.__version__}")))
 
     def _put(self, data: bytes) -> tuple[int, int]:
@@ -175,7 +177,7 @@ class _Output:
             own = entries[channels == channel]
             head = INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD.size - HEAD.size + own.nbytes, channel, own.nbytes)
             places[channel], _ = self._put(head + own.tobytes())
-            self._counts[channel] = self._counts.get(channel, 0) + len(own)
+            self.counts[channel] = self.counts.get(channel, 0) + len(own)
         index = ChunkIndex(
             chunk_length=length,
             chunk_start_offset=at,
@@ -198,9 +200,9 @@ class _Output:
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self.channels),
-            channel_message_counts=self._counts,
+            channel_message_counts=self.counts,
             chunk_count=len(self._chunks),
-            message_count=sum(self._counts.values()),
+            message_count=sum(self.counts.values()),
             message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
             message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
             metadata_count=len(self._metadata),
@@ -235,7 +237,7 @@ class _Copy:
         self._declared: dict[int, Channel] = {}
         self._sequences: dict[int, int] = {}
         self._own = False
-        self._path = found.path
+        self._found = found
         self._output = _Output(stream, _PROFILE if found.profile is None else found.profile)
 
     def take(self, item: Content) -> None:
@@ -274,7 +276,7 @@ class _Copy:
                 return
         heads = batch.heads
         for number in np.flatnonzero(np.bincount(numbers)).tolist():
-            self._count(number, heads["sequence"][numbers == number].astype(np.int64))
+            self._note_missing(number, heads["sequence"][numbers == number].astype(np.int64))
         ends = batch.table[:, OFFSET] + batch.table[:, LENGTH]
         starts = batch.table[:, OFFSET] - MESSAGE.size - HEAD.size
         if (starts[1:] == ends[:-1]).all():
@@ -286,14 +288,14 @@ class _Copy:
         data[at], data[at + 1] = numbers & 0xFF, numbers >> 8
         self._output.add(messages, numbers, heads["log_ns"].astype(np.uint64), lengths)
 
-    def _count(self, number: int, sequences: np.ndarray) -> None:
-        """Count messages of a channel, and the numbers that are missing among theirs."""
-        topic = self._output.channels[number - 1].topic
-        self.kept.topics[topic] = self.kept.topics.get(topic, 0) + sequences.size
+    def _note_missing(self, number: int, sequences: np.ndarray) -> None:
+        """Count the numbers that are missing among those of a channel's messages."""
         left_out = np.diff(sequences, prepend=self._sequences.get(number, -1)) - 1
         self._sequences[number] = int(sequences[-1])
-        if self._own and (left_out > 0).any():
-            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + int(left_out[left_out > 0].sum())
+        missing = int(left_out[left_out > 0].sum()) if self._own else 0
+        if missing:
+            topic = self._output.channels[number - 1].topic
+            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + missing
 
     def _register(self, channel: Channel) -> None:
         """Give a channel that the file declares its number in the new one."""
@@ -304,8 +306,8 @@ class _Copy:
         number = len(self._output.channels) + 1
         if number > _MOST_CHANNELS:
             raise UnreadableLogError(
-                f"{self._path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have: imutui"
-                " did not write it. `imutui export` makes a table of its samples."
+                f"{self._found.path} declares more than {_MOST_CHANNELS:,} channels, the most that a file can have:"
+                " imutui did not write it. `imutui export` makes a table of its samples."
             )
         schema = self._schemas.get(channel.schema_id)
         schema_id = 0 if schema is None else self._schema(schema)
@@ -349,28 +351,28 @@ class _Copy:
             )
             self.kept.assumed = True
 
-    def finish(self, note: Callable[[RebuiltContent], dict[str, str]]) -> RebuiltContent:
-        """Close the file with the note in it."""
+    def finish(self, lost: Callable[[RebuiltContent], list[str]], source_sha256: str) -> RebuiltContent:
+        """Close the file with a note of its source in it."""
         # channels that nobody wrote to are part of the file too
         for channel in self._channels.values():
             if self._numbers[channel.id] == _UNKNOWN:
                 self._register(channel)
-        self._output.describe(Metadata(RECOVERED, note(self.kept)))
+        self._output.flush()
+        for number, count in self._output.counts.items():
+            topic = self._output.channels[number - 1].topic
+            self.kept.topics[topic] = self.kept.topics.get(topic, 0) + count
+        note = {
+            "source": in_line(self._found.path.name),
+            "source_bytes": str(self._found.size),
+            "source_sha256": source_sha256,
+            "recovered": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "software": f"imutui {imutui.__version__}",
+            "messages": str(self.kept.messages),
+            "lost": " ".join(lost(self.kept)) or "nothing",
+        }
+        self._output.describe(Metadata(RECOVERED, note))
         self.kept.sha256 = self._output.finish()
         return self.kept
-
-
-def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:
-    """Metadata record of a rebuilt file."""
-    return {
-        "source": in_line(found.path.name),
-        "source_bytes": str(found.size),
-        "source_sha256": source_sha256,
-        "recovered": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "software": f"imutui {imutui.__version__}",
-        "messages": str(kept.messages),
-        "lost": " ".join(lost) or "nothing",
-    }
 
 
 def _read_back(path: Path, kept: RebuiltContent) -> None:

@@ -43,16 +43,6 @@ class Scan:
     unknown: int = 0  # records of kinds that the format does not define
     held: bool = False  # whether a recorder is writing to it
 
-    @property
-    def finished(self) -> bool:
-        """Whether the file has its footer."""
-        return self.end.finished
-
-    @property
-    def cut(self) -> bool:
-        """Whether it ends before its footer."""
-        return self.end.cut
-
     def items(
         self, progress: Callable[[float], None] = lambda share: None, *, indexes: bool = False
     ) -> Iterator[Content]:

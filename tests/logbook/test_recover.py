@@ -28,6 +28,7 @@ from imutui.logbook.reading import Reading
 from imutui.logbook.recover import NotAsWrittenError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED
+from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
 
 DETAILS = ((-7, 8, 9), 10, 0x0002)
@@ -141,6 +142,23 @@ def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:
         assert messages(output) == whole[:expected], size
         assert document["complete"], document["sentences"]
         assert reader.read(output).finished
+
+
+def test_messages_before_the_session_is_known_are_not_missing(tmp_path: Path) -> None:
+    info = SessionInfo(rate_hz=5, kind="simulated")
+    log = LogWriter(tmp_path / "a.mcap", info, "", START)
+    for k in range(4):
+        log.imu(START + k, START + k, np.ones(3), np.ones(3))
+        log.flush()
+        if k == 1:
+            log.describe(info)
+    log.flush_file()
+    data = (tmp_path / "a.mcap").read_bytes()
+    at = data.index(METADATA.encode())
+    source = made(tmp_path / "b.mcap", data[:at] + b"\xff" + data[at + 1 :])
+    document, _ = recovered(source)
+    assert (document["metadata"], document["topics"][schemas.IMU]) == ([METADATA], 4)
+    assert document["lost"] == {"messages": 0, "samples": 0}
 
 
 def test_a_length_beyond_any_file_stops_no_recovery(tmp_path: Path) -> None:

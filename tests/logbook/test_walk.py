@@ -25,7 +25,7 @@ def test_a_walk_without_marks_ends_with_the_first_damage_and_one_with_marks_goes
     spoilt = scan(path)
     assert len(spoilt.damages) == 1
     assert 0 < len(before) < spoilt.chunks < whole.chunks
-    assert spoilt.finished
+    assert spoilt.end.finished
 
 
 def test_a_chunk_of_more_than_64_mib_is_read(tmp_path: Path) -> None:
