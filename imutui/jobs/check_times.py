@@ -132,28 +132,29 @@ class Times:
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        stamps = np.concatenate([self._last, part.stamp_ns])
+        stamps = np.concatenate([self._last, part.samples.stamp_ns])
         self._back.take(stamps, np.diff(stamps) <= 0)
         self._last = stamps[-1:]
         self._take_numbers(part)
-        self._samples += part.stamp_ns.size
+        self._samples += part.samples.stamp_ns.size
         heads = part.sample_heads
         if heads is not None and self._own:
-            self._other.take(part.stamp_ns, heads["publish_ns"] != part.stamp_ns)
-            self._early.take(part.stamp_ns, heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS)
+            self._other.take(part.samples.stamp_ns, heads["publish_ns"] != part.samples.stamp_ns)
+            self._early.take(part.samples.stamp_ns, heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS)
         if part.packet_heads is not None:
             self._take_offset(part.packet_heads["log_ns"], part.packets["host_monotonic_ns"])
 
     def _take_numbers(self, part: Part) -> None:
         """Count samples by which of their channels are no numbers: what a log lacks is known at its end only."""
-        wrong = ~np.isfinite(np.hstack([part.gyro, part.accel]))
+        wrong = ~np.isfinite(np.hstack([part.samples.gyro, part.samples.accel]))
         if not wrong.any():
             return
         kinds = wrong @ _CHANNEL_BITS
         for kind in np.flatnonzero(np.bincount(kinds)[1:]) + 1:
             which = kinds == kind
             first = int(np.argmax(which))
-            count, at, ns = self._no_numbers.get(int(kind), (0, self._samples + first, int(part.stamp_ns[first])))
+            new = 0, self._samples + first, int(part.samples.stamp_ns[first])
+            count, at, ns = self._no_numbers.get(int(kind), new)
             self._no_numbers[int(kind)] = (count + int(np.count_nonzero(which)), at, ns)
 
     def _take_offset(self, log_ns: np.ndarray, host_ns: np.ndarray) -> None:
@@ -222,7 +223,7 @@ class Gaps:
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        stamps = np.concatenate([self._last, part.stamp_ns])
+        stamps = np.concatenate([self._last, part.samples.stamp_ns])
         self._last = stamps[-1:]
         if stamps.size < 2:
             self._first_ns = int(stamps[0]) if stamps.size and self._first_ns is None else self._first_ns

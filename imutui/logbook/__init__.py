@@ -4,8 +4,8 @@
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
 and its index · `walk` its items in order, damage among them, `mcap_stream` messages in batches,
 `scan` what a walk beyond damage reports of a file, `summary` its ends ·
-`columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
-bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
+`columns` messages as arrays, `samples` samples with their temperatures, `audit` all messages and the figures of a
+whole log · `pieces` a log of any length in bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
 `parquet` the library of the last · `recover` a whole file made of what is left · `importing` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants · `polled_rate` whether
 polling kept what was asked · `power_on` logs that continue others · `reference_file` table profiles, those too that
