@@ -246,7 +246,9 @@ def parts(
     work.close()
     if summary.SUMMARY in known.attachments:
         known.result = summary.quality(known.attachments[summary.SUMMARY])
-    if not known.session and not known.session_trouble:
+    if known.session or known.session_trouble:
+        reader.refuse_stated(found.path, reading)
+    else:
         yield from _foreign_parts(found, known, reading)
     progress(1.0)
 

@@ -120,8 +120,7 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Re
     if foreign is not None:
         yield from _foreign_parts(path, foreign, reading, rows)
         return
-    if reading.of_foreign:
-        raise InputError(f"{path} states its own {' and '.join(reading.of_foreign)}: it is a log of imutui")
+    refuse_stated(path, reading)
     log = Log(path)
     content = Content(log, raw)
     for record in records(path, log, JOINED if rows is None else min(rows, JOINED)):
@@ -137,6 +136,14 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Re
     if not content.has_samples:
         raise UnreadableLogError(_nothing(path, log, content))
     yield log
+
+
+def refuse_stated(path: Path, reading: Reading) -> None:
+    """Raise InputError if a caller states of a log of imutui what the log states itself."""
+    if reading.of_foreign:
+        raise InputError(
+            f"{path} states its own {' and '.join(reading.of_foreign)}: it is a log of imutui. Leave those options out."
+        )
 
 
 def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None) -> Iterator[Log]:
