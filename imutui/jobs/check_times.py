@@ -245,15 +245,17 @@ class Gaps:
         long = steps.steps / 1e9 > GAP_PERIODS * period
         count = int(steps.counts[long].sum())
         missing = self._missing(period) if info is None else 0
+        few = count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)
         # bursts of a host's stamps are no gaps in the samples
-        if count and (missing or count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)):
+        if missing or (count and few):
             longest, at = self._longest
-            what = f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."
-            if missing:
-                what = f"{what} By the times {that_many(missing, 'sample', 'is', 'are')} missing."
-            first = log.seconds_at(int(steps.before_ns[steps.first(long)]))
+            said = [f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."] if count else []
+            said += [f"By the times {that_many(missing, 'sample', 'is', 'are')} missing."] if missing else []
+            wide = long if count else steps.steps / 1e9 > (1.0 + _WHOLE) * period
+            first = log.seconds_at(int(steps.before_ns[steps.first(wide)]))
             where = f"first at {first:.3f} s, longest at {at:.3f} s"
-            yield Finding("gaps", what, where, "The filter predicts through 2 s at most; trace leaves gaps out.")
+            cure = "The filter predicts through 2 s at most; trace leaves gaps out."
+            yield Finding("gaps", " ".join(said), where, cure)
         if info is None or info.sampling == "imported":
             return
         if log.polled:
