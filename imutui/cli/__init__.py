@@ -14,7 +14,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -132,18 +132,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "config": config.command,
 }
 
-_app = typer.Typer(
-    no_args_is_help=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=(
-        "Exit codes: 0 fine, 1 findings, 2 usage, 3 input unreadable, 4 instrument or port, 5 disk, 130 interrupted."
-    ),
-)
-for _name, _command in COMMANDS.items():
-    _app.command(_name, cls=Command)(handled(_command))
-
 
 def _version(wanted: bool) -> None:
     if wanted:
@@ -153,7 +141,6 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@_app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
     version: Annotated[
@@ -170,6 +157,24 @@ def _root(
         handled(attach.open_ui)()
 
 
+def _program(names: Iterable[str]) -> typer.Typer:
+    """Return the program with some of the commands."""
+    app = typer.Typer(
+        no_args_is_help=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        epilog=(
+            "Exit codes: 0 fine, 1 findings, 2 usage, 3 input unreadable, 4 instrument or port, 5 disk, 130"
+            " interrupted."
+        ),
+    )
+    app.callback(invoke_without_command=True)(_root)
+    for name in names:
+        app.command(name, cls=Command)(handled(COMMANDS[name]))
+    return app
+
+
 def main() -> None:
     """Run the command that the command line names; `imutui.__main__` is where the program begins."""
     # a filter step works on 15×15 matrices: threads of the linear algebra library only get in each other's way
@@ -180,7 +185,9 @@ def main() -> None:
     atexit.register(gc.freeze)
     try:
         try:
-            _app(prog_name="imutui")
+            # reading the options of all commands takes longer than those of one
+            named = [name for name in sys.argv[1:2] if name in COMMANDS]
+            _program(named or COMMANDS)(prog_name="imutui")
         finally:
             flush()
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - what is no command's own, such as help

@@ -122,6 +122,11 @@ def chunk_of(content: bytes) -> Chunk:
     return Chunk(compression, data, end, start, checksum, size)
 
 
+def packed(content: bytes, first_ns: int, last_ns: int) -> Chunk:
+    """Chunk of a content whose messages have log times between two, UTC, ns."""
+    return Chunk("zstd", zstandard.compress(content), last_ns, first_ns, zlib.crc32(content), len(content))
+
+
 def chunk_times(content: bytes) -> tuple[int, int]:
     """Log times of the first and the last message of a chunk record, UTC, ns."""
     return int.from_bytes(content[:8], "little"), int.from_bytes(content[8:16], "little")

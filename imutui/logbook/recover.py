@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Header,
@@ -36,7 +34,7 @@ from mcap.records import (
 
 import imutui
 from imutui.logbook import layout, reader, schemas
-from imutui.logbook.mcap_format import FOOTER, FOOTER_SIZE, HEAD, MAGIC, MESSAGE
+from imutui.logbook.mcap_format import FOOTER, FOOTER_SIZE, HEAD, MAGIC, MESSAGE, packed
 from imutui.logbook.mcap_stream import CHANNEL, INDEX_HEAD, LENGTH, OFFSET, Batch
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import RECOVERED, Content, Scan
@@ -170,8 +168,8 @@ class _Output:
         starts = len(content) - self._held + np.cumsum(lengths) - lengths
         entries = np.column_stack([times, starts.astype(np.uint64)]).astype("<u8")
         first, last = int(entries[:, 0].min()), int(entries[:, 0].max())
-        data = zstandard.compress(content)
-        at, length = self._put(_bytes_of(Chunk("zstd", data, last, first, zlib.crc32(content), len(content))))
+        chunk = packed(content, first, last)
+        at, length = self._put(_bytes_of(chunk))
         places, behind = dict[int, int](), self._at
         for channel in np.flatnonzero(np.bincount(channels)).tolist():
             own = entries[channels == channel]
@@ -181,8 +179,8 @@ class _Output:
         index = ChunkIndex(
             chunk_length=length,
             chunk_start_offset=at,
-            compression="zstd",
-            compressed_size=len(data),
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
             message_end_time=last,
             message_index_length=self._at - behind,
             message_index_offsets=places,
