@@ -68,8 +68,8 @@ def run_of(heads: np.ndarray) -> HeadRun:
     `heads`: records of `MESSAGE_HEAD`, shape (N,), N > 0.
     """
     times, numbers = heads["log_ns"], heads["sequence"].astype(np.int64)
-    back, steps = np.flatnonzero(np.diff(times) < 0), np.diff(numbers)
-    again, left_out = steps < 1, steps > 1
+    back, steps = np.flatnonzero(times[1:] < times[:-1]), numbers[1:] - numbers[:-1]
+    again, left_out = np.flatnonzero(steps < 1), np.flatnonzero(steps > 1)
     return HeadRun(
         int(times.size),
         int(times[0]),
@@ -78,9 +78,9 @@ def run_of(heads: np.ndarray) -> HeadRun:
         int(numbers[-1]),
         int(back.size),
         int(times[back[0]]) if back.size else None,
-        int(times[int(np.argmax(again)) + 1]) if again.any() else None,
-        int(np.sum(steps[left_out] - 1)),
-        int(times[int(np.argmax(left_out)) + 1]) if left_out.any() else None,
+        int(times[again[0] + 1]) if again.size else None,
+        int((steps[left_out] - 1).sum()),
+        int(times[left_out[0] + 1]) if left_out.size else None,
     )
 
 

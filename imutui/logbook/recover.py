@@ -34,6 +34,7 @@ from mcap.records import (
 
 import imutui
 from imutui.logbook import layout, reader, schemas
+from imutui.logbook.audit import HeadRun, joined_runs, run_of
 from imutui.logbook.mcap_format import FOOTER, FOOTER_SIZE, HEAD, MAGIC, MESSAGE, packed
 from imutui.logbook.mcap_stream import CHANNEL, INDEX_HEAD, LENGTH, OFFSET, Batch
 from imutui.logbook.reader import UnreadableLogError
@@ -115,7 +116,7 @@ class _Output:
         self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self.counts: dict[int, int] = {}
+        self._counts: dict[int, int] = {}
         self._put(MAGIC + _bytes_of(Header(profile, f"imutui {imutui.__version__}")))
 
     def _put(self, data: bytes) -> tuple[int, int]:
@@ -175,7 +176,7 @@ class _Output:
             own = entries[channels == channel]
             head = INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD.size - HEAD.size + own.nbytes, channel, own.nbytes)
             places[channel], _ = self._put(head + own.tobytes())
-            self.counts[channel] = self.counts.get(channel, 0) + len(own)
+            self._counts[channel] = self._counts.get(channel, 0) + len(own)
         index = ChunkIndex(
             chunk_length=length,
             chunk_start_offset=at,
@@ -198,9 +199,9 @@ class _Output:
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self.channels),
-            channel_message_counts=self.counts,
+            channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
-            message_count=sum(self.counts.values()),
+            message_count=sum(self._counts.values()),
             message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
             message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
             metadata_count=len(self._metadata),
@@ -233,7 +234,7 @@ class _Copy:
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
         self._numbers = np.full(2**16, _UNKNOWN)
         self._declared: dict[int, Channel] = {}
-        self._sequences: dict[int, int] = {}
+        self._runs: dict[int, HeadRun] = {}  # by the new numbers
         self._own = False
         self._found = found
         self._output = _Output(stream, _PROFILE if found.profile is None else found.profile)
@@ -274,7 +275,7 @@ class _Copy:
                 return
         heads = batch.heads
         for number in np.flatnonzero(np.bincount(numbers)).tolist():
-            self._note_missing(number, heads["sequence"][numbers == number].astype(np.int64))
+            self._runs[number] = joined_runs(self._runs.get(number), run_of(heads[numbers == number]))
         ends = batch.table[:, OFFSET] + batch.table[:, LENGTH]
         starts = batch.table[:, OFFSET] - MESSAGE.size - HEAD.size
         if (starts[1:] == ends[:-1]).all():
@@ -285,15 +286,6 @@ class _Copy:
         at, data = np.cumsum(lengths) - lengths + HEAD.size, np.frombuffer(messages, np.uint8)
         data[at], data[at + 1] = numbers & 0xFF, numbers >> 8
         self._output.add(messages, numbers, heads["log_ns"].astype(np.uint64), lengths)
-
-    def _note_missing(self, number: int, sequences: np.ndarray) -> None:
-        """Count the numbers that are missing among those of a channel's messages."""
-        left_out = np.diff(sequences, prepend=self._sequences.get(number, -1)) - 1
-        self._sequences[number] = int(sequences[-1])
-        missing = int(left_out[left_out > 0].sum()) if self._own else 0
-        if missing:
-            topic = self._output.channels[number - 1].topic
-            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + missing
 
     def _register(self, channel: Channel) -> None:
         """Give a channel that the file declares its number in the new one."""
@@ -355,10 +347,11 @@ class _Copy:
         for channel in self._channels.values():
             if self._numbers[channel.id] == _UNKNOWN:
                 self._register(channel)
-        self._output.flush()
-        for number, count in self._output.counts.items():
+        for number, run in self._runs.items():
             topic = self._output.channels[number - 1].topic
-            self.kept.topics[topic] = self.kept.topics.get(topic, 0) + count
+            self.kept.topics[topic] = self.kept.topics.get(topic, 0) + run.count
+            if self._own and (missing := run.since_zero.missing):
+                self.kept.missing[topic] = self.kept.missing.get(topic, 0) + missing
         note = {
             "source": in_line(self._found.path.name),
             "source_bytes": str(self._found.size),
