@@ -16,6 +16,7 @@ from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.session_info import SessionInfo
 
 _LIMITS = (-32768, 32767)
+_MOST_WAITING = 2**16  # rows; packets and samples that are further apart in the file do not belong together
 
 
 class SamplesOfPackets:
@@ -28,8 +29,7 @@ class SamplesOfPackets:
         if self._info is not None:
             each = is_polled(known) or of_model(self._info.instrument).gives(self._info.rate_hz)
             self._groups = _Groups(self._info, each=each)
-        self._made, self._samples = _Queue(2), _Queue(3)
-        self._made_degc, self._degc = _Queue(1), _Queue(1)
+        self._made, self._samples, self._made_degc, self._degc = _Queue(), _Queue(), _Queue(), _Queue()
         self._last_number = -1
         self._off, self._degc_off = Places(), 0
 
@@ -41,7 +41,7 @@ class SamplesOfPackets:
         numbers = None if heads is None else np.append(self._last_number, heads["sequence"].astype(np.int64))
         if heads is None or numbers is None or (np.diff(numbers) != 1).any():
             # a group that lost a packet in the file can't be made again
-            self._info, self._made, self._samples = None, _Queue(2), _Queue(3)
+            self._info, self._made, self._samples = None, _Queue(), _Queue()
             return
         self._last_number = int(numbers[-1])
         # counts of temperature that are negative travel as words without a sign
@@ -55,10 +55,7 @@ class SamplesOfPackets:
         self._compare_temperatures(self._info)
 
     def _compare(self, info: SessionInfo) -> None:
-        count = min(self._made.waiting, self._samples.waiting)
-        if not count:
-            return
-        (made, counts), (stamps, told_gyro, told_accel) = self._made.get(count), self._samples.get(count)
+        (made, counts), (stamps, told_gyro, told_accel) = _pairs(self._made, self._samples)
         axes, scaling = info.axes(), of_model(info.instrument).scaling(info.rate_range_dps, info.accel_range_g)
         gyro = axes.gyro_to_body(np.deg2rad(scaling.rates_dps(counts[:, :3])))
         accel = axes.accel_to_body(scaling.accels_g(counts[:, 3:]) * info.g_unit)
@@ -68,10 +65,7 @@ class SamplesOfPackets:
         self._off.take(stamps, ~same)
 
     def _compare_temperatures(self, info: SessionInfo) -> None:
-        count = min(self._made_degc.waiting, self._degc.waiting)
-        if not count:
-            return
-        (counts,), (told,) = self._made_degc.get(count), self._degc.get(count)
+        (counts,), (told,) = _pairs(self._made_degc, self._degc)
         scaling = of_model(info.instrument).scaling(info.rate_range_dps, info.accel_range_g)
         same = np.isclose(scaling.temperature_degc(counts), told, rtol=0.0, atol=1e-9)
         self._degc_off += int(np.count_nonzero(~same))
@@ -95,26 +89,33 @@ class SamplesOfPackets:
 
 
 class _Queue:
-    """Rows of several columns that wait."""
+    """Rows of several columns that wait, and how many there were."""
 
-    def __init__(self, columns: int) -> None:
+    def __init__(self) -> None:
         self._held: list[tuple[np.ndarray, ...]] = []
-        self._columns = columns
-        self.waiting = 0
-        self.total = 0
+        self.total = self.waiting = 0
+        self.stopped = False
 
     def put(self, *rows: np.ndarray) -> None:
-        """More rows, shape (n, ...) each."""
+        """Add rows, shape (n, ...) each."""
         self._held.append(rows)
-        self.waiting += len(rows[0])
         self.total += len(rows[0])
+        self.waiting += len(rows[0])
 
     def get(self, count: int) -> list[np.ndarray]:
-        """So many of the first rows; so many must be there."""
+        """Return the first rows, so many of them, and forget them; all of them once it is stopped."""
         columns = [np.concatenate(column) for column in zip(*self._held, strict=True)]
-        self._held = [tuple(column[count:].copy() for column in columns)]
-        self.waiting -= count
+        rest = len(columns[0]) if self.stopped else count
+        self._held = [tuple(column[rest:].copy() for column in columns)]
+        self.waiting = len(self._held[0][0])
         return [column[:count] for column in columns]
+
+
+def _pairs(made: _Queue, told: _Queue) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the rows of both that belong together, and forget them; none any more once too many wait."""
+    count = 0 if made.stopped else min(made.waiting, told.waiting)
+    made.stopped = told.stopped = made.stopped or max(made.waiting, told.waiting) - count > _MOST_WAITING
+    return made.get(count), told.get(count)
 
 
 class _Groups:

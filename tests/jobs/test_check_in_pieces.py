@@ -11,7 +11,7 @@ from helpers.logs import LAYOUTS, START, recorded, rewritten
 from helpers.paths import SAMPLE
 from mcap.writer import IndexType
 
-from imutui.jobs import check_times
+from imutui.jobs import check_samples, check_times
 from imutui.jobs.check import check
 from imutui.jobs.check_times import StepCounts
 from imutui.jobs.info import info
@@ -76,6 +76,19 @@ def test_parts_of_any_size_say_what_the_whole_says(tmp_path: Path, monkeypatch: 
             assert len(set(each)) == 1
             findings += each[0].count('"code"')
     assert findings > 50
+
+
+def test_packets_without_samples_are_counted_and_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_samples, "_MOST_WAITING", 20)
+    made, told = check_samples._Queue(), check_samples._Queue()
+    for _ in range(5):
+        made.put(np.arange(10))
+        told.put(np.arange(0))
+        check_samples._pairs(made, told)
+        assert made.waiting <= 20
+    told.put(np.arange(10))
+    (left,), _ = check_samples._pairs(made, told)
+    assert (left.size, made.total, told.total) == (0, 50, 10)
 
 
 def test_what_a_log_lacks_and_where_it_is_no_number_is_known_from_all_parts(
