@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from imutui.cli.exit_codes import USAGE, check_output, fail
+from imutui.cli.foxglove import check
 from imutui.cli.options import (
     AccelSign,
     Effects,
@@ -97,14 +98,14 @@ def command(
     ] = False,
     foxglove: Annotated[
         int | None,
-        typer.Option("--foxglove", metavar="PORT", help="Stream what is recorded to Foxglove at this TCP port."),
+        typer.Option("--foxglove", metavar="PORT", help="Serve what is recorded to Foxglove at this TCP port."),
     ] = None,
     foxglove_host: Annotated[
         str | None,
         typer.Option(
             "--foxglove-host",
             metavar="ADDR",
-            help="Address that the stream is served at; unless given, 127.0.0.1: this computer only.",
+            help="Address to serve at; 127.0.0.1, this computer, unless given.",
         ),
     ] = None,
     output: Output = None,
@@ -135,7 +136,7 @@ def command(
     """
     from imutui import config
     from imutui.cli.follow_acquisition import follow
-    from imutui.cli.session_options import check_stream, may_move, plan_from
+    from imutui.cli.session_options import may_move, plan_from
     from imutui.logbook import import_reference
     from imutui.session.plan import VIRTUAL_PORT
 
@@ -144,7 +145,7 @@ def command(
     if batch is not None and port is not None and (name is None or "," in name):
         raise fail(USAGE, "--port is of one unit: of a batch say with --name which one it is that is now there.")
     if batch is not None and (output is not None or foxglove is not None):
-        raise fail(USAGE, "-o and --foxglove are of one unit; with --batch each file is named in the logs folder.")
+        raise fail(USAGE, "-o and --foxglove are of one unit; `imutui foxglove --name BATCH:UNIT` serves one of them.")
     if batch is not None and (controller is not None or speed != 1.0):
         raise fail(USAGE, "--controller is of one unit; units of a batch are recorded while one of them commands.")
     if output is not None:
@@ -218,7 +219,8 @@ def command(
             "gravity": gravity,
         }
         follow_batch.record(batch, name, port, plan, [key for key in given if given[key] is not None], json=json)
-    check_stream(plan)
+    if plan.foxglove_port:
+        check(plan.foxglove_host)
     if controller is not None and kind == "profile":
         plan = may_move(plan)
     follow(plan, json=json)

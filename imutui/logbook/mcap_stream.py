@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import McapRecord, Message
+from mcap.records import Channel, McapRecord, Message, Schema
 
 from imutui.logbook import mcap_format
 from imutui.logbook.layout import windows
@@ -151,6 +151,43 @@ class Batch:
         _, _, at, length = self.table[row].tolist()
         channel, sequence, log_time, publish_time = MESSAGE.unpack_from(self.content, at - MESSAGE.size)
         return Message(channel, log_time, self.content[at : at + length], publish_time, sequence)
+
+
+class Described(NamedTuple):
+    """A channel and its schema, which is empty if the channel has none."""
+
+    channel: Channel
+    schema: Schema
+
+
+class LoggedMessage(NamedTuple):
+    """A message of a channel."""
+
+    of: Described
+    log_ns: int  # log time, UTC, ns
+    data: bytes
+
+
+class Messages:
+    """The channels of a log, and its messages by them."""
+
+    def __init__(self) -> None:
+        self.channels: dict[int, Described] = {}
+        self._schemas: dict[int, Schema] = {0: Schema(id=0, name="", encoding="", data=b"")}
+
+    def of(self, item: object, topic: str | None = None) -> Iterator[LoggedMessage]:
+        """Take an item of the log; yield the messages in it, of one topic or of all."""
+        match item:
+            case Schema():
+                self._schemas[item.id] = item
+            case Channel():
+                schema = self._schemas.get(item.schema_id, self._schemas[0])
+                self.channels[item.id] = Described(item, schema)
+            case Batch():
+                wanted = [number for number, of in self.channels.items() if topic in (None, of.channel.topic)]
+                for row in np.flatnonzero(np.isin(item.table[:, CHANNEL], wanted)).tolist():
+                    message = item.message(row)
+                    yield LoggedMessage(self.channels[message.channel_id], message.log_time, message.data)
 
 
 def joined(items: Iterator[McapRecord | Batch], rows: int = JOINED) -> Iterator[McapRecord | Batch]:

@@ -80,7 +80,7 @@ def base_of(batch: Batch, base: Plan) -> Plan:
                 raise InputError(f'`profile` is "{batch.profile}", no .toml or .csv file nor a ready-made profile')
             name = import_reference.name_of(batch.profile)
             common |= {"reference": file.kind, "reference_file": (name, file.content.decode("utf-8-sig"))}
-        return replace(base, **common, foxglove_port=0)  # a stream is of one
+        return replace(base, **common, foxglove_port=0)  # a port is of one
     except InputError as error:
         raise batch.wrong(str(error)) from error
 

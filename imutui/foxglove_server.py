@@ -1,0 +1,193 @@
+"""A websocket that serves what a log holds, or what is written into it, to Foxglove.
+
+The only user of foxglove-sdk; viewers come through `origin_gate`. Channels are those of the file: names, types,
+encoding, metadata. A log that grows is read as a file, so the process that writes it does not know of this one.
+"""
+
+import contextlib
+import itertools
+import logging
+import queue
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from imutui.logbook import file_lock, reader, schemas, walk
+from imutui.logbook.mcap_format import MAGIC
+from imutui.logbook.mcap_stream import Described, LoggedMessage, Messages
+from imutui.logbook.walk import Damage, End, Item
+from imutui.origin_gate import AddressError, OriginGate, loopback_address
+from imutui.plain_text import visible
+
+if TYPE_CHECKING:
+    import foxglove
+    from foxglove.websocket import ChannelView, Client, ServerListener
+
+LOOK_S = 0.1
+"""Seconds between two looks whether a log has grown."""
+_LAST_MESSAGES_S = 0.3
+# messages that wait for a slow viewer, ten seconds at the full rate; the library then drops its oldest
+_BACKLOG = 4096
+
+
+class _Subscriptions:
+    """Subscriptions of viewers. The library calls the methods in threads of its own.
+
+    `new`: topics with a new subscription, until they are taken from it.
+    """
+
+    def __init__(self) -> None:
+        self.new: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.any = threading.Event()  # set by the first one
+
+    def on_subscribe(self, client: "Client", channel: "ChannelView") -> None:
+        del client
+        self.new.put(channel.topic)
+        self.any.set()
+
+    def on_unsubscribe(self, client: "Client", channel: "ChannelView") -> None:
+        pass
+
+
+class _LibraryMessages(logging.Handler):
+    """Print the library's warnings on stderr, and that a viewer is too slow, which the library repeats now and then."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if record.levelno >= logging.WARNING or "outbox" in text:
+            print(visible(f"stream for Foxglove: {text}"), file=sys.stderr)
+
+
+class _Clock:
+    """The time of a log that is played, from the first subscription on.
+
+    `begins`: set by that.
+    `stop`: ends it.
+    """
+
+    def __init__(self, begins: threading.Event, stop: threading.Event) -> None:
+        self._begins, self._stop = begins, stop
+        self._offset_s: float | None = None  # monotonic time less log time
+
+    def reaches(self, log_ns: int) -> bool:
+        """Wait until it is this log time (UTC, ns); return whether it is, and nothing has ended it before."""
+        if self._offset_s is None:
+            while not self._begins.wait(LOOK_S):
+                if self._stop.is_set():
+                    return False
+            self._stop.wait(LOOK_S)  # for the other subscriptions of this viewer
+            self._offset_s = time.monotonic() - log_ns / 1e9
+        return not self._stop.wait(max(0.0, log_ns / 1e9 + self._offset_s - time.monotonic()))
+
+
+def _up_to_end(items: Iterator[Item]) -> Iterator[Item]:
+    """Yield the items before the next `End`."""
+    return itertools.takewhile(lambda item: not isinstance(item, End), items)
+
+
+class FoxgloveServer:
+    """The websocket, with the channels of all logs that were served so far.
+
+    `host`, `port`: where viewers find it.
+    `name`: shown by viewers.
+    `origins`: further origins of pages that may read the stream, see `origin_gate`.
+    `stop`: ends `serve` once it is set.
+    Raises AddressError if it cannot listen there.
+    """
+
+    def __init__(self, host: str, port: int, name: str, origins: frozenset[str], stop: threading.Event) -> None:
+        import foxglove
+
+        self._stop, self._subscriptions = stop, _Subscriptions()
+        logger = logging.getLogger("foxglove")
+        logger.addHandler(_LibraryMessages(logging.INFO))
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+        foxglove.set_log_level("INFO")
+        listener = cast("ServerListener", self._subscriptions)  # clients only watch: nothing else is called
+        behind = loopback_address()
+        try:
+            self._server = foxglove.start_server(
+                name=name, host=behind, port=0, server_listener=listener, message_backlog_size=_BACKLOG
+            )
+        except (RuntimeError, OSError) as error:
+            raise AddressError(f"foxglove-sdk cannot listen at {behind}: {error}") from error
+        try:
+            self._gate = OriginGate(host, port, (behind, self._server.port), origins)
+        except AddressError:
+            self._server.stop()
+            raise
+        self._channels: dict[tuple[object, ...], foxglove.Channel] = {}
+        self._transforms: LoggedMessage | None = None  # the last message of `/tf_static`
+
+    def serve(self, path: Path, *, from_now: bool = True) -> Damage | None:
+        """Serve a log up to its end; return the damage at which it ends, if any.
+
+        A log that a process writes is sent as it grows, any other in its own time from the first subscription on.
+
+        `from_now`: whether messages that a growing log holds already are left out.
+        Raises UnreadableLogError if the file is no log.
+        """
+        with contextlib.closing(reader.opened(path)) as stream:
+            if not MAGIC.startswith(stream.read(len(MAGIC))):
+                raise reader.UnreadableLogError(reader.foreign(path))
+            growing = file_lock.is_held(stream)
+            clock = None if growing else _Clock(self._subscriptions.any, self._stop)
+            content, items = Messages(), walk.follow(stream)
+            # viewers know all channels before the first message, and the transforms, wherever in the file they are
+            for item in _up_to_end(items):
+                for message in content.of(item, schemas.TRANSFORMS):
+                    self._transforms = message
+            for channel in content.channels.values():
+                self._channel(channel)
+            if not (growing and from_now):
+                items = walk.follow(stream)
+            while True:
+                damage = None
+                for item in _up_to_end(items):
+                    for message in content.of(item):
+                        if clock is not None and not clock.reaches(message.log_ns):
+                            return None
+                        self._send(message)
+                    damage = item if isinstance(item, Damage) else None
+                self._latched()
+                if not growing:
+                    return damage
+                growing = file_lock.is_held(stream) and not self._stop.wait(LOOK_S)
+
+    def _channel(self, described: Described) -> "foxglove.Channel":
+        import foxglove
+
+        channel, schema = described
+        key = channel.topic, channel.message_encoding, schema.name, schema.encoding, schema.data
+        if key not in self._channels:
+            self._channels[key] = foxglove.Channel(
+                channel.topic,
+                message_encoding=channel.message_encoding,
+                schema=foxglove.Schema(name=schema.name, encoding=schema.encoding, data=schema.data),
+                metadata=channel.metadata,
+            )
+        return self._channels[key]
+
+    def _send(self, message: LoggedMessage) -> None:
+        self._latched()
+        self._channel(message.of).log(message.data, log_time=message.log_ns)
+        if message.of.channel.topic == schemas.TRANSFORMS:
+            self._transforms = message
+
+    def _latched(self) -> None:
+        """Send the transforms, which come once in a file, to new subscribers; the others get them again."""
+        with contextlib.suppress(queue.Empty):
+            while (last := self._transforms) is not None:
+                if self._subscriptions.new.get_nowait() == schemas.TRANSFORMS:
+                    self._channel(last.of).log(last.data, log_time=last.log_ns)
+
+    def close(self) -> None:
+        """Send what waits and end the connections."""
+        if self._subscriptions.any.is_set():
+            time.sleep(_LAST_MESSAGES_S)
+        self._server.stop()
+        self._gate.close()
