@@ -11,13 +11,14 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from imutui.logbook import file_lock, reader, schemas, walk
 from imutui.logbook.mcap_format import MAGIC
-from imutui.logbook.mcap_stream import Described, LoggedMessage, Messages
+from imutui.logbook.mcap_stream import Messages
 from imutui.logbook.walk import Damage, End, Item
 from imutui.origin_gate import AddressError, OriginGate, loopback_address
 from imutui.plain_text import visible
@@ -121,7 +122,7 @@ class FoxgloveServer:
             self._server.stop()
             raise
         self._channels: dict[tuple[object, ...], foxglove.Channel] = {}
-        self._transforms: LoggedMessage | None = None  # the last message of `/tf_static`
+        self._transforms: Callable[[], None] | None = None  # sends the last message of `/tf_static`
 
     def serve(self, path: Path, *, from_now: bool = True) -> Damage | None:
         """Serve a log up to its end; return the damage at which it ends, if any.
@@ -140,28 +141,33 @@ class FoxgloveServer:
             # viewers know all channels before the first message, and the transforms, wherever in the file they are
             for item in _up_to_end(items):
                 for message in content.of(item, schemas.TRANSFORMS):
-                    self._transforms = message
-            for channel in content.channels.values():
-                self._channel(channel)
+                    channel = self._channel(content, message.channel_id)
+                    self._transforms = partial(channel.log, message.data, log_time=message.log_time)
+            for number in content.channels:
+                self._channel(content, number)
             if not (growing and from_now):
                 items = walk.follow(stream)
             while True:
                 damage = None
                 for item in _up_to_end(items):
                     for message in content.of(item):
-                        if clock is not None and not clock.reaches(message.log_ns):
+                        if clock is not None and not clock.reaches(message.log_time):
                             return None
-                        self._send(message)
+                        self._latch()
+                        channel = self._channel(content, message.channel_id)
+                        channel.log(message.data, log_time=message.log_time)
+                        if channel.topic() == schemas.TRANSFORMS:
+                            self._transforms = partial(channel.log, message.data, log_time=message.log_time)
                     damage = item if isinstance(item, Damage) else None
-                self._latched()
+                self._latch()
                 if not growing:
                     return damage
                 growing = file_lock.is_held(stream) and not self._stop.wait(LOOK_S)
 
-    def _channel(self, described: Described) -> "foxglove.Channel":
+    def _channel(self, content: Messages, number: int) -> "foxglove.Channel":
         import foxglove
 
-        channel, schema = described
+        channel, schema = content.channels[number]
         key = channel.topic, channel.message_encoding, schema.name, schema.encoding, schema.data
         if key not in self._channels:
             self._channels[key] = foxglove.Channel(
@@ -172,18 +178,12 @@ class FoxgloveServer:
             )
         return self._channels[key]
 
-    def _send(self, message: LoggedMessage) -> None:
-        self._latched()
-        self._channel(message.of).log(message.data, log_time=message.log_ns)
-        if message.of.channel.topic == schemas.TRANSFORMS:
-            self._transforms = message
-
-    def _latched(self) -> None:
+    def _latch(self) -> None:
         """Send the transforms, which come once in a file, to new subscribers; the others get them again."""
         with contextlib.suppress(queue.Empty):
-            while (last := self._transforms) is not None:
+            while self._transforms is not None:
                 if self._subscriptions.new.get_nowait() == schemas.TRANSFORMS:
-                    self._channel(last.of).log(last.data, log_time=last.log_ns)
+                    self._transforms()
 
     def close(self) -> None:
         """Send what waits and end the connections."""

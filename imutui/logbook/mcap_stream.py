@@ -153,41 +153,24 @@ class Batch:
         return Message(channel, log_time, self.content[at : at + length], publish_time, sequence)
 
 
-class Described(NamedTuple):
-    """A channel and its schema, which is empty if the channel has none."""
-
-    channel: Channel
-    schema: Schema
-
-
-class LoggedMessage(NamedTuple):
-    """A message of a channel."""
-
-    of: Described
-    log_ns: int  # log time, UTC, ns
-    data: bytes
-
-
 class Messages:
-    """The channels of a log, and its messages by them."""
+    """The messages of a log, and its channels with their schemas; a channel without one has an empty schema."""
 
     def __init__(self) -> None:
-        self.channels: dict[int, Described] = {}
+        self.channels: dict[int, tuple[Channel, Schema]] = {}
         self._schemas: dict[int, Schema] = {0: Schema(id=0, name="", encoding="", data=b"")}
 
-    def of(self, item: object, topic: str | None = None) -> Iterator[LoggedMessage]:
+    def of(self, item: object, topic: str | None = None) -> Iterator[Message]:
         """Take an item of the log; yield the messages in it, of one topic or of all."""
         match item:
             case Schema():
                 self._schemas[item.id] = item
             case Channel():
-                schema = self._schemas.get(item.schema_id, self._schemas[0])
-                self.channels[item.id] = Described(item, schema)
+                self.channels[item.id] = item, self._schemas.get(item.schema_id, self._schemas[0])
             case Batch():
-                wanted = [number for number, of in self.channels.items() if topic in (None, of.channel.topic)]
+                wanted = [number for number, (of, _) in self.channels.items() if topic in (None, of.topic)]
                 for row in np.flatnonzero(np.isin(item.table[:, CHANNEL], wanted)).tolist():
-                    message = item.message(row)
-                    yield LoggedMessage(self.channels[message.channel_id], message.log_time, message.data)
+                    yield item.message(row)
 
 
 def joined(items: Iterator[McapRecord | Batch], rows: int = JOINED) -> Iterator[McapRecord | Batch]:

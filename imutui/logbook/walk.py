@@ -6,7 +6,6 @@ behind damage. A chunk is whole if its checksum is right and its content ends wi
 
 import bisect
 import mmap
-import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -117,13 +116,10 @@ def follow(stream: IO[bytes]) -> Iterator[Item]:
     it, so the caller waits, and stops once the file has its end or no process writes it. `Damage` may be a record that
     is being written: if it is not, it comes again.
 
-    `stream`: the file, which may be empty.
+    `stream`: the file, not empty.
     """
     at = 0
     while True:
-        if not os.fstat(stream.fileno()).st_size:
-            yield End(cut=True)
-            continue
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             found = _Walk(data, (), lambda share: None, indexes=False)
             yield from found.items(at)

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from helpers.commands import imutui
 from helpers.logs import START, recorded
-from helpers.processes import LIMIT_S, children, command_line, free_port, has_ended, started, wait_until
+from helpers.processes import LIMIT_S, children, command_line, free_port, has_ended, listens, started, wait_until
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -295,16 +295,9 @@ def _answers() -> bool:
     return False
 
 
-def _listens(port: int) -> bool:
-    with contextlib.suppress(OSError):
-        socket.create_connection(("127.0.0.1", port)).close()
-        return True
-    return False
-
-
 def test_record_has_all_its_files_served_and_the_follower_ends_with_it(home: Path) -> None:
     with recording("--rotate-minutes", 3 / 60, "--json") as (port, command, follower):
-        wait_until(lambda: _listens(port))
+        wait_until(lambda: listens(port))
         with Viewer(port) as viewer:
             assert viewer.server["name"] == "imutui streamed"
             wait_until(lambda: len([*home.glob("logs/*.mcap")]) == 3)
