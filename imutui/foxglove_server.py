@@ -20,7 +20,7 @@ from imutui.logbook import file_lock, reader, schemas, walk
 from imutui.logbook.mcap_format import MAGIC
 from imutui.logbook.mcap_stream import Messages
 from imutui.logbook.walk import Damage, End, Item
-from imutui.origin_gate import AddressError, OriginGate, loopback_address
+from imutui.origin_gate import AddressError, OriginGate, listen, loopback_address
 from imutui.plain_text import visible
 
 if TYPE_CHECKING:
@@ -109,18 +109,15 @@ class FoxgloveServer:
         logger.propagate = False
         foxglove.set_log_level("INFO")
         listener = cast("ServerListener", self._subscriptions)  # clients only watch: nothing else is called
-        behind = loopback_address()
+        self._listener, behind = listen(host, port), loopback_address()
         try:
             self._server = foxglove.start_server(
                 name=name, host=behind, port=0, server_listener=listener, message_backlog_size=_BACKLOG
             )
         except (RuntimeError, OSError) as error:
             raise AddressError(f"foxglove-sdk cannot listen at {behind}: {error}") from error
-        try:
-            self._gate = OriginGate(host, port, (behind, self._server.port), origins)
-        except AddressError:
-            self._server.stop()
-            raise
+        self._behind, self._origins = (behind, self._server.port), origins
+        self._gate: OriginGate | None = None
         self._channels: dict[tuple[object, ...], foxglove.Channel] = {}
         self._transforms: Callable[[], None] | None = None  # sends the last message of `/tf_static`
 
@@ -145,6 +142,8 @@ class FoxgloveServer:
                     self._transforms = partial(channel.log, message.data, log_time=message.log_time)
             for number in content.channels:
                 self._channel(content, number)
+            # not before: the library drops a subscription that comes just when its channel is made
+            self._gate = self._gate or OriginGate(self._listener, self._behind, self._origins)
             if not (growing and from_now):
                 items = walk.follow(stream)
             while True:
@@ -190,4 +189,6 @@ class FoxgloveServer:
         if self._subscriptions.any.is_set():
             time.sleep(_LAST_MESSAGES_S)
         self._server.stop()
-        self._gate.close()
+        if self._gate is not None:
+            self._gate.close()
+        self._listener.close()

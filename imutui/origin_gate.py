@@ -78,15 +78,14 @@ def _refusal(host: str, port: int, error: Exception) -> str:
 
 
 class OriginGate:
-    """Listen for viewers and pass those that are allowed on to `behind`.
+    """Pass viewers that are allowed on to `behind`.
 
+    `listener`: where viewers connect, of `listen`.
     `more`: further origins that are allowed, such as `https://viewer.example.org`.
-    Raises AddressError as `listen`.
     """
 
-    def __init__(self, host: str, port: int, behind: tuple[str, int], more: frozenset[str]) -> None:
-        self._listener = listen(host, port)
-        self._behind, self._more = behind, more
+    def __init__(self, listener: socket.socket, behind: tuple[str, int], more: frozenset[str]) -> None:
+        self._listener, self._behind, self._more = listener, behind, more
         self._free = threading.Semaphore(_CONNECTIONS)
         self._threads: list[threading.Thread] = []
         self._refused = 0

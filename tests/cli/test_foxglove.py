@@ -315,6 +315,18 @@ def test_record_has_all_its_files_served_and_the_follower_ends_with_it(home: Pat
         assert any(f"served to Foxglove at ws://127.0.0.1:{port}" in event.text for event in log.events)
 
 
+def test_each_unit_of_a_batch_is_served_at_a_port_of_its_own(home: Path) -> None:
+    (home / "two.toml").write_text('rate = 20.0\nfilter = "none"\n' + '[[unit]]\nport = "virtual"\n' * 2)
+    port = free_port()
+    with started(command_line("record", "--batch", "two.toml", "--foxglove", str(port), "--duration", "8")) as command:
+        for number in (1, 2):
+            wait_until(lambda at=port + number - 1: listens(at))  # type: ignore[misc]
+            with Viewer(port + number - 1) as viewer:
+                assert viewer.server["name"] == f"imutui two:{number}"
+                wait_until(lambda viewer=viewer: bool(viewer.of(schemas.IMU)))  # type: ignore[misc]
+        command.communicate(timeout=LIMIT_S)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_follower_that_dies_or_hangs_costs_no_sample(home: Path, number: signal.Signals) -> None:
     with recording("--duration", "5", "-o", home / "a.mcap", "--json") as (_, command, follower):
