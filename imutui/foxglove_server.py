@@ -42,12 +42,10 @@ class _Subscriptions:
 
     def __init__(self) -> None:
         self.new: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self.any = threading.Event()  # set by the first one
 
     def on_subscribe(self, client: "Client", channel: "ChannelView") -> None:
         del client
         self.new.put(channel.topic)
-        self.any.set()
 
     def on_unsubscribe(self, client: "Client", channel: "ChannelView") -> None:
         pass
@@ -63,22 +61,17 @@ class _LibraryMessages(logging.Handler):
 
 
 class _Clock:
-    """The time of a log that is played, from the first subscription on.
+    """The time of a log that is played, from the next subscription on, until `stop` is set."""
 
-    `begins`: set by that.
-    `stop`: ends it.
-    """
-
-    def __init__(self, begins: threading.Event, stop: threading.Event) -> None:
-        self._begins, self._stop = begins, stop
+    def __init__(self, subscriptions: _Subscriptions, stop: threading.Event) -> None:
+        self._subscriptions, self._stop = subscriptions, stop
         self._offset_s: float | None = None  # monotonic time less log time
 
     def reaches(self, log_ns: int) -> bool:
         """Wait until it is this log time (UTC, ns); return whether it is, and nothing has ended it before."""
         if self._offset_s is None:
-            while not self._begins.wait(LOOK_S):
-                if self._stop.is_set():
-                    return False
+            while self._subscriptions.new.empty() and not self._stop.wait(LOOK_S):
+                pass
             self._stop.wait(LOOK_S)  # for the other subscriptions of this viewer
             self._offset_s = time.monotonic() - log_ns / 1e9
         return not self._stop.wait(max(0.0, log_ns / 1e9 + self._offset_s - time.monotonic()))
@@ -133,7 +126,7 @@ class FoxgloveServer:
             if not MAGIC.startswith(stream.read(len(MAGIC))):
                 raise reader.UnreadableLogError(reader.foreign(path))
             growing = file_lock.is_held(stream)
-            clock = None if growing else _Clock(self._subscriptions.any, self._stop)
+            clock = None if growing else _Clock(self._subscriptions, self._stop)
             content, items = Messages(), walk.follow(stream)
             # viewers know all channels before the first message, and the transforms, wherever in the file they are
             for item in _up_to_end(items):
@@ -186,8 +179,7 @@ class FoxgloveServer:
 
     def close(self) -> None:
         """Send what waits and end the connections."""
-        if self._subscriptions.any.is_set():
-            time.sleep(_LAST_MESSAGES_S)
+        time.sleep(_LAST_MESSAGES_S)
         self._server.stop()
         if self._gate is not None:
             self._gate.close()

@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.util
-import ipaddress
 import signal
 import threading
 import time
@@ -72,19 +71,11 @@ def check(host: str) -> None:
     """Refuse to serve without the library, and say so if other computers can reach the address."""
     if importlib.util.find_spec("foxglove") is None:
         raise lacking("a stream for Foxglove needs foxglove-sdk", "live")
-    if not _is_loopback(host):
+    if not (host.startswith("127.") or host in ("localhost", "::1")):
         say(
             f"imutui: the stream for Foxglove is served at {host}: whoever reaches this computer can watch, without a"
             " password and unencrypted"
         )
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return False
 
 
 def _acquisition(name: str | None) -> "Client":
