@@ -15,7 +15,7 @@ jitter and stream: two virtual units in processes of their own send at 133 Hz ov
 packet's last byte was written; lateness is the host's stamp less that. For jitter one unit is read by an acquisition,
 as ever, the other by the same reader (`session/reader_thread`) in a thread of the screen's process, which shows the
 acquisition in a terminal that takes all it draws. For stream both are recorded and filtered; what one acquisition
-records is streamed to Foxglove's protocol, and a client in a process of its own has subscribed to all of it.
+records is served over Foxglove's protocol, and a client in a process of its own has subscribed to all of it.
 
 rack: so many units at 133 Hz, nobody looking on: processor share and memory (proportional set size: what is shared
 counts once) of all acquisitions together, and lateness; forked from one parent, as threads of one process, and as they
@@ -38,7 +38,7 @@ from pathlib import Path
 
 import bench
 import numpy as np
-from helpers.processes import children, free_port, processor_s
+from helpers.processes import children, free_port, listens, processor_s, wait_until
 from reading import write
 from terminals import in_terminal
 
@@ -237,20 +237,20 @@ def stream(folder: Path, seconds: float) -> None:
                 )
                 for output, port in zip(outputs, streams.values(), strict=True)
             ]
+            wait_until(lambda: listens(streams["stream, one viewer"]))
             viewer = pool.submit(watch, streams["stream, one viewer"])
             time.sleep(WARM_UP_S)
             pids = [*(client.pid for client in clients), children(clients[1].pid)[0]]
             before, since = [processor_s(pid) for pid in pids], time.monotonic()
             time.sleep(seconds)
             after, took = [processor_s(pid) for pid in pids], time.monotonic() - since
-            told = clients[1].snapshot(NOTHING_NEW).get("stream")
             logs = [recording(client) for client in clients]
         received = viewer.result(30.0)
     shares = [f"{100.0 * (b - a) / took:.1f}" for a, b in zip(before, after, strict=True)]
     bench.head("acquisition", *LATENESS, "% of a processor")
     for what, log, output, share in zip(streams, logs, outputs, shares[:2], strict=True):
         bench.row(what, *lateness(log_packets(log), output, since * 1e9), share)
-    print(f"\nthe process that serves: {shares[2]} % of a processor; stream: {told}")
+    print(f"\nthe process that serves: {shares[2]} % of a processor")
     print(f"the viewer received {received} messages")
 
 

@@ -38,7 +38,7 @@ DEFAULTS: dict[str, Value] = {
     "acquisition.table": "",
     "acquisition.rotate_minutes": 0.0,  # 0: never
     "acquisition.rotate_mb": 0.0,  # 0: never
-    "foxglove.port": 0,  # 0: no stream
+    "foxglove.port": 0,  # 0: what is recorded is not served
     "foxglove.host": "127.0.0.1",  # of this computer only
     "foxglove.origins": "",  # of further pages that may read the stream, such as https://viewer.example.org
     "site.latitude_deg": PAPER_PLACE[0],

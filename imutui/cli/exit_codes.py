@@ -271,6 +271,7 @@ def _with_cures(error: Exception) -> str:
 
 _CODES = {
     INSTRUMENT: (
+        "imutui.origin_gate.AddressError",
         "imutui.session.client.SessionError",
         "imutui.jobs.campaign.cluster.ClusterError",
         "imutui.table.controller.TableError",

@@ -324,7 +324,7 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
 
 _KEYS = {"rate_hz": "rate", "reference": "profile"}
 """Keys of a batch's file for fields of a plan, where their names differ."""
-_FLAGS = {"rate_hz": "rate", "duration_s": "duration"}
+_FLAGS = {"rate_hz": "rate", "duration_s": "duration", "foxglove_port": "foxglove"}
 """Options for fields of a plan, where their names differ."""
 _LONGEST_VALUE = 60
 

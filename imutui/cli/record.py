@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from imutui.cli.exit_codes import USAGE, check_output, fail
+from imutui.cli.foxglove import check
 from imutui.cli.options import (
     AccelSign,
     Effects,
@@ -97,14 +98,18 @@ def command(
     ] = False,
     foxglove: Annotated[
         int | None,
-        typer.Option("--foxglove", metavar="PORT", help="Stream what is recorded to Foxglove at this TCP port."),
+        typer.Option(
+            "--foxglove",
+            metavar="PORT",
+            help="Serve what is recorded to Foxglove at this TCP port; other units of a batch at the next ones.",
+        ),
     ] = None,
     foxglove_host: Annotated[
         str | None,
         typer.Option(
             "--foxglove-host",
             metavar="ADDR",
-            help="Address that the stream is served at; unless given, 127.0.0.1: this computer only.",
+            help="Address to serve at; 127.0.0.1, this computer, unless given.",
         ),
     ] = None,
     output: Output = None,
@@ -135,7 +140,7 @@ def command(
     """
     from imutui import config
     from imutui.cli.follow_acquisition import follow
-    from imutui.cli.session_options import check_stream, may_move, plan_from
+    from imutui.cli.session_options import may_move, plan_from
     from imutui.logbook import import_reference
     from imutui.session.plan import VIRTUAL_PORT
 
@@ -143,8 +148,8 @@ def command(
         raise fail(USAGE, "say which unit: --port; or --batch FILE for several. `imutui devices --probe` lists both.")
     if batch is not None and port is not None and (name is None or "," in name):
         raise fail(USAGE, "--port is of one unit: of a batch say with --name which one it is that is now there.")
-    if batch is not None and (output is not None or foxglove is not None):
-        raise fail(USAGE, "-o and --foxglove are of one unit; with --batch each file is named in the logs folder.")
+    if batch is not None and output is not None:
+        raise fail(USAGE, "-o is of one unit; with --batch each file is named in the logs folder.")
     if batch is not None and (controller is not None or speed != 1.0):
         raise fail(USAGE, "--controller is of one unit; units of a batch are recorded while one of them commands.")
     if output is not None:
@@ -191,6 +196,8 @@ def command(
         else (import_reference.name_of(str(reference)), file.content.decode("utf-8-sig")),
         effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
+    if plan.foxglove_port:
+        check(plan.foxglove_host)
     if batch is not None:
         from imutui.cli import follow_batch
 
@@ -210,6 +217,8 @@ def command(
             "table": table,
             "rotate_minutes": rotate_minutes,
             "rotate_mb": rotate_mb,
+            "foxglove_port": foxglove,
+            "foxglove_host": foxglove_host,
             "unattended": unattended or None,
             "accel_sign": accel_sign,
             "mount": mount,
@@ -218,7 +227,6 @@ def command(
             "gravity": gravity,
         }
         follow_batch.record(batch, name, port, plan, [key for key in given if given[key] is not None], json=json)
-    check_stream(plan)
     if controller is not None and kind == "profile":
         plan = may_move(plan)
     follow(plan, json=json)

@@ -1,13 +1,10 @@
 """From configuration to the records that the rest of the program takes."""
 
-import contextlib
-import importlib.util
-import ipaddress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.cli.exit_codes import lacking, say
+from imutui.cli.exit_codes import say
 from imutui.cli.options import ask_to_move
 from imutui.config import DEFAULTS, Config
 from imutui.session.plan import Plan
@@ -23,10 +20,9 @@ if TYPE_CHECKING:
 _RENAMED = {
     "foxglove.port": "foxglove_port",
     "foxglove.host": "foxglove_host",
-    "foxglove.origins": "foxglove_origins",
     "filter.name": "filter",
 }
-_OTHERS = ("paths.logs", "site.", "screen.")
+_OTHERS = ("paths.logs", "site.", "screen.", "foxglove.origins")
 _SETTINGS = {_RENAMED.get(key, key.partition(".")[2]): key for key in DEFAULTS if not key.startswith(_OTHERS)}
 # fields of a plan that are the instrument's own where nobody chose
 _RANGES = ("rate_range_dps", "accel_range_g")
@@ -105,27 +101,6 @@ def may_move(plan: Plan) -> Plan:
     begin_guide(motion, filter_of(plan, motion), None, recording=False, by_itself=True)
     ask_to_move(plan.controller, f"through {plan.reference_file[0]}", yes_move=plan.yes_move)
     return replace(plan, yes_move=True)
-
-
-def check_stream(plan: Plan) -> None:
-    """Refuse a stream that lacks its library, and say of one that others than this computer can reach that it is so."""
-    if not plan.foxglove_port:
-        return
-    if importlib.util.find_spec("foxglove") is None:
-        raise lacking("a stream for Foxglove needs foxglove-sdk", "live")
-    if not _is_loopback(plan.foxglove_host):
-        say(
-            f"imutui: the stream for Foxglove is served at {plan.foxglove_host}, port {plan.foxglove_port}: whoever"
-            " reaches this computer can watch, without a password and unencrypted"
-        )
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return False
 
 
 def refuse(plan: Plan) -> list[str]:

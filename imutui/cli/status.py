@@ -108,11 +108,7 @@ def _more(s: "Snapshot") -> list[str]:
     slow = finding(s["rate_hz"], s["measured_hz"]) if s["sampling"] == "polled" else None
     # a rate that is too low now is told by its own line
     said = [text for text in s["findings"] if text != slow]
-    return [
-        line
-        for line in (silence(s), *_health(s), slow, *said, _room(s), _filter(s), _stream(s), _guide(s["guide"]))
-        if line
-    ]
+    return [line for line in (silence(s), *_health(s), slow, *said, _room(s), _filter(s), _guide(s["guide"])) if line]
 
 
 def _health(s: "Snapshot") -> list[str]:
@@ -149,22 +145,6 @@ def _filter(s: "Snapshot") -> str:
     parts.append(f"effects: {'; '.join(map(plain_names.state, s['effects']))}" if s["effects"] else "no effects")
     if s["zeroing"]:
         parts.append("zeroing the rate sensors")
-    return ", ".join(parts)
-
-
-def _stream(s: "Snapshot") -> str:
-    from imutui.jobs.quantities import plural
-
-    stream = s.get("stream")
-    if stream is None:
-        return ""
-    if stream["ended"]:
-        return f"the stream for Foxglove at {stream['url']} has ended by itself"
-    parts = [f"streamed to Foxglove at {stream['url']}", plural(stream["viewers"], "viewer")]
-    if stream["dropped"]:
-        parts.append(f"{plural(stream['dropped'], 'message')} left out of the stream, not of the file")
-    if stream["slow"]:
-        parts.append("a viewer is too slow and misses messages")
     return ", ".join(parts)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import McapRecord, Message
+from mcap.records import Channel, McapRecord, Message, Schema
 
 from imutui.logbook import mcap_format
 from imutui.logbook.layout import windows
@@ -151,6 +151,26 @@ class Batch:
         _, _, at, length = self.table[row].tolist()
         channel, sequence, log_time, publish_time = MESSAGE.unpack_from(self.content, at - MESSAGE.size)
         return Message(channel, log_time, self.content[at : at + length], publish_time, sequence)
+
+
+class Messages:
+    """The messages of a log, and its channels with their schemas; a channel without one has an empty schema."""
+
+    def __init__(self) -> None:
+        self.channels: dict[int, tuple[Channel, Schema]] = {}
+        self._schemas: dict[int, Schema] = {0: Schema(id=0, name="", encoding="", data=b"")}
+
+    def of(self, item: object, topic: str | None = None) -> Iterator[Message]:
+        """Take an item of the log; yield the messages in it, of one topic or of all."""
+        match item:
+            case Schema():
+                self._schemas[item.id] = item
+            case Channel():
+                self.channels[item.id] = item, self._schemas.get(item.schema_id, self._schemas[0])
+            case Batch():
+                wanted = [number for number, (of, _) in self.channels.items() if topic in (None, of.topic)]
+                for row in np.flatnonzero(np.isin(item.table[:, CHANNEL], wanted)).tolist():
+                    yield item.message(row)
 
 
 def joined(items: Iterator[McapRecord | Batch], rows: int = JOINED) -> Iterator[McapRecord | Batch]:

@@ -109,6 +109,23 @@ def walk(
         yield from _Walk(data, marks, progress, indexes=indexes).items()
 
 
+def follow(stream: IO[bytes]) -> Iterator[Item]:
+    """Yield the items of a log that may still grow.
+
+    `End` follows the last whole record that the file has by then. The next item is looked for when the caller asks for
+    it, so the caller waits, and stops once the file has its end or no process writes it. `Damage` may be a record that
+    is being written: if it is not, it comes again.
+
+    `stream`: the file, not empty.
+    """
+    at = 0
+    while True:
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            found = _Walk(data, (), lambda share: None, indexes=False)
+            yield from found.items(at)
+            at = found.whole
+
+
 class _BrokenRecordError(Exception):
     """Bytes are no whole record: why, up to where it would go, and its opcode."""
 
@@ -135,14 +152,16 @@ class _Walk:
         self._summed, self._sum = 0, 0
         self._in_summary = self._damaged = self._wrong = False
         self._footer: Footer | None = None
+        self.whole = 0  # where the last whole record before the footer ends
 
-    def items(self) -> Iterator[Item]:
-        """Yield the items from the first byte to the last."""
+    def items(self, start: int = 0) -> Iterator[Item]:
+        """Yield the items from the first byte, or from a record that begins at `start`, to the last."""
         if self._marks and (index := self._index()) is not None:
             self._starts = index.starts
             yield index
-        at = len(MAGIC)
-        if self._data[:at] != MAGIC:
+        self.whole, at = start, start or len(MAGIC)
+        self._damaged = start > 0  # the checksum over all data is compared by a walk over all data
+        if not start and self._data[:at] != MAGIC:
             cut = MAGIC.startswith(self._data[:at])
             damage = self._damage(
                 0, _BrokenRecordError(f"{CUT}its first bytes" if cut else "it does not begin as it must")
@@ -160,6 +179,8 @@ class _Walk:
                 continue
             yield from items
             at = end
+            if self._footer is None:
+                self.whole = at
             if at - held_from > WINDOW:
                 self._add_to_sum(at)
                 forget(self._data, held_from, at)

@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
@@ -48,7 +48,6 @@ class LogWriter:
     `overwrite`: replace an existing file.
     `mode`: permissions of the file, and of its sum.
     `checksum`: whether its SHA-256 is put beside it on closing.
-    `also`: given each message once the file has taken it: topic, CDR bytes, log time (UTC, ns).
     `raw_type`: type of the packets, `schemas.raw_type`.
     `path`: where the file is.
     `sha256`: hash of the whole file once it is finished; it was made while writing.
@@ -67,14 +66,12 @@ class LogWriter:
         overwrite: bool = False,
         mode: int = log_stream.MODE,
         checksum: bool = True,
-        also: Callable[[str, bytes, int], None] | None = None,
         raw_type: str = schemas.TYPES[schemas.RAW],
     ) -> None:
         self.path = path
         self.sha256: str | None = None
         self._mode = mode
         self._has_checksum = checksum
-        self._also = also
         self._raw_file = log_stream.create(path, overwrite=overwrite, mode=mode)
         self._file = io.BufferedWriter(self._raw_file)
         self._good = 0
@@ -114,7 +111,7 @@ class LogWriter:
     def all_encoded(self, messages: Iterable[Encoded]) -> None:
         """Write the bytes of some messages of `schemas`, in order."""
         counts, channels, add = self._counts, self._channels, self._writer.add_message
-        if self._also is not None or not counts[schemas.TRANSFORMS]:
+        if not counts[schemas.TRANSFORMS]:
             for message in messages:
                 self._add(*message)
             return
@@ -135,8 +132,6 @@ class LogWriter:
         except OSError as error:
             self._abandon(error)
             raise
-        if self._also is not None:
-            self._also(topic, data, log_ns)
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
         """Add an attachment, stamped with `now_ns`, UTC, ns."""

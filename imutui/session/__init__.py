@@ -12,7 +12,5 @@ For viewers: `snapshot` what they see, records only · `requests` what they ask 
 `recent_packets`, `event_log` · `channel_statistics` · `operator_guide` through a table profile, `table_turner` · `ipc`
 the socket · `client` how they start an acquisition and talk to it, `preloaded` several that share memory · `end_report`
 how one ended.
-For Foxglove: `live_stream` hands on what is recorded to a process of its own, `foxglove_server`, which viewers reach
-through `origin_gate`.
 `python -m imutui.session` is the process itself.
 """

@@ -21,12 +21,13 @@ from typing import NoReturn, TypeVar
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from imutui import defects, fast_time
+from imutui import defects, fast_time, origin_gate
 from imutui.command_line import command
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
+from imutui.origin_gate import AddressError
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
 from imutui.session.acquisition import Acquisition
@@ -35,12 +36,12 @@ from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import PATIENCE_S, Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.metadata import motion_of
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan, batch_of
 from imutui.session.preloaded import LOADING, PLAN_LIMIT
 from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.table_turner import TableTurner
+from imutui.session.watches import FoxgloveFollower
 
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
@@ -89,16 +90,14 @@ def main(text: str) -> int:
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, ipc.lock(plan.name))
             end_report.forget(plan.name)
-            # the stream before the port: what it can't have is said before the unit is touched
-            stream, name, turner = None, plan.port, None
-            if plan.foxglove_port:
-                stream = LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name), plan.foxglove_origins)
-                stack.callback(stream.close)
+            if plan.foxglove_port:  # what Foxglove can't have is reported before the unit is touched
+                origin_gate.listen(plan.foxglove_host, plan.foxglove_port).close()
+            name, turner = plan.port, None
             if plan.port == VIRTUAL_PORT:
                 name, turner = stack.enter_context(_virtual(plan))
             table = stack.enter_context(_table(plan)) if plan.controller else None
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
-            return _acquire(plan, port, stack, stream, turner, table, stands)
+            return _acquire(plan, port, stack, turner, table, stands)
     except NameTakenError:
         own = () if plan.name == "default" else ("--name", plan.name)
         return _refuse(
@@ -153,7 +152,6 @@ def _acquire(
     plan: Plan,
     port: Port,
     stack: contextlib.ExitStack,
-    stream: LiveStream | None,
     turner: TableTurner | None,
     table: CommandedTable | None,
     stands: Lifecycle,
@@ -173,7 +171,8 @@ def _acquire(
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
         stack.enter_context(_own_serial(plan, identity.serial_number))
-        engine = Engine(plan, host, identity, stream, turner, table, stands)
+        foxglove = stack.enter_context(contextlib.closing(FoxgloveFollower(plan))) if plan.foxglove_port else None
+        engine = Engine(plan, host, identity, foxglove, turner, table, stands)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -338,7 +337,7 @@ def _virtual(plan: Plan) -> Iterator[tuple[str, TableTurner]]:
 def _in_words(error: Exception) -> tuple[int, str]:
     """Exit code and message of what an acquisition did not begin for."""
     match error:
-        case PortError() | InstrumentError() | StreamError():
+        case PortError() | InstrumentError() | AddressError():
             return lifecycle.INSTRUMENT, str(error)
         case EndedEarlyError():
             said = f"ended by {error} before the first packet came: nothing was recorded."

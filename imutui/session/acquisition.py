@@ -27,7 +27,6 @@ from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.guidance import Guidance
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS, PacketArrival, Reader, ZeroingFinished
@@ -38,7 +37,16 @@ from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import Timebase
-from imutui.session.watches import ClockStepMonitor, GravityCheck, LineWatch, Moment, News, StatusWords, gap_text
+from imutui.session.watches import (
+    ClockStepMonitor,
+    FoxgloveFollower,
+    GravityCheck,
+    LineWatch,
+    Moment,
+    News,
+    StatusWords,
+    gap_text,
+)
 
 if TYPE_CHECKING:
     from filters.health.finding import HealthEntry
@@ -48,9 +56,9 @@ if TYPE_CHECKING:
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
-    `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `stream` gets what
-    is recorded, `turner` turns the table under a virtual unit, `table` is one under command. `observe` shows viewers
-    what is public here.
+    `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `foxglove`
+    serves what is recorded, `turner` turns the table under a virtual unit, `table` is one under command. `observe`
+    shows viewers what is public here.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -61,7 +69,7 @@ class Acquisition:
         clock: Clock,
         reader: Reader,
         lifecycle: Lifecycle,
-        stream: LiveStream | None = None,
+        foxglove: FoxgloveFollower | None = None,
         turner: TableTurner | None = None,
         table: CommandedTable | None = None,
     ) -> None:
@@ -71,7 +79,7 @@ class Acquisition:
         self.lifecycle = lifecycle
         self.started_ns = time.monotonic_ns()
         self.timebase = Timebase.now()
-        self.recorder = Recorder(plan, info, lifecycle, self.timebase, stream)
+        self.recorder = Recorder(plan, info, lifecycle, self.timebase)
         self._instrument = INSTRUMENTS[plan.instrument]
         scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
         self.recent = RecentPackets(scaling)
@@ -85,8 +93,8 @@ class Acquisition:
         self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
         watches = self.line, self.status, GravityCheck(self._instrument), ClockStepMonitor(self.timebase)
         self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
-        if stream is not None:
-            self._news.append(lambda _: [(said, WARNING)] if (said := stream.look()) else [])
+        if foxglove is not None:
+            self._news.append(foxglove.news)
         self.loss_advice = LossAdvice(info.port, info.firmware)
         self.health: list[HealthEntry] = []  # faults of the channels in the present run of samples
 
@@ -190,8 +198,6 @@ class Acquisition:
             self.event("acquisition", said, WARNING)
         if plan.ends_unwatched_s is not None:
             self.event("acquisition", f"a virtual unit: all ends {plan.ends_unwatched_s:g} s after the last viewer")
-        if self.recorder.stream is not None:
-            self.event("acquisition", f"what is recorded is streamed to Foxglove at {self.recorder.stream.url}")
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
@@ -244,8 +250,6 @@ class Acquisition:
         self.recorder.events.handled_ns = written_ns = self._written_ns(now)
         try:
             self.recorder.pipeline.flush(written_ns)
-            if self.recorder.stream is not None:
-                self.reader.be_watched()
             if self.recorder.look_after_file(now):
                 self._end_recording()
             self.guidance.every_second(now)

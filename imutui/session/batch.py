@@ -80,7 +80,7 @@ def base_of(batch: Batch, base: Plan) -> Plan:
                 raise InputError(f'`profile` is "{batch.profile}", no .toml or .csv file nor a ready-made profile')
             name = import_reference.name_of(batch.profile)
             common |= {"reference": file.kind, "reference_file": (name, file.content.decode("utf-8-sig"))}
-        return replace(base, **common, foxglove_port=0)  # a stream is of one
+        return replace(base, **common)
     except InputError as error:
         raise batch.wrong(str(error)) from error
 
@@ -98,6 +98,8 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
         for number, unit in enumerate(batch.units, 1):
             which = f"[[unit]] {number}: "
             own: dict[str, Any] = {"name": acquisition_of(batch.name, unit.name), "port": unit.port}
+            if base.foxglove_port:
+                own["foxglove_port"] = base.foxglove_port + number - 1
             if unit.instrument or unit.port == VIRTUAL_PORT:
                 own["instrument"] = unit.instrument or DEFAULT
             if unit.port == VIRTUAL_PORT:

@@ -7,13 +7,14 @@ is ended that did not begin in time.
 import contextlib
 import json
 import os
+import stat
 import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from imutui.logbook import atomic_file
+from imutui.logbook import atomic_file, file_lock
 from imutui.session import ipc
 from imutui.session.plan import Plan
 
@@ -105,7 +106,7 @@ def end_unbegun(process: "subprocess.Popen[Any] | Forked", missing: list[Path]) 
     try:
         process.wait(_GRACE_S)
     except subprocess.TimeoutExpired:
-        logs = _open_logs(process.pid)
+        logs = open_logs(process.pid)
         process.kill()
         process.wait()
         for log in logs:
@@ -116,13 +117,15 @@ def end_unbegun(process: "subprocess.Popen[Any] | Forked", missing: list[Path]) 
             folder.rmdir()
 
 
-def _open_logs(pid: int) -> list[Path]:
-    """Logs that a process writes to."""
+def open_logs(pid: int) -> list[Path]:
+    """Return the logs that a process writes."""
     found = []
     for descriptor in Path(f"/proc/{pid}/fd").glob("*"):
         with contextlib.suppress(OSError):
-            found.append(descriptor.readlink())
-    return [path for path in found if path.suffix == ".mcap" and path.is_file()]
+            if descriptor.lstat().st_mode & stat.S_IWUSR and descriptor.is_file():
+                with descriptor.open("rb") as file:
+                    found += [descriptor.readlink()] if file_lock.is_held(file) else []
+    return [path for path in found if path.is_file()]
 
 
 def _has_messages(path: Path) -> bool:

@@ -25,7 +25,6 @@ from imutui.session.acquisition import Acquisition
 from imutui.session.commanded_table import CommandedTable
 from imutui.session.event_log import ERROR
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.session.reader_thread import (
@@ -39,6 +38,7 @@ from imutui.session.reader_thread import (
 )
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 from imutui.session.table_turner import TableTurner
+from imutui.session.watches import FoxgloveFollower
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -69,8 +69,8 @@ class QueuedCall:
 class Engine:
     """Runs one acquisition from its first packet to its last.
 
-    `host` is of a unit that is identified, set up, and sends nothing by itself; `stream` gets what is recorded, and is
-    closed after the end by whoever made it; `turner` turns the table under a virtual unit of the acquisition's own,
+    `host` is of a unit that is identified, set up, and sends nothing by itself; `foxglove` serves what is recorded, and
+    is closed after the end by the caller; `turner` turns the table under a virtual unit of the acquisition's own,
     `table` is one under command. `lifecycle` may have failed before: the acquisition then ends at once.
     Raises InputError if the filter could not run with what is asked.
     """
@@ -80,7 +80,7 @@ class Engine:
         plan: Plan,
         host: Host,
         identity: Identity,
-        stream: LiveStream | None = None,
+        foxglove: FoxgloveFollower | None = None,
         turner: TableTurner | None = None,
         table: CommandedTable | None = None,
         lifecycle: Lifecycle | None = None,
@@ -104,7 +104,7 @@ class Engine:
         self._looped_s = math.inf  # when the second thread last looked for something to do
         if table is not None:
             table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S * plan.speed
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream, turner, table)
+        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, foxglove, turner, table)
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 

@@ -93,7 +93,6 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
             "profile": isinstance(recorder.motion, Profile),
         },
         "effects": list(effect_labels(plan.effects)),
-        "stream": None if recorder.stream is None else recorder.stream.snapshot(),
         "guide": of.guidance.snapshot(now, pipeline.started_ns),
         "controller": None if of.guidance.table is None else of.guidance.table.snapshot(investigates=plan.needs_viewer),
         "channels": of.recent.channels(),

@@ -26,7 +26,7 @@ POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
 SAMPLINGS = ("stream", "polled")
 _FASTEST = 100.0
 _LONGEST_S = 10 * 366 * 86400.0
-LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
+LOOPBACK = "127.0.0.1"
 FILE_MODE = "0640"  # permissions of logs, unless configured
 MIN_FREE_MB = 200.0  # megabytes that recording leaves free, unless configured
 
@@ -162,11 +162,9 @@ class Plan:
     # from none
     reference_file: tuple[str, str] = ("", "")
     effects: str = ""  # text of the effects file; empty for none
-    # foxglove_port, foxglove_host: TCP port and address at which what is recorded is streamed to Foxglove; port 0 for
-    # no stream
+    # foxglove_port, foxglove_host: TCP port and address at which `imutui foxglove` serves the logs; port 0: not at all
     foxglove_port: int = 0
     foxglove_host: str = LOOPBACK
-    foxglove_origins: str = ""  # of further pages that may read it, with blanks between
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
@@ -198,10 +196,6 @@ class Plan:
         _clean(self)
         check_rotation(self.rotate_minutes, self.rotate_mb)
         self._check_table()
-        if not 0 <= self.foxglove_port <= _LAST_PORT:
-            raise InputError(
-                f"`foxglove.port` is {self.foxglove_port}; a TCP port is 1 to {_LAST_PORT}, and 0 streams nothing"
-            )
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
             raise InputError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'

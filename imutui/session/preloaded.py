@@ -113,6 +113,11 @@ class Forked:
         """End it."""
         self._send(signal.SIGKILL)
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has."""
+        return self._descriptor is None or bool(select.select([self._descriptor], [], [], 0.0)[0])
+
     def wait(self, timeout: float | None = None) -> None:
         """Wait until it has ended; raises TimeoutExpired of `subprocess` if it has not by then."""
         if self._descriptor is not None and not select.select([self._descriptor], [], [], timeout)[0]:

@@ -19,7 +19,6 @@ from imutui.session import lifecycle, previous_log
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import INFORMATION, WARNING, EventLog
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS
@@ -88,7 +87,7 @@ class Recorder:
     """Runs of samples, one after the other, with a file or without. Not thread-safe.
 
     `plan` and `info` are as they are in force, `motion` is what the reference says of it; `pipeline` is the present
-    run, `recording` the file that it goes into, if there is one. `stream` gets what goes into files.
+    run, `recording` the file that it goes into, if there is one.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -98,7 +97,6 @@ class Recorder:
         info: SessionInfo,
         lifecycle: Lifecycle,
         timebase: Timebase,
-        stream: LiveStream | None = None,
     ) -> None:
         self._take(plan, info)
         self._instrument = INSTRUMENTS[plan.instrument]
@@ -109,7 +107,6 @@ class Recorder:
         self.begins_with_packet = plan.record  # the plan's recording
         self._lifecycle = lifecycle
         self._timebase = timebase
-        self.stream = stream
         self._free_space = FreeSpace()
         self._has_recorded = False
         self._is_out_of_space = False
@@ -214,7 +211,7 @@ class Recorder:
         previous = None
         if not self._has_recorded:  # what this acquisition recorded before it was started anew, if that is to be told
             previous = previous_log.find(Path(self.plan.logs), self.info, finished_too=self.plan.unattended)
-        recording = Recording(self.plan, previous_log.told(self.info, previous), note, path, self.stream)
+        recording = Recording(self.plan, previous_log.told(self.info, previous), note, path)
         self.recording = recording
         self.begin_run()
         self._has_recorded = True

@@ -18,7 +18,6 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import previous_log
 from imutui.session.disk_space import DiskGuard, VanishedFile, vanished
-from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import attach, default_path
 from imutui.session.plan import Plan
 from imutui.session.sample_pipeline import SamplePipeline
@@ -53,7 +52,6 @@ class Recording:
         info: SessionInfo,
         note: str,
         path: Path | None,
-        stream: LiveStream | None = None,
     ) -> None:
         self.guard = DiskGuard(plan.min_free_mb)
         self.guard.refuse(Path(plan.logs) if path is None else path.parent)
@@ -61,7 +59,6 @@ class Recording:
         self.info = replace(info, note=note, log_id=own, power_on=own)
         self._next_info = self.info
         self._plan = plan
-        self._stream = stream
         self._first, self.writer = self._begin(path)
         self.part = 1  # number of the present file
         # of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran
@@ -72,11 +69,11 @@ class Recording:
         """Make the first file."""
         plan = self._plan
         if path is not None:
-            return path, _open(path, self.info, plan, self._stream, overwrite=plan.overwrite)
+            return path, _open(path, self.info, plan, overwrite=plan.overwrite)
         while True:
             path = default_path(Path(plan.logs), plan.instrument, self.info.serial_number, self.info.note)
             with contextlib.suppress(FileExistsError):  # another unit without a number of its own began just now
-                return path, _open(path, self.info, plan, self._stream, overwrite=False)
+                return path, _open(path, self.info, plan, overwrite=False)
 
     def is_full(self, seconds: float) -> bool:
         """See the function; `seconds` of the present file, by a clock that nobody sets."""
@@ -116,7 +113,7 @@ class Recording:
                 self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
         self.info = replace(self._next_info, log_id=uuid.uuid4().hex[:16])
         self.part += 1
-        self.writer = _open(path, self.info, self._plan, self._stream, overwrite=False)
+        self.writer = _open(path, self.info, self._plan, overwrite=False)
 
     def describe(self, note: str | None, operator: str | None) -> None:
         """Change what the present file, and those after it, say as note and operator; None leaves it as it is."""
@@ -221,8 +218,7 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
     return document
 
 
-def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, *, overwrite: bool) -> LogWriter:
-    also = None if stream is None else stream.send
+def _open(path: Path, info: SessionInfo, plan: Plan, *, overwrite: bool) -> LogWriter:
     now = log_time.now_ns()
     writer = LogWriter(
         path,
@@ -231,7 +227,6 @@ def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, 
         now,
         overwrite=overwrite,
         mode=plan.mode,
-        also=also,
         raw_type=schemas.raw_type(details=INSTRUMENTS[plan.instrument].status_names is not None),
     )
     attach(writer, plan, now)

@@ -56,21 +56,6 @@ class RecordingSnapshot(TypedDict):
     part: int
 
 
-class StreamSnapshot(TypedDict):
-    """The live stream for Foxglove: where it is, how many watch, and what it cost them.
-
-    `sent` messages were handed to the process that serves them, `dropped` were not since it was behind; `slow` is how
-    often a viewer was found to be too slow to get all of them. `ended`: it has ended by itself.
-    """
-
-    url: str
-    viewers: int
-    slow: int
-    sent: int
-    dropped: int
-    ended: bool
-
-
 class ReconnectingSnapshot(TypedDict):
     """The unit is away: for how many `seconds`, and what is being waited for, in words."""
 
@@ -200,7 +185,6 @@ class Snapshot(TypedDict):
     ends_unwatched_s: NotRequired[float | None]
     guide: GuideSnapshot | None
     controller: NotRequired[ControllerSnapshot | None]
-    stream: NotRequired[StreamSnapshot | None]
     channels: list[ChannelSnapshot]
     statistics_s: float
     health: list[HealthEntry]

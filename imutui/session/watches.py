@@ -5,6 +5,9 @@ than asked, has the most to say.
 """
 
 import math
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -17,20 +20,24 @@ from filters.imu import AxisMap, format_mount, parse_mount
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.motion.segments import Dwell
+from imutui.command_line import command
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
 from imutui.logbook import line_advice
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
+from imutui.origin_gate import url
 from imutui.session import lifecycle, reconnection
 from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.plan import Plan
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
 from imutui.session.snapshot import ReconnectingSnapshot
 from imutui.session.timebase import Timebase
 
 _MOST_TOLD = 20
+_NICENESS, _END_S = 5, 3.0  # of a process that serves: the acquisition comes first
 _STEP_NS = 100_000_000
 # cos 37 degrees: whoever is further off does not lie along that axis at all
 _ALONG = 0.8
@@ -49,6 +56,45 @@ class Moment:
     # info, motion: as they are in force
     info: SessionInfo
     motion: Profile | Trajectory | None
+
+
+class FoxgloveFollower:
+    """The process `imutui foxglove`, which reads the logs of an acquisition as they grow and serves them.
+
+    The acquisition starts it, reports its end and hands nothing to it: a crash of it, or of the library in it, costs
+    viewers their stream and nothing else.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        line = ("foxglove", "--name", plan.name, "--host", plan.foxglove_host, "--port", str(plan.foxglove_port))
+        at = url(plan.foxglove_host, plan.foxglove_port)
+        self._again = command(*line)
+        self._unsaid = [(f"what is recorded is served to Foxglove at {at}", INFORMATION)]
+        self._ended = False
+        # stderr is the acquisition's own: its messages go into that log
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "imutui", *line], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+        )
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS)
+
+    def news(self, moment: Moment, /) -> News:
+        """Where it serves, once packets come, and that it has ended by itself, each once."""
+        if moment.expected:
+            return []
+        said, self._unsaid = self._unsaid, []
+        if not self._ended and self._process.poll() is not None:
+            self._ended = True
+            said.append((f"Foxglove is served no more, the recording goes on; `{self._again}` serves again", WARNING))
+        return said
+
+    def close(self) -> None:
+        """Have it serve what the last file holds, and end."""
+        self._process.terminate()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 class StatusWords:

@@ -305,7 +305,7 @@ def test_nothing_is_started_when_the_file_is_wrong(home: Path, text: str, code: 
     ("more", "said"),
     [
         (["--port", "/a"], "--port is of one unit"),
-        (["-o", "a.mcap"], "-o and --foxglove are of one unit"),
+        (["-o", "a.mcap"], "-o is of one unit"),
         (["--name", "right"], 'has no unit "right"; it has: 1, left.'),
     ],
 )

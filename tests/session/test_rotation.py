@@ -180,7 +180,7 @@ def test_files_name_the_one_before_and_their_power_on(files: list[tuple[Path, di
     assert [info.continues for info in (one, two, three)] == ["", "a.mcap", "a_p2.mcap"]
     assert [info.continues_id for info in (two, three)] == [one.log_id, two.log_id]
     assert [info.continues_sha256 for info in (two, three)] == [reader.sha256(path) for path, _ in files[:2]]
-    assert {info.power_on_ns for info in (two, three)} == {int(logs[0].stamp_ns[0])}
+    assert {info.power_on_ns for info in (two, three)} == {logs[0].first_ns}
 
 
 def test_memory_that_is_none_is_refused_and_that_of_other_lags_is_unknown(

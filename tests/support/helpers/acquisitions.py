@@ -22,7 +22,6 @@ from imutui.logbook.reader import Log
 from imutui.logbook.results import TIMINGS
 from imutui.session import lifecycle, observe
 from imutui.session.engine import Engine
-from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES
 
@@ -88,9 +87,7 @@ class Running:
 
 
 @contextmanager
-def acquiring(
-    home: Path, at: str | None = None, stream: LiveStream | None = None, packets: int = 20, **fields: Any
-) -> Iterator[Running]:
+def acquiring(home: Path, at: str | None = None, packets: int = 20, **fields: Any) -> Iterator[Running]:
     """An acquisition that records to logs/a.mcap, of a unit at a port or a still IMU400CD, after its first packets."""
     logs = home / "logs"
     asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"} | fields
@@ -99,7 +96,7 @@ def acquiring(
         instrument = INSTRUMENTS[plan.instrument]
         line = stack.enter_context(Port(plan.port, instrument.power_up_bauds[0]))
         host = instrument.host(line, plan.rate_hz if plan.sampling == "stream" else None)
-        running = Running(Engine(plan, host, host.open(plan.baud), stream), line, logs)
+        running = Running(Engine(plan, host, host.open(plan.baud)), line, logs)
         try:
             running.engine.start()
             if packets:

@@ -8,6 +8,7 @@ A program that is no browser names no origin and is let in. The gate knows pages
 """
 
 import contextlib
+import errno
 import re
 import secrets
 import socket
@@ -46,17 +47,45 @@ def is_allowed(head: bytes, more: frozenset[str] = frozenset()) -> bool:
     return not is_folded and all(one in FOXGLOVE or one in more or _LOCAL.fullmatch(one) for one in found)
 
 
-class OriginGate:
-    """Listen for viewers and pass those that are allowed on to `behind`.
+class AddressError(Exception):
+    """The stream cannot be served at an address; the message says why and what to do."""
 
+
+def url(host: str, port: int) -> str:
+    """Return the address that viewers connect to."""
+    return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens there.
+
+    Raises AddressError if the address is none of this computer, or the port is taken.
+    """
+    try:
+        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except (OSError, OverflowError) as error:
+        raise AddressError(_refusal(host, port, error)) from error
+
+
+def _refusal(host: str, port: int, error: Exception) -> str:
+    code = getattr(error, "errno", None)
+    if code == errno.EADDRINUSE:
+        taken = f"port {port}, where Foxglove is to be served, is in use at {host}, maybe by another acquisition"
+        return f"{taken}. Name another, such as {port % 65535 + 1}."
+    if code == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return f'"{host}" is no address of this computer: Foxglove cannot be served there. Name one that is.'
+    return f"Foxglove cannot be served at {host}, port {port}: {error}. Name another address or port."
+
+
+class OriginGate:
+    """Pass viewers that are allowed on to `behind`.
+
+    `listener`: where viewers connect, of `listen`.
     `more`: further origins that are allowed, such as `https://viewer.example.org`.
-    Raises OSError if the address is none of this computer, or the port is taken.
     """
 
-    def __init__(self, host: str, port: int, behind: tuple[str, int], more: frozenset[str]) -> None:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._listener = socket.create_server((host, port), family=family)
-        self._behind, self._more = behind, more
+    def __init__(self, listener: socket.socket, behind: tuple[str, int], more: frozenset[str]) -> None:
+        self._listener, self._behind, self._more = listener, behind, more
         self._free = threading.Semaphore(_CONNECTIONS)
         self._threads: list[threading.Thread] = []
         self._refused = 0
