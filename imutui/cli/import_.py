@@ -68,7 +68,12 @@ def command(
         ),
     ] = None,
     stamps: Annotated[
-        str, typer.Option("--stamps", metavar="sampling|arrival", help="What t is; arrival: fit the instants under it.")
+        str,
+        typer.Option(
+            "--stamps",
+            metavar="sampling|log|arrival",
+            help="What t is; log: the log times of a bag; arrival: fit the instants under it.",
+        ),
     ] = "sampling",
     continues: Annotated[
         Path | None,
@@ -97,7 +102,7 @@ def command(
     from imutui import config
     from imutui.cli.each_log import progress
     from imutui.cli.session_options import session_from
-    from imutui.logbook import import_reference, power_on
+    from imutui.logbook import bag, import_reference, power_on
     from imutui.logbook.importing import recording as recordings
     from imutui.logbook.importing.table import Asked
     from imutui.logbook.importing.write import write
@@ -105,13 +110,13 @@ def command(
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
-    if stamps not in ("sampling", "arrival"):
-        raise fail(USAGE, f'--stamps is "{stamps}", not sampling or arrival.')
+    if stamps not in ("sampling", "log", "arrival"):
+        raise fail(USAGE, f'--stamps is "{stamps}", not sampling, log or arrival.')
     if reference == "profile":
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
-    if accel_sign is None and recordings.is_bag(file):
+    if accel_sign is None and bag.is_bag(file):
         accel_sign = 1  # messages of ROS have specific force
     flags = {
         "instrument.accel_sign": accel_sign,

@@ -28,18 +28,6 @@ class Instants:
     max_late: float
 
 
-def bursts(t: np.ndarray) -> str:
-    """Return what makes stamps look like arrivals in bursts, in figures; "" if they do not.
-
-    `t`: s, shape (N,), increasing.
-    """
-    steps = np.diff(t)
-    # a gap is no part of the rhythm
-    steps = steps[steps <= max(_SILENCE_S, 20.0 * float(np.median(steps)))]
-    period = float(steps.mean())
-    return burst_words(float(np.mean(steps < SHORT * period)), period, float(steps.max()))
-
-
 def burst_words(share: float, period: float, longest: float) -> str:
     """Return stamps that look like arrivals in bursts in words; "" if they do not.
 

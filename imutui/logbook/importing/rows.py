@@ -7,10 +7,11 @@ cannot be right is refused with the option that drops its row.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from imutui.logbook.importing.columns import Channel
+from imutui.logbook.importing.columns import Channel, factor
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
 
 LEAST_STEP_S = 1e-6
@@ -383,28 +384,41 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
         )
 
 
-def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> tuple[str, str]:
-    """Return the unit of time that fits a rate (Hz, by the unit of `clock`), and why; "" for both if that one does.
+class TimeUnit(NamedTuple):
+    """A unit of time that fits better than the one that was assumed; "" for none."""
+
+    unit: str = ""
+    why: str = ""
+    ratio: float = 1.0  # of it to the one that was assumed
+
+
+def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> TimeUnit:
+    """Return the unit of time that fits a rate (Hz, by the unit of `clock`).
 
     Raises ImportDataError with a command that works if none fits.
     """
     path = table.path
     if not clock.stated and not _SLOWEST <= rate <= _FASTEST:
-        rates = {unit: rate / scale for unit, scale in SCALES.items() if _SLOWEST <= rate / scale <= _FASTEST}
+        own = (factor("t", clock.unit) or (1.0, 0.0))[0]
+        per_unit = rate * own  # rows per unit of time
+        rates = {unit: per_unit / scale for unit, scale in SCALES.items() if _SLOWEST <= per_unit / scale <= _FASTEST}
         if rates:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit] / _USUAL)))
-            return unit, f"`t` would give {rate:.4g} Hz if it were in s, and {rates[unit]:.4g} Hz in {unit}"
+            why = f"`t` would give {rate:.4g} Hz if it were in {clock.unit}, and {rates[unit]:.4g} Hz in {unit}"
+            if rate >= 0.9:  # as likely
+                why += f" (if it is in {clock.unit}: --units t:{clock.unit})"
+            return TimeUnit(unit, why, SCALES[unit] / own)
         if rate * LEAST_STEP_S < 1.0:
             raise ImportDataError(
-                f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. If it is in s"
-                f" nevertheless: `{asked.command(path, units='t:s')}`"
+                f"{path}: `t` would give {rate:.4g} Hz if it were in {clock.unit}, as its unit is not stated. If it is"
+                f" nevertheless: `{asked.command(path, units=f't:{clock.unit}')}`"
             )
     if rate * LEAST_STEP_S > 1.0:
         raise ImportDataError(
             f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond: `t` has another unit. If rows are"
             f" equally spaced, give their rate (100 Hz here): `{asked.command(path, columns='t=row:100Hz')}`"
         )
-    return "", ""
+    return TimeUnit()
 
 
 SCALES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
