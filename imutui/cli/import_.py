@@ -146,8 +146,15 @@ def command(
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:
         info = replace(info, reference=attachment.kind)
-    if recording.assumed:
-        say(f"imutui: {file}: assumed: {'; '.join(recording.assumed)}")
+    assumed = list(recording.assumed)
+    if accel_sign is None and not recording.lacks[3:].all():
+        up = info.accel_sign > 0
+        assumed.append(
+            f"--accel-sign {info.accel_sign:+d}: an axis that points {'up' if up else 'down'} reads +1 g at rest; if"
+            f" one that points {'down' if up else 'up (phones, most boards)'} does: --accel-sign {-info.accel_sign:+d}"
+        )
+    if assumed:
+        say(f"imutui: {file}: assumed: {'; '.join(assumed)}")
     if left := sorted({*recording.not_imported, *unused}):
         say(f"imutui: not imported from {file}: {', '.join(left)}")
     if recording.unread:
@@ -180,7 +187,7 @@ def command(
         "duration_s": recording.duration_s,
         "rate_hz": recording.rate_hz,
         "reference": info.reference,
-        "assumed": list(recording.assumed),
+        "assumed": assumed,
         "not_imported": left,
         "unread": list(recording.unread),
     }

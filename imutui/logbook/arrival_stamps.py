@@ -11,6 +11,7 @@ import numpy as np
 
 SHORT = 0.25  # a step shorter than this share of the mean period comes of a burst
 _SHARE = 0.2
+_KINDS, _COARSE = 16, 0.15
 _PIECE_S = 20.0
 _SILENCE_S = 1.0
 _SLACK = 2.0
@@ -26,6 +27,22 @@ class Instants:
     # median_late, max_late: arrival less instant, s
     median_late: float
     max_late: float
+
+
+def rounding(t: np.ndarray) -> list[str]:
+    """Return in words that stamps are rounded, or that a float32 held them; empty if they are not.
+
+    `t`: s, shape (N,), increasing.
+    """
+    steps = np.round(np.diff(t), 9)
+    usual = np.unique(steps[steps < 1.6 * np.median(steps)])
+    if usual.size < 2 or usual.size > _KINDS:
+        return []
+    unit, period = float(np.diff(usual).min()), float(np.median(steps))
+    if unit < _COARSE * period or np.abs(usual / unit - np.round(usual / unit)).max() > 0.01:
+        return []
+    share = f"{100 * unit / period:.0f} % of the period"
+    return [f"stamps are rounded to {unit:.4g} s, {share}: --stamps arrival fits the sampling instants"]
 
 
 def burst_words(share: float, period: float, longest: float) -> str:

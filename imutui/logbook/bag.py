@@ -1,20 +1,24 @@
 """Samples of bags, of ROS 1 and 2, and of MCAP files in any encoding, as a table.
 
-Their messages become an MCAP file in CDR, which is read as another program's log is. rosbags reads bags of ROS 1.
+Their messages become an MCAP file in CDR, which is read as another program's log is. rosbags
+makes CDR of messages of ROS 1.
 """
 
 import atexit
+import bz2
 import contextlib
 import gzip
+import io
 import json
 import re
 import shutil
 import sqlite3
+import struct
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import zstandard
@@ -23,6 +27,7 @@ from mcap.records import Channel, Schema
 from filters.errors import InputError
 from imutui.logbook import atomic_file, foreign_log, layout, reader, schemas
 from imutui.logbook.importing.table import Column, Rows, Table
+from imutui.logbook.mcap_format import from_lz4
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import FOREIGN
@@ -32,6 +37,7 @@ _UNITS = {"t": "ns", "temp": "degC"} | {n: "rad/s" if n.startswith("gyro") else 
 _ROWS = 2**15
 _IMU, _TEMPERATURE = schemas.TYPES[schemas.IMU], schemas.TYPES[schemas.TEMPERATURE]
 _KINDS = (".mcap", ".db3", ".bag")
+_LARGEST = 2**28  # bytes of a chunk
 _GZIP, _ZSTD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
 _FOLDERS = contextlib.ExitStack()  # of what is unpacked; removed when the process ends
 atexit.register(_FOLDERS.close)
@@ -60,20 +66,22 @@ def opened(path: Path, topic: str, stamps: str) -> Table:
     """
     topics = tuple(name.strip() for name in topic.split(",")) if topic else ()
     reading = Reading(topics=topics, stamps="log" if stamps in ("log", "arrival") else "")
-    mcap = _unpacked(path)
+    mcap, said = _unpacked(path), list[str]()
     is_mcap = _magic(mcap) == "mcap"
     found = foreign_log.survey(reader.records(mcap, reader.Log(mcap))) if is_mcap else foreign_log.Survey()
     if found is None:
         raise InputError("it is a log of imutui: replay and trace take it as it is")
     if not found.samples or not {*topics} <= {*found.samples}:
-        mcap = _in_cdr(path)
+        mcap, said = _in_cdr(path)
         found = foreign_log.survey(reader.records(mcap, reader.Log(mcap))) or found
     if not found.samples:
         raise InputError("it has no topic with messages of sensor_msgs/Imu")
     plan = foreign_log.plan(found, reading, lambda: reader.records(mcap, reader.Log(mcap)), mends=True)
     names = _NAMES if plan.temperature else _NAMES[:-1]
     made = tuple(Column(name, _UNITS[name], is_sure=name == "t") for name in names)
-    table = Table(path, made, lambda chosen: iter(()), [*plan.assumed, "rad/s and m/s^2 as ROS has them"])
+    table = Table(
+        path, made, lambda chosen: iter(()), [*said, *plan.assumed, "rad/s and m/s^2, specific force, as ROS has them"]
+    )
     return Table(path, made, partial(_pieces, table, mcap, plan, reading), table.remarks)
 
 
@@ -134,28 +142,28 @@ def _magic(path: Path) -> str:
 
 
 @cache
-def _in_cdr(path: Path) -> Path:
-    """Return an MCAP file in CDR with the samples and temperatures of a recording."""
+def _in_cdr(path: Path) -> tuple[Path, list[str]]:
+    """Return an MCAP file in CDR with the samples and temperatures of a recording, and what was left out, in words."""
     from mcap.writer import Writer
 
-    made, channels = _folder() / "samples.mcap", dict[tuple[str, str], int]()
+    made, channels, said = _folder() / "samples.mcap", dict[tuple[str, str], int](), list[str]()
     with made.open("wb") as stream:
         writer = Writer(stream)
         writer.start("ros2")
-        for topic, kind, log_ns, data in _messages(path):
+        for topic, kind, log_ns, data in _messages(path, said):
             if (topic, kind) not in channels:
                 schema = writer.register_schema(kind, "ros2msg", b"")
                 channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
             writer.add_message(channels[topic, kind], log_ns, data, log_ns)
         writer.finish()  # type: ignore[no-untyped-call]
-    return made
+    return made, said
 
 
-def _messages(path: Path) -> _Messages:
+def _messages(path: Path, said: list[str]) -> _Messages:
     for file in map(_unpacked, _files(path)):
         kind = _magic(file)
         try:
-            yield from {"mcap": _of_mcap, "sqlite": _of_sqlite}.get(kind, _of_bag)(file)
+            yield from {"mcap": _of_mcap, "sqlite": _of_sqlite}.get(kind, _of_bag)(file, said)
         except (InputError, OSError):
             raise
         except Exception as error:  # whatever foreign bytes make of three libraries
@@ -163,7 +171,7 @@ def _messages(path: Path) -> _Messages:
             raise InputError(f"{file.name} cannot be read: {why}") from error
 
 
-def _of_sqlite(path: Path) -> _Messages:
+def _of_sqlite(path: Path, said: list[str]) -> _Messages:
     """Messages of a database of ROS 2."""
     with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
         topics = {key: (name, kind) for key, name, kind in base.execute("SELECT id, name, type FROM topics")}
@@ -178,14 +186,54 @@ def _inflated(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompressobj().decompress(data) if data.startswith(_ZSTD) else data
 
 
-def _of_bag(path: Path) -> _Messages:
-    """Messages of a bag of ROS 1; of one without an index, as a crash leaves it, nothing."""
-    from rosbags.rosbag1 import Reader
+def _of_bag(path: Path, said: list[str]) -> _Messages:
+    """Messages of a bag of ROS 1 in file order, up to where it is cut: its index is not needed."""
+    channels: dict[bytes, tuple[str, str]] = {}
+    with path.open("rb") as stream:
+        if not stream.readline().startswith(b"#ROSBAG V2"):
+            raise InputError("it is no bag, or one of an older version than 2.0")
+        for head, data in _bag_records(stream, said):
+            chunk = io.BytesIO(_chunk(head[b"compression"], data) if head[b"op"] == _CHUNK else b"")
+            for inner, content in _bag_records(chunk, said):
+                if inner[b"op"] == _CONNECTION:
+                    kind = _fields(content)[b"type"].decode().replace("/", "/msg/", 1)
+                    channels[inner[b"conn"]] = inner[b"topic"].decode(), kind
+                elif inner[b"op"] == _MESSAGE and channels[inner[b"conn"]][1] in (_IMU, _TEMPERATURE):
+                    seconds, rest = struct.unpack("<II", inner[b"time"])
+                    topic, kind = channels[inner[b"conn"]]
+                    yield topic, kind, seconds * 1_000_000_000 + rest, _ros1_in_cdr(content, kind)
 
-    with Reader(path) as bag:
-        connections = [c for c in bag.connections if c.msgtype in (_IMU, _TEMPERATURE)]
-        for connection, log_ns, data in bag.messages(connections):
-            yield connection.topic, connection.msgtype, log_ns, _ros1_in_cdr(data, connection.msgtype)
+
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"
+
+
+def _bag_records(stream: IO[bytes], said: list[str]) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+    """Yield head and data of records; of a chunk that is cut, the data that are there."""
+    while head := _block(stream):
+        fields, (size, data) = _fields(head[1]), _block(stream) or (1, b"")
+        is_cut = len(head[1]) < head[0] or len(data) < size
+        if is_cut:
+            said[:] = ["the bag is cut: its messages up to there were taken"]
+        if not is_cut or fields.get(b"op") == _CHUNK:
+            yield fields, data
+
+
+def _block(stream: IO[bytes]) -> tuple[int, bytes] | None:
+    """Return the size that is stated, and the bytes that are there; None at the end."""
+    size = int.from_bytes(length, "little") if len(length := stream.read(4)) == 4 else 0
+    return (size, stream.read(size)) if length else None
+
+
+def _fields(head: bytes) -> dict[bytes, bytes]:
+    stream = io.BytesIO(head)
+    found = [field.partition(b"=") for _, field in iter(lambda: _block(stream), None)]
+    return {name: value for name, _, value in found}
+
+
+def _chunk(compression: bytes, data: bytes) -> bytes:
+    if compression == b"none":
+        return data
+    return bz2.BZ2Decompressor().decompress(data, _LARGEST) if compression == b"bz2" else from_lz4(data, _LARGEST)
 
 
 def _ros1_in_cdr(data: bytes, kind: str) -> bytes:
@@ -199,10 +247,10 @@ def _ros_types() -> Any:
     return get_typestore(Stores.LATEST)
 
 
-def _of_mcap(path: Path) -> _Messages:
+def _of_mcap(path: Path, said: list[str]) -> _Messages:
     """Messages of an MCAP file in CDR, packed or not, in ROS 1, or in JSON."""
-    types, channels = dict[int, str](), dict[int, Channel]()
-    for record in reader.records(path, reader.Log(path)):
+    types, channels, log = dict[int, str](), dict[int, Channel](), reader.Log(path)
+    for record in reader.records(path, log):
         match record:
             case Schema():
                 types[record.id] = record.name if "/msg/" in record.name else record.name.replace("/", "/msg/", 1)
@@ -217,6 +265,7 @@ def _of_mcap(path: Path) -> _Messages:
                     if kind in (_IMU, _TEMPERATURE) and channel.message_encoding in _IN_CDR:
                         data = _IN_CDR[channel.message_encoding](message.data, kind)
                         yield channel.topic, kind, message.log_time, data
+    said += [f"{log.damage}: the messages up to there were taken"] if log.damage else []
 
 
 def _json_in_cdr(data: bytes, kind: str) -> bytes:

@@ -171,6 +171,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
         *table.remarks,
         *columns.assumed(table, channels),
         *repairs.assumed(),
+        *([] if fitted else arrival_stamps.rounding(look.head()[:, 0])),
         *found.assumed(),
     ]
     return Recording(

@@ -59,7 +59,9 @@ class Repairs:
     set_back: list[tuple[int, float]] = field(default_factory=list)  # row, s
     gaps: list[tuple[int, float, float]] = field(default_factory=list)  # row, length and end, s
     equal: int = 0
-    units: int = 1  # units whose rows take turns, with equal stamps
+    # units, in_turn: units whose rows take turns, with equal stamps, and with stamps of their own
+    units: int = 1
+    in_turn: int = 1
     bad: dict[int, str] = field(default_factory=dict)  # stamps that cannot be right, by row
     end_t: float = 0.0  # of the last row that was read, s
 
@@ -173,7 +175,8 @@ def in_order(
             repairs.rows = max(repairs.rows, int(part.row[-1]) + 1 if part.row.size else 0)
             part = Part(part.t + behind if behind else part.t, part.row, part.values)
             held = part if held is None else joined([held, part])
-            period = period or _period(held.t)
+            if not period:
+                period, repairs.in_turn = _period(held.t), _units_in_turn(held, 3)
         if held is None or (part is not None and held.t.size <= 2 * _HELD):
             continue
         held, moved = _mended(held, before, period, repairs, table, arrival=arrival)
@@ -276,18 +279,25 @@ def _repeated(part: Part, k: int, repairs: Repairs) -> tuple[Part, int]:
         return part.at(np.arange(part.t.size) != k + 1), k
     # all stamps that stand still in this part at once: there may be very many
     still = np.r_[False, np.diff(part.t) == 0.0]
-    repairs.units = max(repairs.units, _units_in_turn(part))
+    repairs.units = max(repairs.units, _units_in_turn(part, 1))
     repairs.equal += int(np.count_nonzero(still))
     return part.at(~still), k
 
 
-def _units_in_turn(part: Part) -> int:
-    """Return how many units' rows take turns: rows that far apart are more alike than neighbours. 1 if none do."""
-    for column in part.values.values():
-        near = np.nanmedian(np.abs(np.diff(column))) if np.isfinite(column).any() else 0.0
-        for count in (2, 3, 4):
-            if column.size > 20 * count and near > 3.0 * np.nanmedian(np.abs(column[count:] - column[:-count])):
-                return count
+def _units_in_turn(part: Part, fewest: int) -> int:
+    """Return how many units' rows take turns: rows that far apart are more alike than neighbours. 1 if none do.
+
+    `fewest`: channels in which they are.
+    """
+    known = [column for column in part.values.values() if np.isfinite(column).any()]
+    for count in (2, 3, 4):
+        alike = [
+            np.nanmedian(np.abs(np.diff(c))) > 3.0 * np.nanmedian(np.abs(c[count:] - c[:-count]))
+            for c in known
+            if c.size > 20 * count
+        ]
+        if sum(alike) >= fewest:
+            return count
     return 1
 
 
@@ -365,10 +375,11 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
             f"{path}: the stamps of {repairs.equal} of {repairs.rows} rows equal the one before: they are too coarse to"
             f" be times. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
         )
-    if repairs.equal > max(2, 0.002 * repairs.rows) and repairs.units > 1:
-        others = ", ".join(f"{k}::{repairs.units}" for k in range(1, repairs.units))
+    units = max(repairs.units if repairs.equal > max(2, 0.002 * repairs.rows) else 1, repairs.in_turn)
+    if units > 1:
+        others = ", ".join(f"{k}::{units}" for k in range(1, units))
         raise ImportDataError(
-            f"{path}: rows of {repairs.units} units take turns, with equal stamps. To take those of the first:"
+            f"{path}: rows of {units} units take turns. To take those of the first:"
             f" `{asked.command(path, drop=others)}`"
         )
     if repairs.equal > max(2, 0.002 * repairs.rows):
