@@ -11,7 +11,7 @@ import numpy as np
 
 SHORT = 0.25  # a step shorter than this share of the mean period comes of a burst
 _SHARE = 0.2
-_KINDS, _COARSE = 16, 0.15
+_COARSE = 0.15  # share of the period to which stamps are rounded visibly
 _PIECE_S = 20.0
 _SILENCE_S = 1.0
 _SLACK = 2.0
@@ -34,15 +34,14 @@ def rounding(t: np.ndarray) -> list[str]:
 
     `t`: s, shape (N,), increasing.
     """
-    steps = np.round(np.diff(t), 9)
-    usual = np.unique(steps[steps < 1.6 * np.median(steps)])
-    if usual.size < 2 or usual.size > _KINDS:
+    period = float(np.median(np.diff(t)))
+    steps = np.round(np.diff(t) / period, 2)
+    usual = np.unique(steps[steps < 1.6])
+    unit = float(np.diff(usual).min()) if usual.size > 1 else 0.0
+    if unit < _COARSE or np.abs(usual / unit - np.round(usual / unit)).max() > 0.1:
         return []
-    unit, period = float(np.diff(usual).min()), float(np.median(steps))
-    if unit < _COARSE * period or np.abs(usual / unit - np.round(usual / unit)).max() > 0.01:
-        return []
-    share = f"{100 * unit / period:.0f} % of the period"
-    return [f"stamps are rounded to {unit:.4g} s, {share}: --stamps arrival fits the sampling instants"]
+    what = f"stamps are rounded to {unit * period:.2g} s, {100 * unit:.0f} % of the period"
+    return [f"{what}: --stamps arrival fits the sampling instants"]
 
 
 def burst_words(share: float, period: float, longest: float) -> str:
