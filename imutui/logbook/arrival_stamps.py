@@ -35,10 +35,11 @@ def rounding(t: np.ndarray) -> list[str]:
     `t`: s, shape (N,), increasing.
     """
     period = float(np.median(np.diff(t)))
-    steps = np.round(np.diff(t) / period, 2)
-    usual = np.unique(steps[steps < 1.6])
-    unit = float(np.diff(usual).min()) if usual.size > 1 else 0.0
-    if unit < _COARSE or np.abs(usual / unit - np.round(usual / unit)).max() > 0.1:
+    steps = np.sort(np.diff(t) / period)
+    steps = steps[steps < 1.6]
+    kinds = [float(part.mean()) for part in np.split(steps, np.flatnonzero(np.diff(steps) > 0.05) + 1)]
+    unit = float(np.diff(kinds).min()) if len(kinds) > 1 else 0.0
+    if unit < _COARSE or max(abs(kind / unit - round(kind / unit)) for kind in kinds) > 0.1:
         return []
     what = f"stamps are rounded to {unit * period:.2g} s, {100 * unit:.0f} % of the period"
     return [f"{what}: --stamps arrival fits the sampling instants"]
