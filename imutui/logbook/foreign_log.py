@@ -250,6 +250,7 @@ class Plan:
     unknown_counts: tuple[bool, bool]  # whether "no estimate" of rates and of forces means no reading
     mends: bool  # whether the caller leaves out samples that repeat
     assumed: tuple[str, ...]  # in words
+    period_ns: float  # usual step of the samples in their order; 0 if there is none
 
     @property
     def mean_force(self) -> np.ndarray:
@@ -269,7 +270,8 @@ def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = Fal
     assumed = [f"samples of {gyro.name}" + (f" with the forces of {accel.name}" if accel is not gyro else "")]
     if accel is not gyro:
         assumed.append("forces are interpolated at the instants of the rates")
-    sortable = not gyro.logged.back or _is_sortable(records, gyro)
+    instants = _sorted_instants(records, gyro) if gyro.logged.back else None
+    sortable = not gyro.logged.back or instants is not None
     stamps, more = _stamps(gyro, reading, sortable=sortable, mends=mends)
     assumed += more
     if not mends:
@@ -291,8 +293,14 @@ def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = Fal
         assumed.append(f"temperatures of {temperature}")
     elif found.temperatures:
         assumed.append(f"none of the temperature topics ({', '.join(sorted(found.temperatures))})")
+    order = gyro.stamps if stamps == "header" else gyro.logged
+    if instants is not None:
+        order = Order()
+        order.take(instants)
     at_once = accel is not gyro or stamps == "arrival" or (gyro.logged.back > 0 and sortable)
-    return Plan(gyro, accel, temperature, stamps, at_once, (unknown[0], unknown[1]), mends, tuple(assumed))
+    return Plan(
+        gyro, accel, temperature, stamps, at_once, (unknown[0], unknown[1]), mends, tuple(assumed), order.period_ns
+    )
 
 
 def _samples(count: int) -> str:
@@ -333,8 +341,8 @@ def _temperature(found: Survey, samples: str) -> str | None:
     return names[0] if len(names) == 1 else near[0] if len(near) == 1 else None
 
 
-def _is_sortable(records: Records, topic: Topic) -> bool:
-    """Return whether the samples may be put into the order of their log times."""
+def _sorted_instants(records: Records, topic: Topic) -> np.ndarray | None:
+    """Return the log times in order, None if the samples may not be put into it."""
     types, roles, parts = dict[int, str](), dict[int, tuple[str, int]](), list[np.ndarray]()
     for record in records():
         match record:
@@ -347,7 +355,8 @@ def _is_sortable(records: Records, topic: Topic) -> bool:
     instants = np.concatenate(parts)
     moved = np.abs(np.argsort(instants, kind="stable") - np.arange(instants.size))
     # one channel is written by one clock; several come of files that were merged
-    return (len(topic.channels) > 1 or int(moved.max()) <= NEAR) and is_orderly(instants)
+    is_sortable = (len(topic.channels) > 1 or int(moved.max()) <= NEAR) and is_orderly(instants)
+    return np.sort(instants) if is_sortable else None
 
 
 def is_orderly(instants: np.ndarray) -> bool:
