@@ -5,7 +5,6 @@ import pytest
 
 from filters.imu import AxisMap, parse_mount
 from imutui.logbook import SessionInfo, reader
-from imutui.logbook.foreign_log import RefusedLogError
 from imutui.logbook.importing import recording as recordings
 from imutui.logbook.importing.table import Asked, ImportDataError
 from imutui.logbook.importing.write import write
@@ -88,7 +87,7 @@ def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
 def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Path) -> None:
     """+1 g on Z with sign +1 would be upside down: sign or mounting, and a still log can't tell."""
     r = recordings.load(saved(tmp_path / "a.npz"))
-    with pytest.raises(RefusedLogError, match="its z is up") as caught:
+    with pytest.raises(ImportDataError, match="its z is up") as caught:
         recordings.check_gravity(r, SessionInfo(accel_sign=1))
     flags = [flags for _, flags in caught.value.cures]
     assert flags == [("--mount", "x,-y,-z"), ("--accel-sign", "-1"), ("--reference", "gravity")]

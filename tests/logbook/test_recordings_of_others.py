@@ -121,5 +121,5 @@ def test_the_sign_of_the_accelerometers_and_rounded_stamps_are_stated(tmp_path: 
 
 def test_a_cure_replaces_the_option_that_it_changes(tmp_path: Path) -> None:
     (path,) = recordings_of_others.write(tmp_path, loggers={"down.csv": VARIANTS["down.csv"]})
-    said = imutui("import", path, "-o", tmp_path / "a.mcap", "--accel-sign", "-1", check=2).stderr
+    said = imutui("import", path, "-o", tmp_path / "a.mcap", "--accel-sign", "-1", check=3).stderr
     assert f"import {path} -o {tmp_path / 'a.mcap'} --accel-sign +1`" in said

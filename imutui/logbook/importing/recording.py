@@ -109,8 +109,8 @@ def _table(path: Path, asked: Asked) -> Table:
             if not path.is_dir():
                 outside_file.opened(path).close()  # a pipe would be waited for
             return bag.opened(path, asked.topic, asked.stamps)
-        except foreign_log.RefusedLogError:
-            raise
+        except foreign_log.RefusedLogError as error:
+            raise ImportDataError(f"{path}: {error}", error.cures) from error
         except OSError as error:
             raise ImportDataError(f"{path}: {error.strerror or error}. Name a bag, or a table.") from error
         except InputError as error:
@@ -354,7 +354,7 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
     """Compare the mean specific force of a still recording with gravity: its sign and its size.
 
     Returns a warning, if the magnitude is off by more than 12 mg + 1 %.
-    Raises RefusedLogError if the unit is said to be level and its forces point up or sideways.
+    Raises ImportDataError if the unit is said to be level and its forces point up or sideways.
     """
     if not recording.is_still:
         if info.reference in MOVING:
@@ -366,7 +366,10 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
     force_g = info.axes().accel_to_body(recording.mean_g)
     if info.reference == "level":
         force = recording.mean_g * info.g_unit
-        foreign_log.refuse_upside_down(recording.path, force, info.axes(), info.gravity_mps2)
+        try:
+            foreign_log.refuse_upside_down(recording.path, force, info.axes(), info.gravity_mps2)
+        except foreign_log.RefusedLogError as error:
+            raise ImportDataError(str(error), error.cures) from error
     off = float(np.linalg.norm(force_g)) - gamma_g
     if info.reference == "level":
         off = -float(force_g[2]) - gamma_g

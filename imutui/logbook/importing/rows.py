@@ -289,10 +289,10 @@ def _units_in_turn(part: Part, fewest: int) -> int:
 
     `fewest`: channels in which they are.
     """
-    known = [column for column in part.values.values() if np.isfinite(column).any()]
+    known = [column for column in part.values.values() if np.isfinite(column).all()]
     for count in (2, 3, 4):
         alike = [
-            np.nanmedian(np.abs(np.diff(c))) > 3.0 * np.nanmedian(np.abs(c[count:] - c[:-count]))
+            np.median(np.abs(np.diff(c))) > 3.0 * np.median(np.abs(c[count:] - c[:-count]))
             for c in known
             if c.size > 20 * count
         ]

@@ -43,7 +43,7 @@ class Look:
             self._head.append(np.column_stack([part.t, readings])[:_ROWS])
         self._stride = self._stride or 1
         first = -self._rows % self._stride
-        self._spread.append(readings[first :: self._stride])
+        self._spread.append(readings[first :: self._stride].copy())  # a view would keep all rows
         self._rows += len(readings)
         if sum(map(len, self._spread)) > _MOST_SAMPLED:
             self._spread = [np.concatenate(self._spread)[::2]]

@@ -13,7 +13,14 @@ from imutui import command_line
 
 
 class ImportDataError(InputError):
-    """The recording cannot be imported as it is; the message says what, where, and what to do next."""
+    """The recording cannot be imported as it is; the message says what, where, and what to do next.
+
+    `cures`: flags that take it, as of `RefusedLogError`.
+    """
+
+    def __init__(self, message: str, cures: Sequence[tuple[str, tuple[str, ...]]] = ()) -> None:
+        super().__init__(message)
+        self.cures = tuple(cures)
 
 
 @dataclass(frozen=True, slots=True)
