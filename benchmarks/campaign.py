@@ -65,14 +65,13 @@ def bare(log: Path) -> tuple[float, float]:
     from imutui.logbook import reader
 
     one_log.prepare()
-    read = reader.read(log)
-    part = replay_input.select(read, None, None)
-    _, settings = replay.prepare(read, part, Reading())
+    feed = replay_input.at_once(reader.read(log))
+    _, settings = replay.prepare(feed, Reading())
     filters, replays = [], []
     for _ in range(8):
         estimator = Estimator(settings, np.inf)
         started = time.process_time()
-        for _rows in replay.run(estimator, [part], float(part.t[-1]), None, lambda share: None):
+        for _rows in replay.run(estimator, feed, None, lambda share: None):
             pass
         filters.append(time.process_time() - started)
         started = time.process_time()

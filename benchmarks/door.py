@@ -75,9 +75,9 @@ def is_right(path: Path, document: dict, output: Path, *, is_part: bool) -> bool
         found = np.array(document["final"]["gyro_bias_dps"], float)
         return bool(np.allclose(found, expected, atol=0.03))
     log = reader.read(output)
-    axes, valid = log.info.axes(), log.valid
-    gyro = np.median(np.rad2deg(axes.gyro_to_instrument(log.gyro[valid])), axis=0)
-    force = np.median(axes.accel_to_instrument(log.accel[valid]) / log.info.g_unit, axis=0)
+    axes, valid = log.info.axes(), log.samples.valid
+    gyro = np.median(np.rad2deg(axes.gyro_to_instrument(log.samples.gyro[valid])), axis=0)
+    force = np.median(axes.accel_to_instrument(log.samples.accel[valid]) / log.info.g_unit, axis=0)
     sizes = np.isnan(force).all() or abs(np.linalg.norm(force) - 1.0) < 0.005
     return bool(np.allclose(gyro, expected, atol=0.02) and sizes)
 

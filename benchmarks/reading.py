@@ -95,14 +95,14 @@ def _estimate(stamp: int) -> bytes:
 def ours(path: Path) -> Values:
     """Read with `reader.read`."""
     log = reader.read(path)
-    return log.stamp_ns, log.gyro, log.accel
+    return log.samples.stamp_ns, log.samples.gyro, log.samples.accel
 
 
 def ours_with_packets(path: Path) -> Values:
     """Read with the packets too."""
     log = reader.read(path, raw=True)
     assert log.packets.size
-    return log.stamp_ns, log.gyro, log.accel
+    return log.samples.stamp_ns, log.samples.gyro, log.samples.accel
 
 
 def loop(path: Path) -> Values:
@@ -140,7 +140,7 @@ def measure(path: Path, short: Path, side: str, repeat: int) -> tuple[float, flo
 
 def report_reader(path: Path, short: Path, repeat: int) -> None:
     """Print both sides, each measured in a process of its own."""
-    samples = reader.read(path).stamp_ns.size
+    samples = reader.read(path).samples.stamp_ns.size
     print(f"{samples} samples, {path.stat().st_size / 1e6:.1f} MB, simulated values; CPU time, median of {repeat}")
     results = {side: bench.apart(measure, path, short, side, 1 if side == "loop" else repeat) for side in SIDES}
     assert len({total for _, _, total in results.values()}) == 1, "the sides read different values"
@@ -166,14 +166,14 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     reader.read(short)
     started = time.process_time()
     read = reader.read(log)
-    part = replay_input.select(read, None, None)
+    feed = replay_input.at_once(read)
     reader.sha256(log)
     reading_s = time.process_time() - started
-    _, settings = replay.prepare(read, part, Reading())
+    _, settings = replay.prepare(feed, Reading())
     runner.warm_up()
     estimator = Estimator(settings, np.inf)
     started = time.process_time()
-    for _ in replay.run(estimator, [part], float(part.t[-1]), None, lambda share: None):
+    for _ in replay.run(estimator, feed, None, lambda share: None):
         pass
     return reading_s, time.process_time() - started
 

@@ -267,7 +267,8 @@ def command_function(name: str) -> Callable[..., None]:
         entry = importlib.import_module(entry.partition(":")[0])
     if isinstance(entry, types.ModuleType):
         entry = entry.command
-    return inspect.unwrap(entry)
+    # a signature that a decorator made has the options that it adds
+    return inspect.unwrap(entry, stop=lambda function: hasattr(function, "__signature__"))
 
 
 def options(function: Callable[..., None]) -> dict[str, tuple[typing.Any, typing.Any, typing.Any]]:

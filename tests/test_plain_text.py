@@ -55,7 +55,7 @@ def hostile_log(path: Path) -> Path:
             typename = schemas.TYPES.get(topic, NASTY)
             text = schemas.definition(typename).encode() if topic in schemas.TYPES else b""
             numbers[topic] = writer.register_channel(topic, "cdr", writer.register_schema(typename, "ros2msg", text))
-        for stamp, gyro, accel in zip(log.stamp_ns.tolist(), log.gyro, log.accel, strict=True):
+        for stamp, gyro, accel in zip(log.samples.stamp_ns.tolist(), log.samples.gyro, log.samples.accel, strict=True):
             writer.add_message(numbers[schemas.IMU], stamp, schemas.encode_imus(stamp, gyro, accel)[0], stamp)
         event = schemas.encode_event(START, "mark", NASTY.replace("\x00", ""))
         writer.add_message(numbers[schemas.EVENTS], START, event, START)

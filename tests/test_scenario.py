@@ -281,8 +281,8 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
         assert imutui_json("record", "--port", port, *wish)
     log = reader.read(home / "a.mcap", raw=True)
     axes = log.info.axes()
-    dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))
-    mg = axes.accel_to_instrument(log.accel) / 9.80665e-3
+    dps = np.rad2deg(axes.gyro_to_instrument(log.samples.gyro))
+    mg = axes.accel_to_instrument(log.samples.accel) / 9.80665e-3
     assert log.info.kind == "simulated"
     assert dps[:, [0, 2]].mean(axis=0) == pytest.approx([5.0, 1.0], abs=0.02)
     assert mg.mean(axis=0) == pytest.approx([40.0, -30.0, 1000 * PAPER_SITE.gravity / 9.80665 + 20.0], abs=0.5)

@@ -189,8 +189,7 @@ class Estimator:
         # at rest it does not depend on how far the filter has come
         bias_sd = self._engine.biases()[1] if self.reference.moving else P0_sd
         seen = self.reference.observable(bias_sd, P0_sd)
-        unread = self.settings.unread or (False,) * len(seen)
-        return tuple(shown and not lacks for shown, lacks in zip(seen, unread, strict=True))
+        return tuple(shown and not lacks for shown, lacks in zip(seen, self.settings.unread, strict=True))
 
     @property
     def converged(self) -> bool:

@@ -45,9 +45,9 @@ class Settings:
     offset_sd: float | None = None  # its standard deviation, s; None takes the profile's own
     # makes the effects that join the filter, anew for each run; "spkf" alone takes them
     effects: "MakeEffects | None" = None
-    # of the six biases, accelerometer then gyro, body axes, those whose channels were not read: what is fed there is
-    # what the reference says, and tells nothing of them. Empty if all were.
-    unread: tuple[bool, ...] = ()
+    # of the six biases, accelerometer then gyro, body axes, those whose channels were not read: their readings are
+    # those of the reference, which carry no information on the biases
+    unread: tuple[bool, ...] = (False,) * 6
 
     def __post_init__(self) -> None:
         for name, value, allowed in (

@@ -7,27 +7,15 @@ import typer
 
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, answer, check_output, say, say_if_not_kept
-from imutui.cli.options import (
-    AccelSign,
-    Force,
-    Gravity,
-    GyroSign,
-    Json,
-    Mount,
-    Reference,
-    SiteText,
-    StampsOf,
-    Topic,
-    reading_of,
-    reference_of,
-    say_assumed,
-)
+from imutui.cli.options import Force, Json, ReadAs, Reference, reference_of, say_assumed, states_reading
 
 if TYPE_CHECKING:
     from imutui.jobs.apply import Applied
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log to correct; it stays as it is.")],
     effects: Annotated[
         Path,
@@ -36,13 +24,6 @@ def command(
     output: Annotated[Path, typer.Option("-o", "--output", help="Log to write.")],
     reference: Reference = None,
     force: Force = False,
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Write a log as a corrected unit would have read it, for programs that know nothing of effects.
@@ -60,14 +41,7 @@ def command(
     content = effects_file.from_file(effects)
     file, kind = reference_of(reference)
     overrides = {} if kind is None or file is not None else {"reference": kind}
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
+    reading = read_as(
         overrides=overrides,
         reference=file,
     )

@@ -6,28 +6,13 @@ from typing import Annotated
 import typer
 
 from imutui.cli.each_log import over
-from imutui.cli.options import (
-    AccelSign,
-    Gravity,
-    GyroSign,
-    Json,
-    Mount,
-    SiteText,
-    StampsOf,
-    Topic,
-    reading_of,
-)
+from imutui.cli.options import Json, ReadAs, states_reading
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")],
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Look logs through: is the file whole, and do its parts agree.
@@ -42,15 +27,7 @@ def command(
     from imutui.jobs.check import check
     from imutui.report.logs import check_text
 
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
-    )
+    reading = read_as()
     over(
         logs,
         lambda path, show: check(path, show, reading),

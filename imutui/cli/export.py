@@ -7,27 +7,15 @@ import typer
 
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, lacking, say, show_progress
-from imutui.cli.options import (
-    AccelSign,
-    End,
-    Force,
-    Gravity,
-    GyroSign,
-    Json,
-    Mount,
-    SiteText,
-    StampsOf,
-    Start,
-    Topic,
-    reading_of,
-    say_assumed,
-)
+from imutui.cli.options import End, Force, Json, ReadAs, Start, say_assumed, states_reading
 
 if TYPE_CHECKING:
     from imutui.jobs.export import Export, Exported
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     log: Annotated[Path, typer.Argument(help="Log; another program's MCAP file with sensor_msgs/msg/Imu does too.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
     form: Annotated[
@@ -35,13 +23,6 @@ def command(
     ] = None,
     start: Start = None,
     end: End = None,
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -62,14 +43,7 @@ def command(
     if (extra := job.lacks(kind)) is not None:
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
+    reading = read_as(
         start=start,
         end=end,
     )

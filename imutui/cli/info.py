@@ -7,30 +7,15 @@ import typer
 
 from imutui.cli.each_log import over
 from imutui.cli.exit_codes import USAGE, answer, fail
-from imutui.cli.options import (
-    AccelSign,
-    Gravity,
-    GyroSign,
-    Json,
-    Mount,
-    SiteText,
-    StampsOf,
-    Topic,
-    reading_of,
-)
+from imutui.cli.options import Json, ReadAs, states_reading
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...|FOLDER...", help="Logs, finished or not; or folders of logs.")
     ],
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Say what is in logs.
@@ -49,15 +34,7 @@ def command(
     from imutui.jobs.info import info
     from imutui.report.logs import info_text
 
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
-    )
+    reading = read_as()
     over(logs, lambda path, show: info(path, show, reading), info_text, json=json)
 
 

@@ -1,15 +1,18 @@
 """Options that several commands share."""
 
+import functools
+import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
 from imutui.cli.exit_codes import FINE, USAGE, fail, say, tell
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from typing import Any
 
     from imutui.logbook.reading import Reading
@@ -203,7 +206,36 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     return overrides
 
 
-def reading_of(
+ReadAs: TypeAlias = Callable[..., "Reading"]
+"""Takes the further arguments of a `Reading` beside those that options state, and returns it."""
+
+
+def states_reading(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with the options that state how a recording of another program is meant.
+
+    The command's parameter `read_as` is a `ReadAs`.
+    """
+    options = {
+        "topic": Topic, "stamps": StampsOf, "mount": Mount, "accel_sign": AccelSign, "gyro_sign": GyroSign,
+        "site": SiteText, "gravity": Gravity,
+    }  # fmt: skip
+
+    @functools.wraps(command)
+    def with_options(**given: "Any") -> None:
+        stated = {name: given.pop(name) for name in options}
+        command(read_as=functools.partial(_reading_of, **stated), **given)
+
+    signature = inspect.signature(command)
+    own = [parameter for name, parameter in signature.parameters.items() if name != "read_as"]
+    new = [inspect.Parameter(name, own[0].kind, default=None, annotation=kind) for name, kind in options.items()]
+    # typer makes the options of these two
+    vars(with_options)["__signature__"] = signature.replace(parameters=[*own, *new])
+    hints = {name: hint for name, hint in command.__annotations__.items() if name != "read_as"}
+    with_options.__annotations__ = {**hints, **options}
+    return with_options
+
+
+def _reading_of(
     *,
     topic: str | None,
     stamps: str | None,

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from filters.simulation.background import (
 )
 from filters.state import Site
 from imutui.instrument.virtual_instrument import Reading
-
-if TYPE_CHECKING:
-    from imutui.logbook.reader import Log
 
 # what a recording without temperature is said to have where nothing else says it
 _ROOM_DEGC = 25.0
@@ -122,8 +118,8 @@ def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
     if registry.is_known(model) and registry.of_model(model).accel_sign == axes.accel_sign:
         # what another kind of unit would have read
         axes = replace(axes, accel_sign=accel_sign)
-    dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))
-    g = axes.accel_to_instrument(log.accel) / log.info.g_unit
+    dps = np.rad2deg(axes.gyro_to_instrument(log.samples.gyro))
+    g = axes.accel_to_instrument(log.samples.accel) / log.info.g_unit
     motion = None
     if log.info.reference in _OWN_MOTION:
         known = motion_of(log, log.info, Reading())
@@ -134,24 +130,9 @@ def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
         if told.any():
             begin = t[part][0]
             motion = from_angles(t[told] - begin, angles[told], rates[told], axes, log.info.site())
-    whole = log.temperature_degc.size == log.stamp_ns.size
-    degc = log.temperature_degc[part] if whole and np.isfinite(log.temperature_degc).all() else None
-    if degc is None and log.temperature_degc.size:
-        degc = _between(log, t[part])
+    degc = log.samples.degc[part] if np.isfinite(log.samples.degc).all() else None
     simulated = log.info.kind == "simulated"
     return PlayedRecording(path.name, t[part] - t[part][0], np.hstack([dps, g])[part], degc, simulated, motion)
-
-
-def _between(log: "Log", t: np.ndarray) -> np.ndarray | None:
-    """Temperature at samples between its own messages."""
-    from imutui.logbook import reader
-
-    known = np.isfinite(log.temperature_degc)
-    if not known.any():
-        return None
-    at = reader.seconds_since(log.temperature_stamp_ns[known], int(log.stamp_ns[0]))
-    order = np.argsort(at, kind="stable")
-    return np.asarray(np.interp(t, at[order], log.temperature_degc[known][order]))
 
 
 def _check_start(path: Path, start: float, t: np.ndarray) -> None:

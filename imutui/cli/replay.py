@@ -22,27 +22,21 @@ from imutui.cli.exit_codes import (
     show_progress,
 )
 from imutui.cli.options import (
-    AccelSign,
     Effects,
     End,
     FilterName,
     Force,
-    Gravity,
-    GyroSign,
     Json,
-    Mount,
     Output,
+    ReadAs,
     Reference,
     Set,
-    SiteText,
-    StampsOf,
     Start,
-    Topic,
     effects_of,
     overrides_of,
-    reading_of,
     reference_of,
     say_assumed,
+    states_reading,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +44,9 @@ if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")],
     filter_name: FilterName = None,
     reference: Reference = None,
@@ -66,13 +62,6 @@ def command(
         float, typer.Option("--estimates", metavar="HZ", help="Estimates a second in the output; 0 for all.")
     ] = 1.0,
     force: Force = False,
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Run the filter over logs, headless, with the same steps as live.
@@ -97,14 +86,7 @@ def command(
     file, name = reference_of(reference)
     overrides = overrides_of(filter_name, name, set_ or [])
     mode = config.load().file_mode
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
+    reading = read_as(
         start=start,
         end=end,
         overrides=overrides,

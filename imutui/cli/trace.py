@@ -7,29 +7,16 @@ import typer
 
 from imutui.cli.each_log import progress, width
 from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, answer, check_output, fail, in_signs, say, say_if_not_kept
-from imutui.cli.options import (
-    AccelSign,
-    Force,
-    Gravity,
-    GyroSign,
-    Json,
-    Mount,
-    Output,
-    Reference,
-    SiteText,
-    StampsOf,
-    Topic,
-    reading_of,
-    reference_of,
-    say_assumed,
-)
+from imutui.cli.options import Force, Json, Output, ReadAs, Reference, reference_of, say_assumed, states_reading
 from imutui.cli.report import check_folder, write_page
 
 if TYPE_CHECKING:
     from imutui.jobs.trace import Traced
 
 
+@states_reading
 def command(
+    read_as: ReadAs,
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one unit; each is one power-on.")],
     holdout: Annotated[
         Path | None,
@@ -47,13 +34,6 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 0,
     force: Force = False,
-    topic: Topic = None,
-    stamps: StampsOf = None,
-    mount: Mount = None,
-    accel_sign: AccelSign = None,
-    gyro_sign: GyroSign = None,
-    site: SiteText = None,
-    gravity: Gravity = None,
     json: Json = False,
 ) -> None:
     """Find what the model of the unit lacks: residual, effect, filter with the effect, error before and after.
@@ -74,14 +54,7 @@ def command(
     if report is not None:
         check_folder(report, force, "--report", may_write)
     file, name = reference_of(reference)
-    reading = reading_of(
-        topic=topic,
-        stamps=stamps,
-        mount=mount,
-        accel_sign=accel_sign,
-        gyro_sign=gyro_sign,
-        site=site,
-        gravity=gravity,
+    reading = read_as(
         overrides={} if name is None else {"reference": name},
         reference=file,
     )

@@ -27,7 +27,7 @@ from filters.kalman.settings import Settings
 from filters.motion.reference import COLUMNS, FORCE, RATE
 from filters.types import Array
 from imutui.jobs import linear_correction, replay, replay_input
-from imutui.jobs.replay_input import Part
+from imutui.jobs.replay_input import Feed
 from imutui.logbook import effects_file, log_time, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
@@ -79,25 +79,24 @@ def apply(
     Raises FileExistsError if `output` exists and may not be replaced.
     """
     log = reader.read(path, reading=reading)
-    part = replay_input.select(log, None, None)
     reading = replace(reading, effects=effects)
-    info = replay.session_of(log, reading)
-    filled = replay_input.filled(part, info, path)
-    info, settings = replay.prepare(log, filled, reading, advice="")
+    feed = replay_input.filled(replay_input.at_once(log), replay.session_of(log, reading))
+    info, settings = replay.prepare(feed, reading, advice="")
     document = effects_file.parse(effects)
-    found = _listen(settings, info, filled, log, _states_taken_out(document.effects), progress)
+    found = _listen(settings, info, feed, _states_taken_out(document.effects), progress)
     found = _of_sensed(found, document.effects, info)
-    gyro, accel, valid = log.gyro.copy(), log.accel.copy(), log.valid.copy()
-    taken = np.flatnonzero(log.valid)
+    samples = log.samples
+    gyro, accel, valid = samples.gyro.copy(), samples.accel.copy(), samples.valid.copy()
+    taken = np.flatnonzero(samples.valid)
     gyro[taken] -= found.correction[:, 3:]
     accel[taken] -= found.correction[:, :3]
     valid[taken] = found.use
-    corrected = replace(log, gyro=gyro, accel=accel, valid=valid)
+    corrected = replace(log, samples=replace(samples, gyro=gyro, accel=accel, valid=valid))
     session = _session(corrected, info, effects, document.source)
     _write(corrected, session, effects, output, overwrite=overwrite, mode=mode)
     progress(1.0)
     return Applied(
-        int(log.stamp_ns.size),
+        len(samples),
         int(np.count_nonzero(~found.use)),
         tuple(_named(effect) for effect in document.effects if _is_taken_out(effect)),
         tuple(f"{_named(effect)}: {_why_left(effect)}" for effect in document.effects if not _is_taken_out(effect)),
@@ -171,29 +170,27 @@ class _Listened:
 def _listen(
     settings: Settings,
     info: SessionInfo,
-    part: Part,
-    log: Log,
+    feed: Feed,
     wanted: NDArray[np.bool_],
     progress: Callable[[float], None],
 ) -> _Found:
-    """Run the filter with the effects over the samples; returns what the effects said of each."""
-    n = part.t.size
+    """Run the filter with the effects over the samples; returns the corrections of each."""
+    samples, n = feed.first, len(feed.first)
     if settings.effects is None:
         return _Found(np.zeros((n, 6)), np.ones(n, bool), np.ones(n, bool))
     effects = settings.effects()
     assert isinstance(effects, CausalEffects)
-    effects.look_ahead(part.temperature)
+    effects.look_ahead(samples.degc)
     listened = _Listened(effects, wanted, info.reference in _BY_READINGS)
     estimator = Estimator(replace(settings, effects=lambda: listened), np.inf)
-    for event in log.events:
+    for event in feed.log.events:
         if event.name == "mark":
-            estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
-    for _ in replay.run(estimator, [part], float(part.t[-1]), None, progress):
+            estimator.mark(reader.seconds_since(event.stamp_ns, feed.first_ns), event.text)
+    for _ in replay.run(estimator, feed, None, progress):
         pass
     if listened.count < n:  # the reference has ended: what is sensed is then what is read
-        rest = slice(listened.count, None)
-        unknown = np.full((n - listened.count, COLUMNS), np.nan)
-        listened.rows(part.t[rest], part.gyro[rest], part.accel[rest], part.temperature[rest], unknown)
+        rest = samples.rows(slice(listened.count, None))
+        listened.rows(feed.t(rest), rest.gyro, rest.accel, rest.degc, np.full((len(rest), COLUMNS), np.nan))
     return _Found(
         np.concatenate([each.correction for each in listened.found]),
         np.concatenate([each.use for each in listened.found]),
@@ -226,7 +223,7 @@ def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
 def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> SessionInfo:
     """The log's own session; it says what was done to it."""
     own = power_on.ContentId()
-    own.add(log.seconds(), log.gyro, log.accel)
+    own.add(log.seconds(), log.samples.gyro, log.samples.accel)
     told = f"{in_line(log.path.name)} corrected by effects of {in_line(source)}"
     return replace(info, source=told, corrected_from_sha256=reader.sha256(log.path),
                    applied_effects_sha256=effects_file.digest(effects), log_id=own.text(), effects_sha256="", memory="",
@@ -236,7 +233,7 @@ def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> Sessio
 
 def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, *, overwrite: bool, mode: int) -> None:
     text = f"# {in_line(log.path.name)}, corrected: {APPLIED}\n"
-    first_ns = int(log.stamp_ns[0])
+    first_ns = log.first_ns
     with whole_log(output, info, text, overwrite=overwrite, mode=mode) as writer:
         writer.attach(APPLIED, effects_file.MEDIA_TYPE, effects, first_ns)
         for name in reference_file.ATTACHMENTS:
@@ -249,8 +246,7 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, *, overwri
 
 
 def _summary(log: Log) -> dict[str, object]:
-    seconds = float(log.stamp_ns[-1] - log.stamp_ns[0]) / 1e9
-    return {"samples": int(log.stamp_ns.size), "duration_s": seconds, "source": in_line(log.path.name)}
+    return {"samples": len(log.samples), "duration_s": float(log.seconds()[-1]), "source": in_line(log.path.name)}
 
 
 def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
@@ -258,8 +254,9 @@ def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
     yield _in_order(
         (e.stamp_ns, 0, schemas.EVENTS, schemas.encode_event(e.stamp_ns, e.name, e.text)) for e in log.events
     )
-    table = log.table
+    table, samples = log.table, log.samples
     kind = log.reference or info.reference
+    warm = np.flatnonzero(np.isfinite(samples.degc))
     yield _in_order(
         (stamp, 1, schemas.REFERENCE, data)
         for stamp, data in zip(
@@ -271,23 +268,23 @@ def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
     yield _in_order(
         (stamp, 2, schemas.TEMPERATURE, data)
         for stamp, data in zip(
-            log.temperature_stamp_ns.tolist(),
-            schemas.encode_temperatures(log.temperature_stamp_ns, log.temperature_degc),
+            samples.stamp_ns[warm].tolist(),
+            schemas.encode_temperatures(samples.stamp_ns[warm], samples.degc[warm]),
             strict=True,
         )
     )
     yield (
         (stamp, 3, schemas.IMU, data)
-        for first in range(0, log.stamp_ns.size, _ROWS)
-        for rows in (slice(first, first + _ROWS),)
+        for first in range(0, len(samples), _ROWS)
+        for some in (samples.rows(slice(first, first + _ROWS)),)
         for stamp, data in zip(
-            log.stamp_ns[rows].tolist(),
-            schemas.encode_imus(log.stamp_ns[rows], log.gyro[rows], log.accel[rows], log.valid[rows]),
+            some.stamp_ns.tolist(),
+            schemas.encode_imus(some.stamp_ns, some.gyro, some.accel, some.valid),
             strict=True,
         )
     )
     if log.diagnostics:
-        last = int(log.stamp_ns[-1])
+        last = int(samples.stamp_ns[-1])
         data = schemas.encode_diagnostics(last, 0, "as it was recorded", log.diagnostics)
         yield iter([(last, 4, schemas.DIAGNOSTICS, data)])
 

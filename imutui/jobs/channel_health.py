@@ -10,6 +10,7 @@ from imutui.instrument.registry import of_model
 from imutui.logbook import health, pieces, reader
 from imutui.logbook.reader import seconds_since
 from imutui.logbook.reading import Reading
+from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 
 
@@ -24,7 +25,6 @@ class LogHealth:
             self._of_packets = health.Readings(scaling, info.g_unit)
         self._monitor = HealthMonitor(health.expected(info, None if self._of_packets is None else self._of_packets.lsb))
         self._first_ns: int | None = None
-        self._degc = np.nan
 
     def packets(self, stamps_ns: np.ndarray, packets: np.ndarray) -> None:
         """Take packets: sampling instants, UTC, ns, (N,), and records of `schemas.RAW_DTYPE`, (N,)."""
@@ -34,24 +34,12 @@ class LogHealth:
         counts = np.column_stack([packets["counts"], packets["temperature"].astype(np.int16)])
         self._add(stamps_ns, *self._of_packets.of(counts))
 
-    def samples(
-        self, stamps_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, valid: np.ndarray, degc: np.ndarray
-    ) -> None:
-        """Take samples: UTC, ns, (N,), rad/s and m/s² in body axes (N, 3), whether each is a reading (N,).
-
-        `degc`: temperatures of the same time, any number of them.
-        """
-        if self._of_packets is not None:
-            return
-        count = stamps_ns.size
-        if degc.size:
-            self._degc = float(degc[-1])
-            each = degc[np.arange(count) * degc.size // max(count, 1)]
-        else:
-            each = np.full(count, self._degc)
-        if valid.any():
-            gyro, accel = self._axes.gyro_to_instrument(gyro), self._axes.accel_to_instrument(accel)
-            self._add(stamps_ns[valid], gyro[valid], accel[valid], each[valid])
+    def samples(self, samples: Samples) -> None:
+        """Take samples, where the log has no packets."""
+        if self._of_packets is None and samples.valid.any():
+            used = samples.rows(samples.valid)
+            gyro, accel = self._axes.gyro_to_instrument(used.gyro), self._axes.accel_to_instrument(used.accel)
+            self._add(used.stamp_ns, gyro, accel, used.degc)
 
     def _add(self, stamps_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray) -> None:
         self._first_ns = int(stamps_ns[0]) if self._first_ns is None else self._first_ns
@@ -70,8 +58,7 @@ def of_log(
     for part in reader.parts(path, pieces.ROWS, raw=True, reading=reading):
         use = _between(part.packet_stamp_ns, first_ns, last_ns)
         found.packets(part.packet_stamp_ns[use], part.packets[use])
-        use = _between(part.stamp_ns, first_ns, last_ns)
-        found.samples(part.stamp_ns[use], part.gyro[use], part.accel[use], part.valid[use], part.temperature_degc)
+        found.samples(part.samples.rows(_between(part.samples.stamp_ns, first_ns, last_ns)))
     return found
 
 

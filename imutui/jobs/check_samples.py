@@ -49,7 +49,7 @@ class SamplesOfPackets:
         stamps, counts = self._groups.take(heads["publish_ns"], np.column_stack([part.packets["counts"], degc]))
         self._made.put(stamps, counts[:, :6])
         self._made_degc.put(counts[:, 6])
-        self._samples.put(part.stamp_ns, part.gyro, part.accel)
+        self._samples.put(part.samples.stamp_ns, part.samples.gyro, part.samples.accel)
         self._degc.put(part.temperature_degc)
         self._compare(self._info)
         self._compare_temperatures(self._info)
@@ -155,7 +155,7 @@ class Health:
         """Look at the next part."""
         if part.packet_heads is not None:
             self._health.packets(part.packet_heads["publish_ns"].astype(np.int64), part.packets)
-        self._health.samples(part.stamp_ns, part.gyro, part.accel, part.valid, part.temperature_degc)
+        self._health.samples(part.samples)
 
     @property
     def entries(self) -> list[HealthEntry]:
@@ -179,7 +179,7 @@ class Impossible:
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        self._check.take(part.stamp_ns, part.gyro, part.accel, part.temperature_degc)
+        self._check.take(part.samples)
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """Yield the first sample that is beyond a limit."""
@@ -206,8 +206,8 @@ class Limits:
                 self._first_packet_ns = int(part.packet_heads["publish_ns"][rows[0]])
             self._packets += rows.size
             self._channels |= at_limit.any(axis=0)
-        if self._first_unread_ns is None and not part.valid.all():
-            self._first_unread_ns = int(part.stamp_ns[int(np.argmin(part.valid))])
+        if self._first_unread_ns is None and not (valid := part.samples.valid).all():
+            self._first_unread_ns = int(part.samples.stamp_ns[int(np.argmin(valid))])
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found."""

@@ -132,28 +132,29 @@ class Times:
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        stamps = np.concatenate([self._last, part.stamp_ns])
+        stamps = np.concatenate([self._last, part.samples.stamp_ns])
         self._back.take(stamps, np.diff(stamps) <= 0)
         self._last = stamps[-1:]
         self._take_numbers(part)
-        self._samples += part.stamp_ns.size
+        self._samples += part.samples.stamp_ns.size
         heads = part.sample_heads
         if heads is not None and self._own:
-            self._other.take(part.stamp_ns, heads["publish_ns"] != part.stamp_ns)
-            self._early.take(part.stamp_ns, heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS)
+            self._other.take(part.samples.stamp_ns, heads["publish_ns"] != part.samples.stamp_ns)
+            self._early.take(part.samples.stamp_ns, heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS)
         if part.packet_heads is not None:
             self._take_offset(part.packet_heads["log_ns"], part.packets["host_monotonic_ns"])
 
     def _take_numbers(self, part: Part) -> None:
         """Count samples by which of their channels are no numbers: what a log lacks is known at its end only."""
-        wrong = ~np.isfinite(np.hstack([part.gyro, part.accel]))
+        wrong = ~np.isfinite(np.hstack([part.samples.gyro, part.samples.accel]))
         if not wrong.any():
             return
         kinds = wrong @ _CHANNEL_BITS
         for kind in np.flatnonzero(np.bincount(kinds)[1:]) + 1:
             which = kinds == kind
             first = int(np.argmax(which))
-            count, at, ns = self._no_numbers.get(int(kind), (0, self._samples + first, int(part.stamp_ns[first])))
+            new = 0, self._samples + first, int(part.samples.stamp_ns[first])
+            count, at, ns = self._no_numbers.get(int(kind), new)
             self._no_numbers[int(kind)] = (count + int(np.count_nonzero(which)), at, ns)
 
     def _take_offset(self, log_ns: np.ndarray, host_ns: np.ndarray) -> None:
@@ -222,7 +223,7 @@ class Gaps:
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
-        stamps = np.concatenate([self._last, part.stamp_ns])
+        stamps = np.concatenate([self._last, part.samples.stamp_ns])
         self._last = stamps[-1:]
         if stamps.size < 2:
             self._first_ns = int(stamps[0]) if stamps.size and self._first_ns is None else self._first_ns
@@ -244,15 +245,17 @@ class Gaps:
         long = steps.steps / 1e9 > GAP_PERIODS * period
         count = int(steps.counts[long].sum())
         missing = self._missing(period) if info is None else 0
+        few = count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)
         # bursts of a host's stamps are no gaps in the samples
-        if count and (missing or count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)):
+        if missing or (count and few):
             longest, at = self._longest
-            what = f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."
-            if missing:
-                what = f"{what} By the times {that_many(missing, 'sample', 'is', 'are')} missing."
-            first = log.seconds_at(int(steps.before_ns[steps.first(long)]))
+            said = [f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."] if count else []
+            said += [f"By the times {that_many(missing, 'sample', 'is', 'are')} missing."] if missing else []
+            wide = long if count else steps.steps / 1e9 > (1.0 + _WHOLE) * period
+            first = log.seconds_at(int(steps.before_ns[steps.first(wide)]))
             where = f"first at {first:.3f} s, longest at {at:.3f} s"
-            yield Finding("gaps", what, where, "The filter predicts through 2 s at most; trace leaves gaps out.")
+            cure = "The filter predicts through 2 s at most; trace leaves gaps out."
+            yield Finding("gaps", " ".join(said), where, cure)
         if info is None or info.sampling == "imported":
             return
         if log.polled:

@@ -48,10 +48,10 @@ def course_of(log: Log, begins_s: float = 0.0) -> DriverCourse:
     `begins_s`: when its first sample was taken, s since power-on.
     """
     axes = log.info.axes()
-    gyro = axes.gyro_to_instrument(_blocks(log.gyro)) / DPS
-    accel = axes.accel_to_instrument(_blocks(log.accel)) / G
+    gyro = axes.gyro_to_instrument(_blocks(log.samples.gyro)) / DPS
+    accel = axes.accel_to_instrument(_blocks(log.samples.accel)) / G
     values = dict(zip(SENSED, np.hstack([gyro, accel]).T, strict=True))
-    values[TEMPERATURE] = _blocks(log.temperature()[:, None])[:, 0]
+    values[TEMPERATURE] = _blocks(log.samples.degc[:, None])[:, 0]
     return DriverCourse(_blocks(log.seconds()[:, None])[:, 0] + begins_s, values, begins_s > 0.0)
 
 

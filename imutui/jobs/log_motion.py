@@ -85,7 +85,7 @@ def motion_of(log: Log, info: SessionInfo, reading: Reading, latency: Array | No
 
 
 def _levelled(log: Log, info: SessionInfo) -> Array:
-    force = _calm_mean(log.accel[log.valid]) if log.valid.any() else np.zeros(3)
+    force = _calm_mean(log.samples.accel[log.samples.valid]) if log.samples.valid.any() else np.zeros(3)
     try:
         force = level_force(force, info.gravity_mps2)
     except InputError as error:
@@ -115,13 +115,13 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, latency: Array)
     t, settings = log.seconds(), info.settings()
     offset, how = 0.0, ""
     if profile.align == "gyro":
-        use = log.valid
+        use = log.samples.valid
         try:
-            offset, sd = alignment.offset_of_profile(profile, t[use], log.gyro[use])
+            offset, sd = alignment.offset_of_profile(profile, t[use], log.samples.gyro[use])
         except InputError as error:
             raise InputError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
         offset -= float(latency[:3].mean())
-        reading = np.hstack([log.gyro[use], log.accel[use]])
+        reading = np.hstack([log.samples.gyro[use], log.samples.accel[use]])
         shift = alignment.shift_of_most(profile, t[use], offset, settings.site, reading, latency)
         offset += shift
         by = "found from the gyros" + (f", {1e3 * shift:+.1f} ms for most channels" if shift else "")
@@ -235,10 +235,10 @@ def _stand(angles: Array, rates: Array, rough: Array, least: int) -> None:
 def _from_table(log: Log, info: SessionInfo) -> Motion:
     """Angles as the log has them: those of an imported recording hold until they change; others are joined by lines."""
     table, t = log.table, log.seconds()
-    if np.array_equal(table.stamp_ns, log.stamp_ns):
+    if np.array_equal(table.stamp_ns, log.samples.stamp_ns):
         angles, rates = np.deg2rad(table.angles_deg), np.deg2rad(table.rates_dps)
     elif info.sampling == _IMPORTED:
-        row = np.maximum(np.searchsorted(table.stamp_ns, log.stamp_ns, side="right") - 1, 0)
+        row = np.maximum(np.searchsorted(table.stamp_ns, log.samples.stamp_ns, side="right") - 1, 0)
         angles, rates = np.deg2rad(table.angles_deg[row]), np.deg2rad(table.rates_dps[row])
     else:
         at = reader.seconds_since(table.stamp_ns, log.first_ns)
@@ -294,7 +294,7 @@ def _from_attitudes(log: Log, at: Array, C_nb: Array, *, carried: bool = True) -
     share = 1.0 - float(known.unknown.mean())
     if share < _MOSTLY:
         raise InputError(_mostly_unknown(log, share))
-    stretches = attitude_rows.rests(t, log.gyro, log.accel, known)
+    stretches = attitude_rows.rests(t, log.samples.gyro, log.samples.accel, known)
     known = attitude_rows.at_rest(known, stretches)
     rest = np.zeros(t.size, bool)
     for first, last in stretches.tolist():

@@ -59,12 +59,12 @@ def quality_of(log: Log) -> Quality:
     gaps = steps[steps > GAP_PERIODS * period]
     # bursts of a host's stamps are no gaps in the samples
     gaps = gaps[:0] if not counters and gaps.size > max(1.0, _BURSTS * t.size) else gaps
-    known = log.temperature_degc[np.isfinite(log.temperature_degc)]
+    known = log.samples.degc[np.isfinite(log.samples.degc)]
     return Quality(
         str(log.path),
         seconds,
         int(t.size),
-        int(np.count_nonzero(~log.valid)),
+        int(np.count_nonzero(~log.samples.valid)),
         int(gaps.size),
         float(gaps.max()) if gaps.size else 0.0,
         float((gaps - period).sum()),

@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.jobs import channel_health, replay_input
 from imutui.jobs.replay_course import ReplayCourse, ReplayPoints
-from imutui.jobs.replay_input import Feed, Part
+from imutui.jobs.replay_input import Feed
 from imutui.logbook import (
     atomic_file,
     checksum_file,
@@ -133,11 +133,11 @@ def _replayed(
 ) -> Replayed:
     started = time.perf_counter()
     fed = _fed(path, reading)
-    log, first_ns = fed.log, fed.first.first_ns
+    log, first_ns = fed.log, fed.first_ns
     log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
-    info, settings = prepare(log, fed.first, reading, parts=fed.parts)
+    info, settings = prepare(fed, reading)
     course_of = ReplayCourse(info, fed.seconds) if course else None
     points_of = ReplayPoints(info, fed.seconds) if points else None
     wanted = [taker.every for taker in (course_of, points_of) if taker is not None]
@@ -148,8 +148,9 @@ def _replayed(
     estimator.warm_up(say)
     sink = None if output is None else _EstimateSink(output.path, info, log, first_ns, output.mode)
     temperature = replay_input.Temperatures()
+    seen = replace(fed, parts=lambda: temperature.seen(fed.parts()))
     started = time.perf_counter()
-    for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, speed, progress):
+    for rows in run(estimator, seen, speed, progress):
         for taker in (course_of, points_of):
             if taker is not None:
                 taker.take(rows, estimator)
@@ -196,9 +197,8 @@ def _fed(path: Path, reading: Reading) -> Feed:
     known = replay_input.outline_of_long(path, reading)
     if known is None or known.lacks.any() or _is_aligned(known.log, reading):
         log = reader.read(path, reading=reading)
-        part = replay_input.select(log, reading.start, reading.end)
-        part = replay_input.filled(part, session_of(log, reading), path)
-        return Feed(log, part, lambda: iter([part]), float(part.t[-1]))
+        feed = replay_input.at_once(log, reading.start, reading.end)
+        return replay_input.filled(feed, session_of(log, reading))
     return replay_input.in_pieces(known, reading.start, reading.end)
 
 
@@ -218,32 +218,29 @@ def _nothing_used(info: SessionInfo) -> str:
 
 
 def prepare(
-    log: Log,
-    part: Part,
-    reading: Reading,
-    advice: str = ". --effects none leaves effects out",
-    parts: Callable[[], Iterable[Part]] | None = None,
+    feed: Feed, reading: Reading, advice: str = ". --effects none leaves effects out"
 ) -> tuple[SessionInfo, Settings]:
-    """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples.
+    """Return session and settings of a replay: the log's own, the caller's, and those measured on the samples.
 
-    `part` is the first of `parts`, or all of them; `advice` follows the reason why effects cannot be.
+    `advice` follows the reason why effects cannot be used.
     """
+    log = feed.log
     info = session_of(log, reading)
     if reading.start:
         # what was remembered is of the file's first sample
         info = replace(info, memory="")
-    motion = motion_of(log, info, reading, part.start)
-    offset, offset_sd = -part.start, None
+    motion = motion_of(log, info, reading, feed.start)
+    offset, offset_sd = -feed.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":
-        offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
-    noise = replay_input.measured_noise(info, parts or (lambda: [part])) if info.noise == FROM_LOG else None
+        offset, offset_sd = alignment.offset_of_profile(motion, feed.t(feed.first), feed.first.gyro)
+    noise = replay_input.measured_noise(info, feed) if info.noise == FROM_LOG else None
     try:
         content = effects_of(log, reading)
         _refuse_twice(log.info, content)
         make = effects_file.maker(content, info)
     except InputError as error:
         raise InputError(f"{log.path}: {error}{advice}") from error
-    return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=part.unread)
+    return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=feed.unread)
 
 
 def _refuse_twice(info: SessionInfo, effects: bytes) -> None:
@@ -299,25 +296,27 @@ def motion_of(log: Log, info: SessionInfo, reading: Reading, start: float) -> Pr
 
 
 def run(
-    estimator: Estimator, parts: Iterable[Part], seconds: float, speed: float | None, progress: Callable[[float], None]
+    estimator: Estimator,
+    feed: Feed,
+    speed: float | None,
+    progress: Callable[[float], None],
 ) -> Iterator[np.ndarray]:
-    """Feed samples and yield rows of estimates.
+    """Feed samples to a filter and yield rows of estimates.
 
     `estimator`: changed in place.
-    `parts`: samples in order; their times count from the first one of all.
     `speed`: times real time to pace the samples at.
     """
     started = time.monotonic()
     size = _PART if speed is None else 1
-    for part in parts:
-        for first in range(0, part.t.size, size):
+    for part in feed.parts():
+        t = feed.t(part)
+        for first in range(0, t.size, size):
             if speed is not None:
-                time.sleep(max(0.0, part.t[first] / speed - (time.monotonic() - started)))
-            piece = slice(first, first + size)
-            samples = (column[piece] for column in (part.t, part.gyro, part.accel, part.temperature))
-            yield from runner.rows(estimator, *samples, last=False)
+                time.sleep(max(0.0, t[first] / speed - (time.monotonic() - started)))
+            some = slice(first, first + size)
+            yield from runner.rows(estimator, t[some], part.gyro[some], part.accel[some], part.degc[some], last=False)
             if first % 512 == 0:
-                progress(min(1.0, float(part.t[piece][-1]) / seconds if seconds > 0.0 else 1.0))
+                progress(min(1.0, float(t[some][-1]) / feed.seconds if feed.seconds > 0.0 else 1.0))
     yield from estimator.use_waiting()
     progress(1.0)
 

@@ -4,7 +4,7 @@ Samples that the log flags as no reading (a count at its limit) stay in and are 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,11 @@ from filters.types import Array
 from imutui.instrument import registry
 from imutui.jobs import replay, replay_input
 from imutui.jobs.log_motion import Motion, motion_of
-from imutui.logbook import pieces, reader, summary
+from imutui.logbook import pieces, reader, samples, summary
 from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import Log
 from imutui.logbook.reading import Reading
+from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 
 Tell = Callable[[float, str], None]
@@ -82,7 +83,7 @@ def read_beginning(path: Path, name: str, reading: Reading) -> LoggedRun:
     """
     log = next(reader.parts(path, _BEGINNING, reading=reading))
     info = replay.session_of(log, reading)
-    if info.reference not in _IN_PIECES or not log.stamp_ns.size:
+    if info.reference not in _IN_PIECES or not len(log.samples):
         raise InputError(f"{path}: its beginning says too little")
     motion = motion_of(log, info, reading)
     run = _run(name, log, info, motion)
@@ -92,13 +93,14 @@ def read_beginning(path: Path, name: str, reading: Reading) -> LoggedRun:
 
 
 def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
-    """Samples of a log, or of a part of one, as a run; the log's own are given up."""
+    """Return the samples of a log, or of a part of one, as a run; their readings are freed."""
     t, axes = log.seconds(), info.axes()
     lsb, bandwidth, latency = _figures(info) if log.own else _UNKNOWN
-    reading = _reading(log, axes)
+    samples = log.samples
+    reading = _reading(samples, axes)
     lacks = np.isnan(reading).all(axis=0)
     reading[:, lacks] = 0.0
-    bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
+    bad = ~samples.valid if motion.unknown is None else ~samples.valid | motion.unknown
     flagged = None
     if bad.any() or lacks.any() or motion.carried is not None:
         flagged = np.repeat(bad[:, None], 6, axis=1)
@@ -109,7 +111,7 @@ def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
         name,
         t,
         reading,
-        _temperature(log, t),
+        samples.degc if np.isfinite(samples.degc).any() else None,
         motion.angles,
         motion.rates,
         axes,
@@ -203,12 +205,11 @@ class _LongLog:
     def __init__(self, name: str, known: Outline, reading: Reading) -> None:
         self.name, self.known, path = name, known, known.log.path
         self.info = replay.session_of(known.log, reading)
-        valid, accel = (np.concatenate([getattr(part, x) for part in known.kept]) for x in ("valid", "accel"))
-        self._motion = motion_of(Log(path, valid=valid, accel=accel), self.info, reading)
+        self._motion = motion_of(Log(path, samples=samples.joined(known.kept)), self.info, reading)
 
-    def run(self, part: Log) -> Run:
-        """A part of it, which gives up its samples."""
-        return _run(self.name, part, self.info, self._motion)
+    def run(self, part: Samples) -> Run:
+        """Return a part of it as a run; its readings are freed."""
+        return _run(self.name, replace(self.known.log, samples=part), self.info, self._motion)
 
     def read(
         self, stretches: Sequence[Run], lines: Sequence[SpectralLine], block_s: float, tell: Callable[[int], None]
@@ -233,56 +234,26 @@ class _LongLog:
 
     def _pieces(self, tell: Callable[[int], None]) -> Iterator[Run]:
         done, known = 0, self.known
-        # what was said of temperature last, before a part begins
-        stamps, values = np.array([known.first_ns]), np.array([known.first_temperature])
-        for part in reader.parts(known.log.path, pieces.ROWS, reading=known.reading):
-            part.temperature_stamp_ns = np.append(stamps[-1:], part.temperature_stamp_ns)
-            part.temperature_degc = np.append(values[-1:], part.temperature_degc)
-            stamps, values = part.temperature_stamp_ns, part.temperature_degc
-            if part.stamp_ns.size > 1:
+        for part, _ in pieces.pieces(known, pieces.ROWS):
+            done += len(part)
+            if len(part) > 1:
                 yield self.run(part)
-            done += part.stamp_ns.size
             tell(done)
 
 
-def _reading(log: Log, axes: AxisMap) -> Array:
-    """Readings in the instrument's axes, SI, shape (N, 6); the log's own are given up, of a day half a gigabyte.
+def _reading(found: Samples, axes: AxisMap) -> Array:
+    """Return readings in the instrument's axes, SI, shape (N, 6); the samples' own are freed.
 
-    From the end on, each part as soon as it is copied: both at once would be what a trace needs most.
+    They are freed from the end on, each part as soon as it is copied: of a day both take half a gigabyte.
     """
-    reading = np.empty((log.stamp_ns.size, 6))
-    gyro, accel = (x if x.flags.owndata else x.copy() for x in (log.gyro, log.accel))
-    log.gyro, log.accel = np.empty((0, 3)), np.empty((0, 3))
+    reading = np.empty((len(found), 6))
+    gyro, accel = (x if x.flags.owndata else x.copy() for x in (found.gyro, found.accel))
     for first in reversed(range(0, len(reading), _AT_ONCE)):
         reading[first : first + _AT_ONCE, :3] = axes.gyro_to_instrument(gyro[first:])
         reading[first : first + _AT_ONCE, 3:] = axes.accel_to_instrument(accel[first:])
         gyro.resize((first, 3), refcheck=False)
         accel.resize((first, 3), refcheck=False)
     return reading
-
-
-def _temperature(log: Log, t: Array) -> Array | None:
-    """Temperature at the samples by straight lines between the messages, degC; None if the log has none.
-
-    In parts: a day has as many messages as samples.
-    """
-    stamps, values = log.temperature_stamp_ns, log.temperature_degc
-    known = np.isfinite(values)
-    if not known.any():
-        return None
-    if not known.all():
-        stamps, values = stamps[known], values[known]
-    if (stamps[1:] < stamps[:-1]).any():
-        order = np.argsort(stamps, kind="stable")
-        stamps, values = stamps[order], values[order]
-    out, origin = np.empty(t.size), log.first_ns
-    for first in range(0, t.size, _AT_ONCE):
-        rows = slice(first, first + _AT_ONCE)
-        ends = np.array([t[rows].min(), t[rows].max()]) * 1e9 + origin
-        low, high = np.searchsorted(stamps, ends)
-        near = slice(max(0, int(low) - 2), int(high) + 2)
-        out[rows] = np.interp(t[rows], reader.seconds_since(stamps[near], origin), values[near])
-    return out
 
 
 _UNKNOWN = (None, None, np.zeros(6))

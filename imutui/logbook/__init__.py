@@ -1,15 +1,17 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
-`atomic_file` the one writer of files, `file_lock` whether a process writes one ·
-`schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes
-and its index · `walk` its items in order, damage among them, `mcap_stream` messages in batches,
-`scan` what a walk beyond damage reports of a file, `summary` its ends ·
-`columns` messages as arrays, `audit` all of them and what is known of a whole log · `pieces` a log of any length in
-bounded memory, `sample_check` whether its samples can be used and what they lack, `export` it as CSV, NPZ or Parquet,
-`parquet` the library of the last · `recover` a whole file made of what is left · `importing` recordings made elsewhere,
-`import_reference` what they know of their motion, `arrival_stamps` their sampling instants · `polled_rate` whether
-polling kept what was asked · `power_on` logs that continue others · `reference_file` table profiles, those too that
-need no file, `trajectory_file`, `effects_file` other formats · `results` the JSON document of a replay or a live run.
+Messages: `layout` makes a message's layout from its ROS definition, `schemas` encodes and decodes each message,
+`columns` reads many as arrays.
+Files: `mcap_format` parses records and the index, `walk` yields a file's items with damage among them, `mcap_stream`
+joins messages to batches, `scan` reports the damage, `summary` reads the ends, `writer` writes, `recover` rebuilds.
+`session_info` is a log's metadata, `log_time` its clock.
+Contents: `samples` holds samples with their temperatures, `reader` reads a log, `pieces` one of any length, `audit`
+counts its messages, `sample_check` judges its samples, `reading` holds what a caller states of it, `power_on` joins
+logs of one power-on, `polled_rate` judges a polled rate.
+Recordings of others: `foreign_log` plans how an MCAP file is read, `bag` converts bags, `importing` reads tables,
+`import_reference` their motion, `arrival_stamps` fits their sampling instants.
+Other files: `export` and `parquet` write samples, `reference_file`, `trajectory_file` and `effects_file` are inputs,
+`results` is the document of a replay, `atomic_file` writes any file, `file_lock` guards one that is being written.
 The only user of mcap, zstandard, lz4 and rosbags.
 """
 

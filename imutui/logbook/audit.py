@@ -16,6 +16,7 @@ from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, joined
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import AS_STATED, Reading
+from imutui.logbook.samples import Held, Samples
 from imutui.logbook.scan import Content, Scan
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
@@ -113,11 +114,7 @@ def _first(*found: int | None) -> int | None:
 class Part:
     """Messages in a row, in file order."""
 
-    # stamp_ns, gyro, accel, valid: samples as in `reader.Log`: stamps, rad/s, m/s², validity
-    stamp_ns: np.ndarray
-    gyro: np.ndarray
-    accel: np.ndarray
-    valid: np.ndarray
+    samples: Samples
     temperature_degc: np.ndarray  # temperatures, shape (M,)
     packets: np.ndarray  # records of `schemas.RAW_DTYPE`, shape (K,)
     # sample_heads, packet_heads: records of `MESSAGE_HEAD`, one a sample, one a packet; None where some of
@@ -193,14 +190,14 @@ def _take_belonging(known: Audit, record: Metadata | Attachment) -> None:
 
 def _take_note(known: Audit, part: Part) -> None:
     """Add what a part tells of the whole."""
-    if part.stamp_ns.size:
-        first, last, latest = int(part.stamp_ns[0]), int(part.stamp_ns[-1]), int(part.stamp_ns.max())
+    if len(samples := part.samples):
+        first, last, latest = (int(ns) for ns in (samples.stamp_ns[0], samples.stamp_ns[-1], samples.stamp_ns.max()))
         known.first_ns = known.first_ns if known.samples else first
         known.latest_ns = max(known.latest_ns, latest) if known.samples else latest
         known.last_ns = last
-        known.samples += part.stamp_ns.size
-        known.lacks &= sample_check.unread(part.gyro, part.accel)
-        known.unread_samples += int(np.count_nonzero(~part.valid))
+        known.samples += len(samples)
+        known.lacks &= sample_check.unread(samples.gyro, samples.accel)
+        known.unread_samples += int(np.count_nonzero(~samples.valid))
     known.packets += part.packets.size
     for word, count in zip(*np.unique(part.packets["status"], return_counts=True), strict=True):
         known.statuses[int(word)] = known.statuses.get(int(word), 0) + int(count)
@@ -249,7 +246,9 @@ def parts(
     work.close()
     if summary.SUMMARY in known.attachments:
         known.result = summary.quality(known.attachments[summary.SUMMARY])
-    if not known.session and not known.session_trouble:
+    if known.session or known.session_trouble:
+        reader.refuse_stated(found.path, reading)
+    else:
         yield from _foreign_parts(found, known, reading)
     progress(1.0)
 
@@ -259,7 +258,7 @@ def _foreign_parts(found: Scan, known: Audit, reading: Reading) -> Iterator[Part
     try:
         for log in reader.parts(found.path, MESSAGES, reading=reading):
             known.assumed = log.assumed
-            part = Part(log.stamp_ns, log.gyro, log.accel, log.valid, log.temperature_degc, log.packets, None, None)
+            part = Part(log.samples, log.samples.degc, log.packets, None, None)
             _take_note(known, part)
             yield part
     except UnreadableLogError:
@@ -275,6 +274,7 @@ class _Work(Channels):
         self.audit = known
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
         self._runs: dict[int, HeadRun | None] = {}
+        self._degc = Held(1, from_start=True)
 
     def belonging(self, record: Metadata | Attachment) -> None:
         """Take metadata or an attachment; a session makes the channels those of imutui."""
@@ -333,15 +333,14 @@ class _Work(Channels):
         roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
-        samples, packets = self.columns.all(IMU), self.columns.all(RAW)["packets"]
-        degc = self.columns.all(TEMPERATURE)["degc"]
+        rows, packets, temperatures = (self.columns.all(role) for role in (IMU, RAW, TEMPERATURE))
+        self._degc.take(temperatures["stamp_ns"], temperatures["degc"][:, None])
+        samples = Samples(**rows, degc=self._degc.at(rows["stamp_ns"])[:, 0])
         each = [heads[roles == role] for role in (IMU, RAW)]
-        counts = (samples["stamp_ns"].size, packets.size)
+        counts = (len(samples), packets["packets"].size)
         sample_heads, packet_heads = (own if own.size == n else None for own, n in zip(each, counts, strict=True))
         self._heads, self.columns = [], Columns()
-        part = Part(
-            **samples, temperature_degc=degc, packets=packets, sample_heads=sample_heads, packet_heads=packet_heads
-        )
+        part = Part(samples, temperatures["degc"], packets["packets"], sample_heads, packet_heads)
         _take_note(self.audit, part)
         return part
 

@@ -6,7 +6,6 @@ in words what it assumes, or refuses the log with commands that work. Samples ar
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,8 @@ Records = Callable[[], Iterable[McapRecord | Batch]]
 """Returns the records of a file in order, anew by each call."""
 Cure = tuple[str, tuple[str, ...]]
 """A command and its flags; the command "" stands for the one that was given."""
-Samples = dict[str, np.ndarray]
-"""Columns by name: `stamp_ns` (UTC, ns), `gyro` (rad/s, (N, 3)), `accel` (m/s², (N, 3)), `valid`; body axes."""
+Rows = dict[str, np.ndarray]
+"""Columns of samples by their names in `Samples`, with temperatures as `degc_stamp_ns` and `degc`."""
 
 _IMU, _TEMPERATURE = (schemas.TYPES[topic].replace("/msg/", "/") for topic in (schemas.IMU, schemas.TEMPERATURE))
 _FEW = 0.01
@@ -257,6 +256,11 @@ class Plan:
         """Mean specific force as it stands in the file, m/s², shape (3,)."""
         return self.accel.mean[3:]
 
+    @property
+    def first_ns(self) -> int:
+        """The instant from which seconds of the log count, ns."""
+        return self.gyro.stamps.first if self.stamps == "header" else self.gyro.logged.first
+
 
 def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = False) -> Plan:
     """Decide how samples are read.
@@ -476,15 +480,14 @@ def refuse_upside_down(path: Path, force: np.ndarray, axes: AxisMap, gravity: fl
 # ------------------------------------------------------------------------------------------------------------- samples
 
 
-def samples(records: Records, wanted: Plan, reading: Reading, axes: AxisMap) -> Iterator[Samples]:
+def samples(records: Records, wanted: Plan, reading: Reading, axes: AxisMap) -> Iterator[Rows]:
     """Yield the samples of a file by a plan, a bounded number at a time unless they have to be put into order.
 
     `reading`: its part counts, s since the log's first sample.
     `axes`: from the file's axes and sign to the body's.
-    Temperatures come as `degc_stamp_ns` and `degc`.
     """
-    last_ns, part = np.iinfo(np.int64).min, _Part(reading, _first_ns(wanted))
-    stream: Iterable[Samples] = _read(records, wanted)
+    last_ns, part = np.iinfo(np.int64).min, _Part(reading, wanted.first_ns)
+    stream: Iterable[Rows] = _read(records, wanted)
     if wanted.at_once:
         stream = [_in_order(list(stream), wanted)]
     for found in stream:
@@ -502,15 +505,6 @@ def samples(records: Records, wanted: Plan, reading: Reading, axes: AxisMap) -> 
             "degc_stamp_ns": found["degc_stamp_ns"],
             "degc": found["degc"],
         }
-
-
-def first_ns(wanted: Plan) -> int:
-    """Return the instant from which seconds of the log count, ns."""
-    return _first_ns(wanted)
-
-
-def _first_ns(wanted: Plan) -> int:
-    return wanted.gyro.stamps.first if wanted.stamps == "header" else wanted.gyro.logged.first
 
 
 class _Part:
@@ -539,7 +533,7 @@ class _Part:
         return use
 
 
-def _read(records: Records, wanted: Plan) -> Iterator[Samples]:
+def _read(records: Records, wanted: Plan) -> Iterator[Rows]:
     """Yield the samples of the plan's topics in file order; those of two topics carry the one they are of."""
     types, roles, one = dict[int, str](), dict[int, tuple[str, int]](), wanted.gyro is wanted.accel
     names = {wanted.gyro.name, wanted.accel.name, wanted.temperature}
@@ -566,7 +560,7 @@ def _merged(batch: Batch, roles: dict[int, tuple[str, int]]) -> list[tuple[str, 
     return [(topics[role], role, Batch(batch.content, batch.table[of == role])) for role in kinds]
 
 
-def _columns(topic: str, role: int, part: Batch, wanted: Plan) -> Samples:
+def _columns(topic: str, role: int, part: Batch, wanted: Plan) -> Rows:
     found, bad = columns.read(part, np.full(len(part.table), role))
     good = np.ones(len(part.table), bool)
     good[list(bad)] = False
@@ -592,7 +586,7 @@ def _columns(topic: str, role: int, part: Batch, wanted: Plan) -> Samples:
                       "forces": np.full(stamps.size, topic == wanted.accel.name)}  # fmt: skip
 
 
-def _in_order(parts: list[Samples], wanted: Plan) -> Samples:
+def _in_order(parts: list[Rows], wanted: Plan) -> Rows:
     """Return all samples in order: of their log times, joined where two topics are, at instants fitted if asked."""
     names = parts[0] if parts else ()
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
@@ -611,7 +605,7 @@ def _in_order(parts: list[Samples], wanted: Plan) -> Samples:
     return whole
 
 
-def _joined(whole: Samples) -> Samples:
+def _joined(whole: Rows) -> Rows:
     """Return samples at the instants of the rates, with the forces of the other topic by straight lines."""
     forces = whole["forces"]
     own, other = (
@@ -623,12 +617,3 @@ def _joined(whole: Samples) -> Samples:
     inside = (own["stamp_ns"] >= at[0]) & (own["stamp_ns"] <= at[-1])
     own = {name: column[inside] for name, column in own.items()}
     return whole | own
-
-
-def split(found: Samples, rows: int) -> Iterator[Samples]:
-    """Yield samples so many at a time; temperatures go with the first of them."""
-    edges = [*range(0, found["stamp_ns"].size, rows), found["stamp_ns"].size] if found["stamp_ns"].size else [0, 0]
-    for first, last in pairwise(edges):
-        part = {name: found[name][first:last] for name in ("stamp_ns", "gyro", "accel", "valid")}
-        both = ("degc_stamp_ns", "degc")
-        yield part | {name: found[name] if first == 0 else found[name][:0] for name in both}

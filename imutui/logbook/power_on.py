@@ -74,7 +74,7 @@ def preceding(path: Path) -> Preceding:
             f"{path} was not written by imutui, so its sign and mounting are not known, and nothing can continue it."
             " Import its recording with `imutui import`, then continue that."
         )
-    stamps = log.stamp_ns
+    stamps = log.samples.stamp_ns
     steps = stamps.size - 1
     period = round(float(stamps[-1] - stamps[0]) / steps) if steps else round(1e9 / log.info.rate_hz)
     return Preceding(path, log.info, reader.sha256(path), int(stamps[0]), int(stamps[-1]), period)

@@ -25,6 +25,7 @@ from imutui.logbook.mcap_format import MAGIC, Index
 from imutui.logbook.mcap_stream import JOINED, Batch, joined
 from imutui.logbook.reading import AS_STATED, AXES, Reading
 from imutui.logbook.sample_check import SampleCheck
+from imutui.logbook.samples import Samples, Waiting
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
 from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
@@ -55,16 +56,8 @@ class Log:
     path: Path  # where it lies
     info: SessionInfo = FOREIGN  # its metadata
     own: bool = False  # whether imutui wrote it
-    # sampling instants of the output samples, UTC, ns, int64, shape (N,)
-    stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    # gyro, accel: rad/s and m/s² (specific force), body axes, shape (N, 3)
-    gyro: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    accel: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    # whether there was a reading at this stamp, bool, shape (N,); False where a covariance says "no estimate"
-    valid: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
-    # when each temperature was taken, UTC, ns, int64, shape (M,)
-    temperature_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))  # all temperature messages, shape (M,)
+    samples: Samples = field(default_factory=Samples)
+    first_ns: int = 0  # stamp of the log's first sample, from which times are counted
     # packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     packet_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # when sampled, UTC, ns, (K,)
@@ -81,32 +74,15 @@ class Log:
     # of another program's log: what was assumed of it, in words, and its mean specific force as the file has it, m/s²
     assumed: tuple[str, ...] = ()
     mean_force: np.ndarray | None = None
-    origin_ns: int | None = None  # of a part of a log: stamp of the log's first sample
 
     @property
     def unread(self) -> np.ndarray:
         """Which channels the log lacks, gyros first, body axes, bool, shape (6,): they are NaN throughout."""
-        return sample_check.unread(self.gyro, self.accel)
+        return sample_check.unread(self.samples.gyro, self.samples.accel)
 
     def seconds(self) -> np.ndarray:
-        """Time of the samples since the first, s, shape (N,)."""
-        return seconds_since(self.stamp_ns, self.first_ns) if self.stamp_ns.size else np.empty(0)
-
-    @property
-    def first_ns(self) -> int:
-        """Stamp of the log's first sample, from which times are counted."""
-        return int(self.stamp_ns[0]) if self.origin_ns is None else self.origin_ns
-
-    def temperature(self) -> np.ndarray:
-        """Temperature of each sample, degC, shape (N,): the last one taken by then, the first for those before it.
-
-        A unit's samples carry their own, as they did live. NaN if there is none.
-        """
-        if not self.temperature_stamp_ns.size:
-            return np.full(self.stamp_ns.size, np.nan)
-        order = np.argsort(self.temperature_stamp_ns, kind="stable")
-        last = np.searchsorted(self.temperature_stamp_ns[order], self.stamp_ns, side="right") - 1
-        return np.asarray(self.temperature_degc[order[np.maximum(last, 0)]])
+        """Time of the samples since the log's first, s, shape (N,)."""
+        return np.asarray(seconds_since(self.samples.stamp_ns, self.first_ns))
 
 
 def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
@@ -125,17 +101,17 @@ def read(path: Path, *, raw: bool = False, reading: Reading = AS_STATED) -> Log:
     """
     *_, log = parts(path, raw=raw, reading=reading)
     check = SampleCheck()
-    check.take(log.stamp_ns, log.gyro, log.accel, log.temperature_degc)
+    check.take(log.samples)
     if trouble := check.trouble(path):
         raise UnreadableLogError(trouble)
     return log
 
 
 def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Reading = AS_STATED) -> Iterator[Log]:
-    """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
+    """Yield what a log holds in parts; what is known only of the whole is in the last one.
 
-    `rows`: samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart. None for
-      all of them in one.
+    `rows`: samples (or, with `raw`, packets) in a part, or a few more; None for all of them in one. The samples of a
+      part begin and end up to ten seconds before its packets and its table: their temperatures may come later.
     `raw`: read /imu/raw too.
     Raises UnreadableLogError as `read`; samples themselves are not looked at.
     Raises RefusedLogError if another program's log can be taken in several ways.
@@ -144,10 +120,9 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Re
     if foreign is not None:
         yield from _foreign_parts(path, foreign, reading, rows)
         return
-    if reading.of_foreign:
-        raise InputError(f"{path} states its own {' and '.join(reading.of_foreign)}: it is a log of imutui")
+    refuse_stated(path, reading)
     log = Log(path)
-    content, any_samples = Content(log, raw), False
+    content = Content(log, raw)
     for record in records(path, log, JOINED if rows is None else min(rows, JOINED)):
         try:
             content.take(record)
@@ -155,14 +130,20 @@ def parts(path: Path, rows: int | None = None, *, raw: bool = False, reading: Re
             log.damage = f"a message cannot be decoded ({error})"
             break
         if rows is not None and content.columns.rows >= rows:
-            part = content.drain()
-            any_samples |= part.stamp_ns.size > 0
-            yield part
+            yield content.drain()
     content.close()
     log.finished = log.finished and not log.damage
-    if not (any_samples or log.stamp_ns.size):
+    if not content.has_samples:
         raise UnreadableLogError(_nothing(path, log, content))
     yield log
+
+
+def refuse_stated(path: Path, reading: Reading) -> None:
+    """Raise InputError if a caller states of a log of imutui what the log states itself."""
+    if reading.of_foreign:
+        raise InputError(
+            f"{path} states its own {' and '.join(reading.of_foreign)}: it is a log of imutui. Leave those options out."
+        )
 
 
 def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None) -> Iterator[Log]:
@@ -177,25 +158,16 @@ def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None
     rate = 1e9 / (plan.period_ns or 1e9)
     own = {name: value for name, value in reading.overrides.items() if name in AXES}
     log.info = replace(FOREIGN, rate_hz=rate).overridden(own)
-    log.assumed, log.mean_force, log.origin_ns = plan.assumed, plan.mean_force, foreign_log.first_ns(plan)
-
-    held: list[foreign_log.Samples] = []
-    for each in foreign_log.samples(lambda: records(path, log), plan, reading, log.info.axes()):
-        for piece in [each] if rows is None else foreign_log.split(each, rows):
-            held.append(piece)
-            if rows is not None and sum(part["stamp_ns"].size for part in held) >= rows:
-                yield _with_samples(replace(log), held)
-                held = []
+    log.assumed, log.mean_force, log.first_ns = plan.assumed, plan.mean_force, plan.first_ns
+    waiting = Waiting()
+    for columns in foreign_log.samples(lambda: records(path, log), plan, reading, log.info.axes()):
+        degc_stamp_ns, degc = columns.pop("degc_stamp_ns"), columns.pop("degc")
+        waiting.take(columns, degc_stamp_ns, degc)
+        if rows is not None and len(waiting) >= rows:
+            yield replace(log, samples=waiting.ready())
     log.finished = log.finished and not log.damage
-    yield _with_samples(log, held)
-
-
-def _with_samples(log: Log, held: list[foreign_log.Samples]) -> Log:
-    if held:
-        whole = {name: np.concatenate([part[name] for part in held]) for name in held[0]}
-        log.stamp_ns, log.gyro, log.accel, log.valid = (whole[name] for name in ("stamp_ns", "gyro", "accel", "valid"))
-        log.temperature_stamp_ns, log.temperature_degc = whole["degc_stamp_ns"], whole["degc"]
-    return log
+    log.samples = waiting.rest()
+    yield log
 
 
 def _of(path: Path, cure: Cure) -> Cure:
@@ -242,6 +214,8 @@ class Content(Channels):
             schemas.EVENTS: OTHER,
         }
         self._diagnostics: bytes | None = None
+        self._waiting = Waiting()
+        self.has_samples = False
 
     def take(self, record: McapRecord | Batch) -> None:
         """One record in file order, or messages in a row."""
@@ -281,18 +255,16 @@ class Content(Channels):
         return False
 
     def drain(self) -> Log:
-        """What was collected since the last time, as a log of its own; samples that follow begin anew."""
+        """Return what was collected since the last time, as a log of its own, without samples that wait."""
         part = replace(self.log)
-        _fill(part, self.columns)
-        if self.log.origin_ns is None and part.stamp_ns.size:
-            self.log.origin_ns = part.origin_ns = int(part.stamp_ns[0])
-        self.columns = Columns()
+        self._fill(part)
+        self.log.first_ns = part.first_ns
         return part
 
     def close(self) -> None:
-        """Make arrays of what was collected."""
+        """Make arrays of all that was collected."""
         log = self.log
-        _fill(log, self.columns)
+        self._fill(log, last=True)
         try:
             if self.last_table is not None:
                 log.reference = layout.text(
@@ -306,13 +278,15 @@ class Content(Channels):
         except UndecodableError as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
-
-def _fill(log: Log, columns: Columns) -> None:
-    samples, temperatures, packets = (columns.all(role) for role in (IMU, TEMPERATURE, RAW))
-    log.stamp_ns, log.gyro, log.accel, log.valid = (samples[name] for name in ("stamp_ns", "gyro", "accel", "valid"))
-    log.temperature_stamp_ns, log.temperature_degc = temperatures["stamp_ns"], temperatures["degc"]
-    log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
-    log.table, log.states = Table(**columns.all(TABLE)), Table(**columns.all(STATE))
+    def _fill(self, log: Log, *, last: bool = False) -> None:
+        samples, temperatures, packets = (self.columns.all(role) for role in (IMU, TEMPERATURE, RAW))
+        if samples["stamp_ns"].size and not self.has_samples:
+            log.first_ns, self.has_samples = int(samples["stamp_ns"][0]), True
+        self._waiting.take(samples, temperatures["stamp_ns"], temperatures["degc"])
+        log.samples = self._waiting.rest() if last else self._waiting.ready()
+        log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
+        log.table, log.states = Table(**self.columns.all(TABLE)), Table(**self.columns.all(STATE))
+        self.columns = Columns()
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:

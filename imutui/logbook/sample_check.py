@@ -9,6 +9,7 @@ import numpy as np
 
 from filters.channels import CHANNELS
 from filters.imu import AxisMap
+from imutui.logbook.samples import Samples
 
 _LONGEST_NS = 320_000_000_000_000_000
 LEAST_STEP_S = 1e-6  # between samples: no unit is sampled that fast, and times in ns do not tell closer ones apart
@@ -30,18 +31,15 @@ class SampleCheck:
         self._least, self._greatest = np.iinfo(np.int64).max, np.iinfo(np.int64).min
         self._last = np.empty(0, np.int64)
         self._beyond = self._back = self._close = self._degc = -1
-        self._temperatures = self._held = 0
+        self._held = 0
         self._no_number = np.full(6, -1)
 
-    def take(self, stamp_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray) -> None:
-        """Look at more samples: UTC, ns, int64, shape (N,); rad/s and m/s², shape (N, 3); temperatures, any number."""
-        beyond = np.abs(degc) > LARGEST["temp"]
-        if self._degc < 0 and beyond.any():
-            self._degc = self._temperatures + int(beyond.argmax())
-        self._temperatures += degc.size
-        for first in range(0, stamp_ns.size, _AT_ONCE):
-            rows = slice(first, first + _AT_ONCE)
-            self._take(stamp_ns[rows], np.hstack([gyro[rows], accel[rows]]))
+    def take(self, samples: Samples) -> None:
+        """Look at more samples."""
+        for first in range(0, len(samples), _AT_ONCE):
+            some = samples.rows(slice(first, first + _AT_ONCE))
+            self._degc = self._first(self._degc, np.abs(some.degc) > LARGEST["temp"])
+            self._take(some.stamp_ns, np.hstack([some.gyro, some.accel]))
 
     def _take(self, stamps: np.ndarray, readings: np.ndarray) -> None:
         self._least, self._greatest = min(self._least, int(stamps.min())), max(self._greatest, int(stamps.max()))
@@ -70,7 +68,8 @@ class SampleCheck:
             most = f"more than {LARGEST['gyro']:,.0f} deg/s or {LARGEST['accel']:,.0f} g"
             what = f"sample {self._beyond} (first is 0) is beyond anything that a unit reads: {most}."
         elif self._degc >= 0:
-            what = f"temperature {self._degc} (first is 0) is beyond ±{LARGEST['temp']:,.0f} degC, which no unit has."
+            most = f"±{LARGEST['temp']:,.0f} degC, which no unit has"
+            what = f"the temperature of sample {self._degc} (first is 0) is beyond {most}."
         elif self._close >= 0 or 2 * self._held > self._count:
             what = f"sample {max(self._close, 1)} (first is 0) is less than a microsecond after the one before it."
         else:

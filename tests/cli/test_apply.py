@@ -89,7 +89,9 @@ def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
     imutui("apply", tmp_path / "in.mcap", "--effects", effects, "-o", tmp_path / "out.mcap")
     made = reader.read(tmp_path / "out.mcap")
     axes = made.info.axes()
-    found = np.hstack([axes.gyro_to_instrument(made.gyro) / DPS, axes.accel_to_instrument(made.accel) / G])
+    found = np.hstack(
+        [axes.gyro_to_instrument(made.samples.gyro) / DPS, axes.accel_to_instrument(made.samples.accel) / G]
+    )
     np.testing.assert_allclose(found, true, rtol=0.0, atol=1e-9)
 
 
@@ -106,8 +108,8 @@ def test_an_effect_of_the_rate_of_temperature_is_taken_out_without_lag(tmp_path:
     effects = written(tmp_path, known("thermal_rate", "gz", "deg/s/(K/s)", 5.0))
     imutui("apply", tmp_path / "in.mcap", "--effects", effects, "-o", tmp_path / "out.mcap")
     before, after = (reader.read(tmp_path / name) for name in ("in.mcap", "out.mcap"))
-    of_rate = before.info.axes().gyro_to_instrument(before.gyro)[:, 2]
-    left = after.info.axes().gyro_to_instrument(after.gyro)[:, 2]
+    of_rate = before.info.axes().gyro_to_instrument(before.samples.gyro)[:, 2]
+    left = after.info.axes().gyro_to_instrument(after.samples.gyro)[:, 2]
     assert np.std(left) < 0.06 * np.std(of_rate)
 
 
@@ -120,7 +122,7 @@ def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
     assert "only a filter follows" in document["left"][0]
     assert document["largest"]["az"] == pytest.approx(9.98, abs=0.3)
     assert {name for name, value in document["largest"].items() if value} == {"az"}
-    before, after = reader.read(SAMPLE), reader.read(tmp_path / "c.mcap")
+    before, after = reader.read(SAMPLE).samples, reader.read(tmp_path / "c.mcap").samples
     assert document["set_aside"] == np.count_nonzero(~after.valid) > 0
     assert document["samples"] == after.stamp_ns.size
     assert np.array_equal(before.gyro, after.gyro)
@@ -147,7 +149,7 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     assert effects_file.ATTACHMENT not in log.attachments
     assert (log.info.serial_number, log.info.operator) == (first.info.serial_number, first.info.operator)
     assert log.info.log_id != first.info.log_id
-    assert np.array_equal(log.temperature(), first.temperature())
+    assert np.array_equal(log.samples.degc, first.samples.degc)
     assert [event.text for event in log.events] == [event.text for event in first.events]
     assert reader.sha256(SAMPLE) == source_hash
     imutui("check", corrected)
@@ -155,7 +157,7 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
         (connection,) = [c for c in bag.connections if c.topic == "/imu/data_raw"]
         _, _, raw = next(bag.messages([connection]))
         message = bag.deserialize(raw, connection.msgtype)
-        assert message.angular_velocity.y == log.gyro[0, 1] != first.gyro[0, 1]
+        assert message.angular_velocity.y == log.samples.gyro[0, 1] != first.samples.gyro[0, 1]
 
 
 def test_effects_of_another_unit_are_applied_with_a_warning(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def record(folder: Path, port: str, *arguments: str) -> Outcome:
 def holds_samples(path: Path) -> bool:
     """Whether a log can be read by now."""
     try:
-        return bool(reader.read(path).stamp_ns.size)
+        return bool(reader.read(path).samples.stamp_ns.size)
     except reader.UnreadableLogError:
         return False
 

@@ -17,7 +17,7 @@ from filters.motion.reference import Trajectory
 from imutui.jobs.export import Export, export
 from imutui.logbook import pieces, reader, reference_file
 from imutui.logbook.export import samples
-from imutui.logbook.reader import Log
+from imutui.logbook.samples import Samples
 
 FORMATS = ("csv", "npz", "parquet")
 VECTORS = ("gyro", "accel", "ang", "rate")
@@ -60,8 +60,8 @@ def assert_alike(found: dict[str, dict[str, Any]]) -> None:
             assert list(map(int, texts)) == column
 
 
-def samples_of(log: Path) -> Log:
-    return reader.read(log)
+def samples_of(log: Path) -> Samples:
+    return reader.read(log).samples
 
 
 def test_samples_are_the_same_to_the_last_bit_in_every_format(tmp_path: Path) -> None:
@@ -73,8 +73,8 @@ def test_samples_are_the_same_to_the_last_bit_in_every_format(tmp_path: Path) ->
     log = samples_of(SAMPLE)
     assert len(found["npz"]["t"]) == log.stamp_ns.size
     assert np.mean(found["npz"]["accel_z"]) == pytest.approx(1.0, abs=0.03)
-    assert found["npz"]["t"] == pytest.approx(log.seconds(), abs=1e-12)
-    assert found["npz"]["temp"] == log.temperature().tolist()
+    assert found["npz"]["t"] == pytest.approx(reader.read(SAMPLE).seconds(), abs=1e-12)
+    assert found["npz"]["temp"] == log.degc.tolist()
     assert np.allclose(found["npz"]["gyro_x"], np.rad2deg(log.gyro[:, 0]), rtol=1e-15)
 
 
@@ -96,21 +96,22 @@ def test_import_reads_back_what_was_exported(tmp_path: Path, kind: str) -> None:
     line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
     back = tmp_path / "back.mcap"
     imutui(*(back if part == "LOG.mcap" else part for part in line))
-    first, again = samples_of(SAMPLE), samples_of(back)
+    log = reader.read(back)
+    first, again = samples_of(SAMPLE), log.samples
     assert np.array_equal(first.stamp_ns - first.stamp_ns[0], again.stamp_ns - again.stamp_ns[0])
-    assert np.array_equal(first.temperature(), again.temperature())
+    assert np.array_equal(first.degc, again.degc)
     assert np.array_equal(first.gyro, again.gyro)  # a unit's samples were made of deg/s and g
     assert np.array_equal(first.accel, again.accel)
-    assert (again.info.reference, again.info.kind, again.info.accel_sign) == ("level", "simulated", -1)
+    assert (log.info.reference, log.info.kind, log.info.accel_sign) == ("level", "simulated", -1)
     # an imported log comes back with the same bits, and a second time with the same file
     twice = tmp_path / f"b.{kind}"
     imutui("export", back, "-o", twice)
     line = ["import", str(twice), *line[2:]]
     imutui(*(tmp_path / "third.mcap" if part == "LOG.mcap" else part for part in line))
-    third = samples_of(tmp_path / "third.mcap")
-    assert np.array_equal(again.gyro, third.gyro)
-    assert np.array_equal(again.accel, third.accel)
-    assert again.info.log_id == third.info.log_id
+    third = reader.read(tmp_path / "third.mcap")
+    assert np.array_equal(again.gyro, third.samples.gyro)
+    assert np.array_equal(again.accel, third.samples.accel)
+    assert log.info.log_id == third.info.log_id
 
 
 def turned_recording(tmp_path: Path, n: int = 400) -> Path:
@@ -139,9 +140,9 @@ def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
     line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
     assert Path(line[line.index("--reference") + 1]) == tmp_path / "a.npz.reference.csv"
     imutui(*(tmp_path / "back.mcap" if part == "LOG.mcap" else part for part in line))
-    first, again = samples_of(log), samples_of(tmp_path / "back.mcap")
-    assert np.array_equal(first.gyro, again.gyro)
-    assert np.array_equal(first.accel, again.accel)
+    first, again = reader.read(log), reader.read(tmp_path / "back.mcap")
+    assert np.array_equal(first.samples.gyro, again.samples.gyro)
+    assert np.array_equal(first.samples.accel, again.samples.accel)
     assert first.attachments["reference.csv"] == again.attachments["reference.csv"]
     assert (again.info.mount, again.info.gyro_sign, again.info.clock_s) == ("x,-z,y", "1,-1,1", 5.0)
     # what is beside is not replaced either
@@ -157,7 +158,7 @@ def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
 def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
     found = made(tmp_path, "--start", "2", "--end", "3")
     assert_alike(found)
-    t = samples_of(SAMPLE).seconds()
+    t = reader.read(SAMPLE).seconds()
     assert found["npz"]["t"] == t[(t >= 2.0) & (t <= 3.0)].tolist()
     for cut in (("--start", "1e6"), ("--start", "3", "--end", "2"), ("--start", "2.00001", "--end", "2.00002")):
         done = imutui("export", SAMPLE, "-o", tmp_path / "none.csv", *cut, check=2)
@@ -197,7 +198,7 @@ def test_what_a_receiver_and_a_reference_knew_is_exported(tmp_path: Path) -> Non
 
 
 def motion_of(log: Path) -> Trajectory:
-    motion = reference_file.parse("reference.csv", samples_of(log).attachments["reference.csv"])
+    motion = reference_file.parse("reference.csv", reader.read(log).attachments["reference.csv"])
     assert isinstance(motion, Trajectory)
     return motion
 
@@ -208,8 +209,8 @@ def test_another_program_s_log_comes_back_as_a_replay_takes_it(tmp_path: Path) -
     assert "--accel-sign +1" in document["about"]["import"]
     assert document["about"]["log_sha256"] == reader.sha256(tmp_path / "foreign.mcap")
     accel = np.genfromtxt(tmp_path / "a.csv", delimiter=",", skip_header=csv_head(tmp_path / "a.csv"))[:, 4:7]
-    log = samples_of(tmp_path / "foreign.mcap")
-    assert accel == pytest.approx(log.accel / log.info.g_unit, rel=1e-15)
+    log = reader.read(tmp_path / "foreign.mcap")
+    assert accel == pytest.approx(log.samples.accel / log.info.g_unit, rel=1e-15)
 
 
 def csv_head(path: Path) -> int:
@@ -259,7 +260,7 @@ def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
     cut.write_bytes(SAMPLE.read_bytes()[:60_000])
     done = imutui("export", cut, "-o", tmp_path / "a.npz", check=1)
     assert "All before that is exported" in done.stderr
-    assert np.load(tmp_path / "a.npz")["t"].size == samples_of(cut).stamp_ns.size
+    assert np.load(tmp_path / "a.npz")["t"].size == len(samples_of(cut))
 
 
 @pytest.mark.parametrize("rows", [1, 60, 10**6])
@@ -267,12 +268,12 @@ def test_pieces_of_any_size_are_the_whole(tmp_path: Path, rows: int) -> None:
     for log in (SAMPLE, turned_recording(tmp_path)):
         whole = reader.read(log)
         known = pieces.outline(log, rows)
-        found = list(pieces.pieces(known, rows))
-        assert max(len(piece.stamp_ns) for piece in found) <= max(rows, whole.stamp_ns.size) + 2000
-        for name, column in (("stamp_ns", whole.stamp_ns), ("gyro", whole.gyro), ("accel", whole.accel),
-                             ("temperature_degc", whole.temperature()), ("valid", whole.valid)):  # fmt: skip
-            assert np.array_equal(np.concatenate([getattr(piece, name) for piece in found]), column), name
-        assert (known.samples, known.first_ns) == (whole.stamp_ns.size, int(whole.stamp_ns[0]))
+        found = [piece for piece, _ in pieces.pieces(known, rows)]
+        assert max(map(len, found)) <= max(rows, len(whole.samples)) + 2000
+        for name in ("stamp_ns", "gyro", "accel", "degc", "valid"):
+            column = np.concatenate([getattr(piece, name) for piece in found])
+            assert np.array_equal(column, getattr(whole.samples, name)), name
+        assert (known.samples, known.first_ns) == (len(whole.samples), whole.first_ns)
         assert known.log.events == whole.events
 
 

@@ -223,8 +223,8 @@ def test_an_error_arrives_in_the_log_to_a_count(home: Path) -> None:
     for name, options in (("plain", ()), ("spoiled", ("--spoil", "errors.py:counted"))):
         with virtual("--seed", "3", *options) as unit:
             record(*unit, home / f"{name}.mcap", 6.0, "--rate", "133")
-        logs.append(reader.read(home / f"{name}.mcap"))
-    plain, with_error = (np.hstack([np.rad2deg(log.gyro), log.accel / STANDARD_GRAVITY])[:700] for log in logs)
+        logs.append(reader.read(home / f"{name}.mcap").samples)
+    plain, with_error = (np.hstack([np.rad2deg(each.gyro), each.accel / STANDARD_GRAVITY])[:700] for each in logs)
     difference = with_error - plain
     expected = 0.01 * ((np.arange(700) + 1) % 7)
     count = 1.5 * 200.0 / 2**15
@@ -248,7 +248,7 @@ def recorded_by(model: str, path: Path) -> Path:
     """The sample's readings as another unit, which reads specific force, would have recorded them."""
     log = reader.read(SAMPLE)
     info = replace(log.info, instrument=model, accel_sign=1)
-    return logs.of_samples(path, Samples(log.seconds(), log.gyro, log.accel), info)
+    return logs.of_samples(path, Samples(log.seconds(), log.samples.gyro, log.samples.accel), info)
 
 
 def probed(arguments: list[str]) -> str:

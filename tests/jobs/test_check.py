@@ -235,7 +235,7 @@ def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code:
     [
         (lambda stamps, accel, degc: np.copyto(accel[3], 2e5), "sample 3 (first is 0) is beyond anything"),
         (lambda stamps, accel, degc: stamps.__setitem__(slice(4, None), stamps[4:] - 10**7 + 500), "sample 4"),
-        (lambda stamps, accel, degc: degc.__setitem__(2, -1e6), "temperature 2 (first is 0)"),
+        (lambda stamps, accel, degc: degc.__setitem__(2, -1e6), "temperature of sample 2 (first is 0)"),
     ],
     ids=["reading", "step", "temperature"],
 )

@@ -137,8 +137,7 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
         np.concatenate([still.accel, early.accel]),
     )
     path = record(tmp_path / "a.mcap", late, attachment=GYRO)
-    log = reader.read(path)
-    _, settings = job.prepare(log, replay_input.select(log, None, None), Reading())
+    _, settings = job.prepare(replay_input.at_once(reader.read(path)), Reading())
     assert settings.offset_sd is not None
     assert abs(settings.offset - 6.0) < 4.0 * settings.offset_sd
     result = replay(path, Reading())
@@ -167,19 +166,19 @@ def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Pat
 def rows(path: Path, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
     """Times since the log's first sample, and what is known then."""
     log = reader.read(path)
-    part = replay_input.select(log, reading.start, reading.end)
-    _, settings = job.prepare(log, part, reading)
-    estimator = Estimator(settings)
+    feed = replay_input.at_once(log, reading.start, reading.end)
+    _, settings = job.prepare(feed, reading)
+    estimator, t = Estimator(settings), feed.t(feed.first)
     if estimator.aligning is not None:
-        found = estimator.aligning.found(part.t, part.gyro, part.accel)
+        found = estimator.aligning.found(t, feed.first.gyro, feed.first.accel)
     else:
         assert estimator.reference is not None
         found = estimator.reference
     for event in log.events:
         if event.name == "mark":
             assert isinstance(found, reference.TableMotion)
-            found.mark(float(reader.seconds_since(event.stamp_ns, part.first_ns)), event.text)
-    return part.t + part.start, found.known(part.t, -np.inf, part.gyro)
+            found.mark(float(reader.seconds_since(event.stamp_ns, feed.first_ns)), event.text)
+    return t + feed.start, found.known(t, -np.inf, feed.first.gyro)
 
 
 def table_trajectory(samples: Samples) -> ReferenceFile:
@@ -304,8 +303,8 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     stamps, messages = written(tmp_path / "e.mcap")
     log = reader.read(path)
     estimator = Estimator(log.info.settings())
-    estimates = list(runner.run(estimator, log.seconds(), log.gyro, log.accel))
-    assert stamps == log.stamp_ns.tolist()
+    estimates = list(runner.run(estimator, log.seconds(), log.samples.gyro, log.samples.accel))
+    assert stamps == log.samples.stamp_ns.tolist()
     assert len(messages) == len(estimates)
     for message, estimate in zip(messages, estimates, strict=True):
         check_estimate(message, estimate)
@@ -326,8 +325,8 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
     assert np.all(np.abs(steps - 1.0) < 1.01 / 133.0)
     log = reader.read(path)
     estimates = {
-        int(log.stamp_ns[e.index]): e
-        for e in runner.run(Estimator(log.info.settings()), log.seconds(), log.gyro, log.accel)
+        int(log.samples.stamp_ns[e.index]): e
+        for e in runner.run(Estimator(log.info.settings()), log.seconds(), log.samples.gyro, log.samples.accel)
     }
     for stamp, message in zip(stamps, messages, strict=True):
         check_estimate(message, estimates[stamp])

@@ -157,7 +157,7 @@ def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int],
         known = replay_input.outline_of_long(path, AS_STATED)
         assert known is not None
         fed = replay_input.in_pieces(known, None, None)
-        lengths = [part.t.size for part in fed.parts()]
-        assert sum(lengths) == np.count_nonzero(reader.read(path).valid)
+        lengths = [len(part) for part in fed.parts()]
+        assert sum(lengths) == np.count_nonzero(reader.read(path).samples.valid)
         longest.append(max(lengths))
     assert longest[1] <= longest[0] + 50 < 800

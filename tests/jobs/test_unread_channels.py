@@ -40,8 +40,8 @@ def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_pa
     assert "gy, ax" in said
     held = reader.read(log)
     axes = AxisMap(parse_mount("y,-x,z"))
-    assert np.isnan(axes.gyro_to_instrument(held.gyro)).all(axis=0).tolist() == [False, True, False]
-    assert np.isnan(axes.accel_to_instrument(held.accel)).all(axis=0).tolist() == [True, False, False]
+    assert np.isnan(axes.gyro_to_instrument(held.samples.gyro)).all(axis=0).tolist() == [False, True, False]
+    assert np.isnan(axes.accel_to_instrument(held.samples.accel)).all(axis=0).tolist() == [True, False, False]
     assert held.unread.sum() == 2
 
 
@@ -109,7 +109,7 @@ def test_a_sample_that_misses_a_channel_is_no_reading_and_so_are_few_only(tmp_pa
     given["gyro"][row, 2] = np.nan
     np.savez(tmp_path / "a.npz", **given)
     imutui("import", tmp_path / "a.npz", "-o", tmp_path / "a.mcap")
-    assert np.flatnonzero(~reader.read(tmp_path / "a.mcap").valid).tolist() == [row]
+    assert np.flatnonzero(~reader.read(tmp_path / "a.mcap").samples.valid).tolist() == [row]
     given["gyro"][row, 2] = 0.0
     given["accel"][7, 0] = 0.0
     np.savez(tmp_path / "b.npz", **given)
@@ -126,7 +126,7 @@ def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(rows))
     done = imutui("import", tmp_path / "a.csv", "-o", tmp_path / "a.mcap")
     assert "no readings of gy:" in done.stderr
-    assert not reader.read(tmp_path / "a.mcap").temperature_stamp_ns.size
+    assert np.isnan(reader.read(tmp_path / "a.mcap").samples.degc).all()
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -92,7 +92,10 @@ def test_the_command_of_the_docs_takes_what_the_logger_writes(tmp_path: Path, lo
     log = reader.read(log_path)
     axes = log.info.axes()
     coarse = "counts" in logger
-    gyro, accel = np.rad2deg(axes.gyro_to_instrument(log.gyro)), axes.accel_to_instrument(log.accel) / 9.80665
+    gyro, accel = (
+        np.rad2deg(axes.gyro_to_instrument(log.samples.gyro)),
+        axes.accel_to_instrument(log.samples.accel) / 9.80665,
+    )
     assert np.allclose(gyro, GYRO, atol=4e-3 if coarse else 1e-6)
     assert np.allclose(accel, ACCEL, atol=4e-5 if coarse else 1e-6)
     assert np.allclose(log.seconds(), np.arange(N) / HZ, atol=1e-6)

@@ -36,9 +36,9 @@ def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
     log = reader.read(tmp_path / "a.mcap")
     held, axes = arrays(), AxisMap(parse_mount("x,-y,-z"), 1)
     assert np.allclose(log.seconds(), held["t"], atol=1e-9)
-    assert np.allclose(np.rad2deg(axes.gyro_to_instrument(log.gyro)), held["gyro"], atol=1e-12)
-    assert np.allclose(axes.accel_to_instrument(log.accel) / 9.80665, held["accel"], atol=1e-12)
-    assert np.allclose(log.temperature_degc, 25.0)
+    assert np.allclose(np.rad2deg(axes.gyro_to_instrument(log.samples.gyro)), held["gyro"], atol=1e-12)
+    assert np.allclose(axes.accel_to_instrument(log.samples.accel) / 9.80665, held["accel"], atol=1e-12)
+    assert np.allclose(log.samples.degc, 25.0)
     assert log.info.sampling == "imported"
     assert log.info.rate_hz == pytest.approx(20.0)
     assert log.finished

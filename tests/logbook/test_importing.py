@@ -75,8 +75,8 @@ def assert_same(log: reader.Log, rows: np.ndarray | slice = slice(None), *, tole
     """The log holds these rows of the data."""
     axes = log.info.axes()
     want = DATA[rows]
-    assert np.allclose(np.rad2deg(axes.gyro_to_instrument(log.gyro)), want[:, 1:4], atol=tolerance)
-    assert np.allclose(axes.accel_to_instrument(log.accel) / 9.80665, want[:, 4:7], atol=tolerance)
+    assert np.allclose(np.rad2deg(axes.gyro_to_instrument(log.samples.gyro)), want[:, 1:4], atol=tolerance)
+    assert np.allclose(axes.accel_to_instrument(log.samples.accel) / 9.80665, want[:, 4:7], atol=tolerance)
 
 
 # ------------------------------------------------------------------------------------------------------------- dialects
@@ -215,7 +215,7 @@ def test_gyros_alone_are_taken_where_gravity_was_removed(tmp_path: Path) -> None
     path.write_bytes(csv(changed(lambda d: d.__setitem__((..., slice(4, 7)), d[:, 4:7] - [0.0, 0.0, 1.0]))))
     log, followed, _ = imported(path)
     assert "accel=none" in followed[0]
-    assert np.isnan(log.accel).all()
+    assert np.isnan(log.samples.accel).all()
 
 
 @pytest.mark.parametrize(
@@ -311,8 +311,8 @@ def test_temperature_now_and_then_holds_and_blank_readings_are_none(tmp_path: Pa
     rows[50] = ",".join([cells[0], "", "", "nan", *cells[4:]])
     path.write_text("\n".join([lines()[0], *rows, ""]))
     log, _, said = imported(path)
-    assert log.temperature_degc.tolist() == DATA[::100, 7].tolist()
-    assert np.flatnonzero(~log.valid).tolist() == [50]
+    assert log.samples.degc.tolist() == np.repeat(DATA[::100, 7], 100)[: len(log.samples)].tolist()
+    assert np.flatnonzero(~log.samples.valid).tolist() == [50]
     assert "`temp` has 4 readings" in said
 
 

@@ -78,8 +78,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     expected = rng.normal(size=(60, 6))
     assert log.finished
     assert log.damage == ""
-    assert np.array_equal(np.hstack([log.gyro, log.accel]), expected)
-    assert log.stamp_ns[0] == START
+    assert np.array_equal(np.hstack([log.samples.gyro, log.samples.accel]), expected)
+    assert log.samples.stamp_ns[0] == START
     assert np.allclose(np.diff(log.seconds()), 0.05)
     assert [p.sequence for p in ros_messages.packets(log)] == list(range(60))
     assert log.info.serial_number == "42"
@@ -138,7 +138,7 @@ def test_a_transform_leads_from_the_link_of_rep_145_to_the_frame_of_the_samples(
 def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
     writer = write(tmp_path / "a.mcap", finish=False)
     log = reader.read(tmp_path / "a.mcap")
-    assert log.stamp_ns.size == 60
+    assert log.samples.stamp_ns.size == 60
     assert not log.finished
     assert "ends in the middle" in log.damage
     writer.finish({}, START)
@@ -174,8 +174,8 @@ def test_a_full_disk_leaves_the_last_good_flush(tmp_path: Path) -> None:
     os.close(read_end)
     assert path.stat().st_size == good
     log = reader.read(path)
-    assert log.stamp_ns.size % 20 == 0
-    assert log.stamp_ns.size >= 20
+    assert log.samples.stamp_ns.size % 20 == 0
+    assert log.samples.stamp_ns.size >= 20
 
 
 def test_an_own_log_without_samples_says_so(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def continued(first: Path, begins: float, *more: str, check: int = 0) -> tuple[P
 def test_time_after_the_end_counts_on_the_clock_of_the_log(first: Path) -> None:
     output, said = continued(first, 130.0)
     a, b = reader.read(first), reader.read(output)
-    assert (b.stamp_ns[0] - a.stamp_ns[0]) / 1e9 == pytest.approx(30.0, abs=1e-6)
+    assert (b.samples.stamp_ns[0] - a.samples.stamp_ns[0]) / 1e9 == pytest.approx(30.0, abs=1e-6)
     assert "on that log's clock" in said
     assert b.info.stamps.endswith("after a.mcap")
 
@@ -50,7 +50,7 @@ def test_time_after_the_end_counts_on_the_clock_of_the_log(first: Path) -> None:
 def test_other_time_is_placed_one_period_after_the_end(first: Path, begins: float) -> None:
     output, said = continued(first, begins)
     a, b = reader.read(first), reader.read(output)
-    assert (b.stamp_ns[0] - a.stamp_ns[-1]) / 1e9 == pytest.approx(PERIOD, abs=1e-6)
+    assert (b.samples.stamp_ns[0] - a.samples.stamp_ns[-1]) / 1e9 == pytest.approx(PERIOD, abs=1e-6)
     assert "one period after" in said
 
 
@@ -66,8 +66,8 @@ def test_the_metadata_name_the_log_and_the_power_on(first: Path) -> None:
     imutui("import", source, "-o", third, "--continues", output)
     c = reader.read(third)
     assert (c.info.power_on, c.info.part, c.info.continues_id) == (a.power_on, 3, b.log_id)
-    assert c.info.power_on_ns == reader.read(first).stamp_ns[0]
-    assert (c.stamp_ns[0] - c.info.power_on_ns) / 1e9 == pytest.approx(70.0, abs=1e-6)
+    assert c.info.power_on_ns == reader.read(first).samples.stamp_ns[0]
+    assert (c.samples.stamp_ns[0] - c.info.power_on_ns) / 1e9 == pytest.approx(70.0, abs=1e-6)
 
 
 def test_a_log_without_an_id_is_known_by_its_hash() -> None:

@@ -24,6 +24,7 @@ from zstandard import ZstdError
 from imutui.logbook import SessionInfo, message_definitions, reader, schemas
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.samples import Waiting
 from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
 
@@ -67,12 +68,13 @@ def assert_same(log: Log, content: bytes) -> None:
             tables.append((ros_messages.stamp_ns(m.header), *m.angles_deg, *m.rates_dps))
     assert log.table.stamp_ns.tolist() == [row[0] for row in tables]
     assert np.hstack([log.table.angles_deg, log.table.rates_dps]).tolist() == [list(row[1:]) for row in tables]
-    assert log.stamp_ns.tolist() == [row[0] for row in imu]
+    assert log.samples.stamp_ns.tolist() == [row[0] for row in imu]
     columns = np.array([row[1:7] for row in imu])
-    assert np.hstack([log.gyro, log.accel]).tobytes() == columns.tobytes()
-    assert log.valid.tolist() == [row[7] for row in imu]
-    assert log.temperature_stamp_ns.tolist() == [row[0] for row in temperature]
-    assert log.temperature_degc.tobytes() == np.array([row[1] for row in temperature]).tobytes()
+    assert np.hstack([log.samples.gyro, log.samples.accel]).tobytes() == columns.tobytes()
+    assert log.samples.valid.tolist() == [row[7] for row in imu]
+    stamps, degc = (np.array(column) for column in zip(*temperature, strict=True))
+    held = np.maximum(np.searchsorted(stamps, log.samples.stamp_ns, side="right") - 1, 0)
+    assert log.samples.degc.tobytes() == degc[held].tobytes()
     assert [(n, host, counts.tolist(), *rest[:4]) for n, host, counts, *rest in log.packets.tolist()] == packets
     assert [event.text for event in log.events] == events
 
@@ -86,7 +88,7 @@ def test_every_field_is_what_the_message_loop_reads(tmp_path: Path, case: str) -
         options["index_types"] = IndexType.NONE
     path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", **options)
     log = reader.read(path, raw=True)
-    assert (log.finished, log.damage, log.stamp_ns.size) == (True, "", 60)
+    assert (log.finished, log.damage, log.samples.stamp_ns.size) == (True, "", 60)
     assert log.reference == "kind 59"
     assert log.diagnostics == {"packets": "59"}
     assert_same(log, path.read_bytes())
@@ -108,7 +110,7 @@ def test_a_cut_file_gives_what_the_message_loop_gives(tmp_path: Path, chunked: b
         assert not log.finished
         assert "ends in the middle" in log.damage
         assert_same(log, content[:length])
-        sizes.add(log.stamp_ns.size)
+        sizes.add(log.samples.stamp_ns.size)
     assert len(sizes) >= 10
 
 
@@ -135,7 +137,7 @@ def test_a_record_longer_than_the_limit_ends_the_reading(tmp_path: Path) -> None
     struct.pack_into("<Q", content, chunks(bytes(content))[1][0] + 1, 2**40)
     (tmp_path / "b.mcap").write_bytes(content)
     log = reader.read(tmp_path / "b.mcap")
-    assert log.stamp_ns.size == 20
+    assert log.samples.stamp_ns.size == 20
     assert "a length is out of range" in log.damage
 
 
@@ -162,7 +164,7 @@ def test_a_message_that_cannot_be_decoded_ends_the_reading_at_its_place(tmp_path
         log = reader.read(path, raw=True)
         assert "cannot be decoded" in log.damage
         assert not log.finished
-        assert log.stamp_ns.size == samples, topic
+        assert log.samples.stamp_ns.size == samples, topic
 
 
 def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
@@ -171,7 +173,7 @@ def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
     log._add(schemas.DIAGNOSTICS, b"\0\1\0\0", START, START)
     log.finish({}, START)
     read = reader.read(tmp_path / "a.mcap")
-    assert read.stamp_ns.size == 1
+    assert read.samples.stamp_ns.size == 1
     assert "cannot be decoded" in read.damage
     assert not read.finished
 
@@ -202,7 +204,7 @@ def test_what_is_packed_by_hand_is_what_rosbags_writes(
 
 def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -> None:
     log = reader.read(recorded(tmp_path / "a.mcap"))
-    assert np.flatnonzero(~log.valid).tolist() == [5, 25, 45]
+    assert np.flatnonzero(~log.samples.valid).tolist() == [5, 25, 45]
     m = ros_messages.decode(
         schemas.TYPES[schemas.IMU], schemas.encode_imus(START, np.ones(3), np.ones(3), valid=False)[0]
     )
@@ -224,8 +226,8 @@ def test_a_sample_without_stamp_has_its_publish_time(tmp_path: Path) -> None:
                 writer.add_message(channel, 7, data, START + 1000 * k)
             writer.finish()
         log = reader.read(tmp_path / "a.mcap")
-        assert log.stamp_ns.tolist() == [START, START + 1000, START + 2000]
-        assert log.valid.all()
+        assert log.samples.stamp_ns.tolist() == [START, START + 1000, START + 2000]
+        assert log.samples.valid.all()
 
 
 def test_packets_are_read_on_request_only(tmp_path: Path) -> None:
@@ -234,11 +236,25 @@ def test_packets_are_read_on_request_only(tmp_path: Path) -> None:
     assert reader.read(path).packets.size == 0
 
 
-def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
-    log = Log(tmp_path / "a.mcap", stamp_ns=np.array([0, 10, 20, 30, 40]))
-    assert np.isnan(log.temperature()).all()
-    log.temperature_stamp_ns, log.temperature_degc = np.array([10, 25, 40]), np.array([1.0, 2.0, 3.0])
-    assert log.temperature().tolist() == [1.0, 1.0, 1.0, 2.0, 3.0]
+def test_a_sample_has_the_last_temperature_by_then() -> None:
+    """Temperatures may stand out of order, or ten seconds later in the file than the samples that they are of."""
+
+    def take(seconds: list[int], degc: dict[int, float]) -> None:
+        n = len(seconds)
+        rows = {"stamp_ns": 10**9 * np.array(seconds, np.int64), "gyro": np.zeros((n, 3)), "accel": np.zeros((n, 3))}
+        stamps, values = 10**9 * np.array([*degc], np.int64), np.array([*degc.values()])
+        waiting.take({**rows, "valid": np.ones(n, bool)}, stamps, values)
+
+    waiting = Waiting()
+    take([0, 10], {25: 2.0, 10: 1.0})
+    take([20, 30], {35: np.nan})
+    assert waiting.ready().degc.tolist() == [1.0, 1.0, 1.0]
+    take([40], {28: 4.0})
+    take([], {40: 3.0})
+    assert waiting.rest().degc.tolist() == [4.0, 3.0]
+    waiting = Waiting()
+    take([0], {})
+    assert np.isnan(waiting.rest().degc).all()
 
 
 @given(

@@ -170,7 +170,7 @@ def test_a_lost_first_chunk_takes_no_other_with_it(tmp_path: Path, details: ros_
     for end in (None, -600):
         document, output = recovered(made(tmp_path / "b.mcap", broken[:end]))
         log = reader.read(output, raw=True)
-        assert log.stamp_ns.size == 15
+        assert log.samples.stamp_ns.size == 15
         assert [event.text for event in log.events] == ["mark 9", "mark 14", "mark 19"]
         assert document["lost"]["samples"] == 5
         found = [(tuple(p.rate_temperatures), p.board_temperature, p.status) for p in ros_messages.packets(log)]

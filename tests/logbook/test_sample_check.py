@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from imutui.logbook.sample_check import SampleCheck
+from imutui.logbook.samples import Samples
 
 FAULTS = {
     "no number": "is not a number",
@@ -54,7 +55,7 @@ def test_a_fault_is_told_with_its_sample_however_the_samples_come(fault: str) ->
             check = SampleCheck()
             for first in range(0, 60, size):
                 rows = slice(first, first + size)
-                check.take(stamps[rows], readings[rows, :3], readings[rows, 3:], degc[rows])
+                check.take(Samples(stamps, readings[:, :3], readings[:, 3:], np.ones(60, bool), degc).rows(rows))
             said.append((check.trouble(Path("a.mcap")), check.lacks.tolist()))
         assert said[1] == said[2] == said[0]
         if alone:

@@ -152,7 +152,7 @@ def test_a_disk_that_has_gone_is_told_from_one_that_is_full(
         assert all(words in said for words in (str(run.first), os.strerror(number), "has gone", "a_p2.mcap"))
         assert result["log"] == str(run.second)
     assert run.first.stat().st_size >= flushed
-    assert reader.read(run.first).stamp_ns.size >= 20
+    assert reader.read(run.first).samples.stamp_ns.size >= 20
     assert faults_of_file(run.second) == []
 
 

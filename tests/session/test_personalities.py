@@ -129,7 +129,7 @@ def doubling(run: Run) -> None:
     """Each packet is recorded once, those that came again are counted, and time goes on."""
     went_well(run)
     assert run.log.diagnostics["doubled_packets"] == "5"
-    assert np.all(np.diff(run.log.stamp_ns) > 1_000_000)
+    assert np.all(np.diff(run.log.samples.stamp_ns) > 1_000_000)
     codes = [finding["code"] for finding in check.check(run.log.path)["findings"]]
     assert "doubled" in codes
     assert "counter" not in codes

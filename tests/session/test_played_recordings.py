@@ -44,7 +44,7 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
 def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callable[[str], Path]) -> None:
     sent = Decoder().feed(recording("aceinna_imu381_scale1.raw").read_bytes())
     log = reader.read(recorded, raw=True)
-    assert len(ros_messages.packets(log)) == len(sent) == log.stamp_ns.size == PACKETS
+    assert len(ros_messages.packets(log)) == len(sent) == log.samples.stamp_ns.size == PACKETS
     assert log.events[-1].text == f"ended by its duration of {SECONDS:g} s"
     assert not [event for event in log.events if event.name == "gap"]
     told = [event.text for event in log.events if "status word" in event.text]
@@ -77,10 +77,13 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
             assert ours is None or abs(ours - theirs) < 0.01 * sd
     with np.load(source) as decoded:
         # the mounting leaves each axis where it is
-        for ours, theirs, unit in ((log.gyro, "gyro", np.pi / 180.0), (log.accel, "accel", STANDARD_GRAVITY)):
+        for ours, theirs, unit in (
+            (log.samples.gyro, "gyro", np.pi / 180.0),
+            (log.samples.accel, "accel", STANDARD_GRAVITY),
+        ):
             noise = np.diff(decoded[theirs] * unit, axis=0).std(axis=0)
             assert np.allclose(np.diff(ours, axis=0).std(axis=0), noise, rtol=1e-3)
-        assert np.allclose(log.temperature_degc, decoded["temp"], atol=1e-4)
+        assert np.allclose(log.samples.degc, decoded["temp"], atol=1e-4)
 
 
 # A unit turned by hand over the wire: the filter runs on its first rest, live as in a replay

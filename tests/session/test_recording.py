@@ -97,7 +97,7 @@ def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
         packet = Packet(Mode.SCALED, (32767 if k == 2 else 0, 0, 0), (0, 0, 5461), 1550, k)
         pipeline.packets([(packet, Stamp(k * 7_518_797, False), k * 7_518_797)])
     finish_file(writer, pipeline, 5 * 7_518_797)
-    assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").valid) == valid
+    assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").samples.valid) == valid
 
 
 def messages_of(path: Path, rate_hz: float, size: int) -> list[tuple[str, int, int, int, bytes]]:

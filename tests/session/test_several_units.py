@@ -113,4 +113,4 @@ def test_each_is_stopped_by_its_name(two: dict[str, Client]) -> None:
     assert [log.info.instrument for log in read.values()] == ["IMU400CD-200", "IMU381ZA-200"]
     assert [log.info.accel_sign for log in read.values()] == [-1, 1]
     # each on its own terms: one stands level, the other, whose readings are +1 g on Z too, upside down
-    assert [round(log.accel[:, 2].mean() / 9.8) for log in read.values()] == [-1, 1]
+    assert [round(log.samples.accel[:, 2].mean() / 9.8) for log in read.values()] == [-1, 1]

@@ -14,9 +14,10 @@ from filters.types import Array
 from imutui.command_line import joined
 from imutui.logbook import pieces, reference_file
 from imutui.logbook.export.formats import Block, Column, Table
-from imutui.logbook.pieces import Outline, Piece
+from imutui.logbook.pieces import Outline
 from imutui.logbook.reader import Log, UnreadableLogError, seconds_since
 from imutui.logbook.reference_file import ATTACHMENTS
+from imutui.logbook.samples import Held, Samples
 from imutui.logbook.session_info import SessionInfo
 
 _KNOWN_MOTION = ("profile", "trajectory")
@@ -111,13 +112,16 @@ def _blocks(
 ) -> Iterator[Block]:
     info = session_of(known.log)
     before = -np.inf
-    for piece in pieces.pieces(known, rows):
-        t = seconds_since(piece.stamp_ns, known.first_ns)
-        wanted = piece.valid & (t >= (start or 0.0)) & (t <= (np.inf if end is None else end))
+    held = Held(6)
+    for every, moved in pieces.pieces(known, rows):
+        held.take(moved.stamp_ns, np.hstack([moved.angles_deg, moved.rates_dps]))
+        t = seconds_since(every.stamp_ns, known.first_ns)
+        wanted = every.valid & (t >= (start or 0.0)) & (t <= (np.inf if end is None else end))
         if not wanted.any():
             continue
-        t = t[wanted]
-        block = {name: rows for name, rows in _columns(piece.rows(wanted), info, t).items() if name in names}
+        t, some = t[wanted], every.rows(wanted)
+        columns = _columns(some, held.at(some.stamp_ns), info, t)
+        block = {name: column for name, column in columns.items() if name in names}
         if motion is not None:
             # what was known before a part begins is none of its first sample's
             block |= motion.at(t, before if np.isfinite(before) else t[0] - 1.0 / info.rate_hz)
@@ -125,14 +129,14 @@ def _blocks(
         yield block
 
 
-def _columns(piece: Piece, info: SessionInfo, t: Array) -> Block:
+def _columns(some: Samples, motion: Array, info: SessionInfo, t: Array) -> Block:
     return {
         "t": info.clock_s + t,
-        "gyro": dps_of(piece.gyro, info.axes()),
-        "accel": g_of(piece.accel, info.axes(), info.g_unit),
-        "temp": piece.temperature_degc,
-        "ang": piece.angles_deg,
-        "rate": piece.rates_dps,
+        "gyro": dps_of(some.gyro, info.axes()),
+        "accel": g_of(some.accel, info.axes(), info.g_unit),
+        "temp": some.degc,
+        "ang": motion[:, :3],
+        "rate": motion[:, 3:],
     }
 
 

@@ -69,7 +69,7 @@ def recovered(path: Path) -> Path:
     output = path.with_name(f"{path.stem}_recovered.mcap")
     assert summary.read(path).state == "unfinished"
     recover(path, output)
-    assert np.array_equal(reader.read(output).stamp_ns, reader.read(path).stamp_ns)
+    assert np.array_equal(reader.read(output).samples.stamp_ns, reader.read(path).samples.stamp_ns)
     return output
 
 
@@ -132,7 +132,7 @@ def interrupted(folder: Path) -> Ended:
         ended = _timed(path, run.pid, lambda: run.send_signal(signal.SIGINT), lambda: run.wait(LIMIT_S))
         out, _ = run.communicate(timeout=LIMIT_S)
     assert "Traceback" not in said.read_text()
-    assert json.loads(out)["samples"] == reader.read(path).stamp_ns.size
+    assert json.loads(out)["samples"] == reader.read(path).samples.stamp_ns.size
     return ended
 
 

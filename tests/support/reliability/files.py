@@ -79,7 +79,7 @@ class Cuts:
 def cuts(folder: Path, every: int) -> Cuts:
     """Cut a small log at each so many bytes, and about each record's ends, as when power went."""
     whole = recorded(folder / "whole.mcap", seconds=2, rate=3)
-    data, gyro = whole.read_bytes(), reader.read(whole).gyro
+    data, gyro = whole.read_bytes(), reader.read(whole).samples.gyro
     cut, wrong, samples = folder / "cut.mcap", 0, set()
     places = sorted({*range(0, len(data), every), *range(len(data) - 12, len(data)), *_edges(data)})
     for size in places:
@@ -91,8 +91,8 @@ def cuts(folder: Path, every: int) -> Cuts:
             samples.add(0)
             continue
         honest = log.damage or not log.finished
-        wrong += not (honest and np.array_equal(log.gyro, gyro[: len(log.gyro)], equal_nan=True))
-        samples.add(len(log.gyro))
+        wrong += not (honest and np.array_equal(log.samples.gyro, gyro[: len(log.samples.gyro)], equal_nan=True))
+        samples.add(len(log.samples.gyro))
     return Cuts(len(places), wrong, samples)
 
 
