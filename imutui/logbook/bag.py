@@ -30,6 +30,7 @@ from imutui.logbook.importing.table import Column, Rows, Table
 from imutui.logbook.mcap_format import from_lz4
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.reading import Reading
+from imutui.logbook.samples import Samples, Waiting
 from imutui.logbook.session_info import FOREIGN
 
 _NAMES = ("t", *(f"{vector}_{axis}" for vector in ("gyro", "accel") for axis in "xyz"), "temp")
@@ -89,21 +90,22 @@ def _pieces(
     table: Table, mcap: Path, plan: foreign_log.Plan, reading: Reading, wanted: Sequence[int]
 ) -> Iterator[Rows]:
     """Yield rows of some columns; see `Table`."""
-    log, done = reader.Log(mcap), 0
-    for whole in foreign_log.samples(lambda: reader.records(mcap, log), plan, reading, FOREIGN.axes()):
-        for part in foreign_log.split(whole, _ROWS):
-            if not (count := part["stamp_ns"].size):
-                continue
-            temperatures = np.full(count, np.nan)
-            at = np.searchsorted(part["stamp_ns"], part["degc_stamp_ns"])
-            temperatures[np.minimum(at, count - 1)] = part["degc"]
-            six = np.hstack([part["gyro"], part["accel"]])
-            six[~part["valid"]] = np.nan
-            columns = [part["stamp_ns"], *six.T, temperatures]
-            done += count
-            yield min(1.0, done / max(plan.gyro.count, 1)), [columns[k] for k in wanted]
+    log, waiting, done = reader.Log(mcap), Waiting(), 0
+    for columns in foreign_log.samples(lambda: reader.records(mcap, log), plan, reading, FOREIGN.axes()):
+        waiting.take(columns, columns.pop("degc_stamp_ns"), columns.pop("degc"))
+        if len(waiting) >= _ROWS:
+            part = waiting.ready()
+            done += len(part)
+            yield min(1.0, done / max(plan.gyro.count, 1)), _columns(part, wanted)
+    yield 1.0, _columns(waiting.rest(), wanted)
     if log.damage:
         table.remark(f"{log.damage}: the samples up to there were taken")
+
+
+def _columns(part: Samples, wanted: Sequence[int]) -> list[np.ndarray]:
+    six = np.where(part.valid[:, None], np.hstack([part.gyro, part.accel]), np.nan)
+    columns = [part.stamp_ns, *six.T, part.degc]
+    return [columns[k] for k in wanted]
 
 
 # ---------------------------------------------------------------------------------------------------------------- files

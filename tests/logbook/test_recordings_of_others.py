@@ -36,10 +36,10 @@ def imported(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
 
 def assert_read(log: reader.Log) -> None:
     """A log holds what the unit read, in its own axes."""
-    axes, good = log.info.axes(), log.valid
-    gyro = np.median(np.rad2deg(axes.gyro_to_instrument(log.gyro[good])), axis=0)
+    axes, good = log.info.axes(), log.samples.valid
+    gyro = np.median(np.rad2deg(axes.gyro_to_instrument(log.samples.gyro[good])), axis=0)
     assert np.allclose(gyro, GYRO_DPS, atol=0.02)
-    force = np.median(axes.accel_to_instrument(log.accel[good]) / log.info.g_unit, axis=0)
+    force = np.median(axes.accel_to_instrument(log.samples.accel[good]) / log.info.g_unit, axis=0)
     assert np.linalg.norm(force) == pytest.approx(np.linalg.norm(FORCE_G), abs=0.006)
 
 
@@ -95,6 +95,14 @@ def test_what_is_assumed_of_a_bag_is_said(tmp_path: Path, name: str) -> None:
     bags_of_others.bag(path, RECORDINGS[name][0]())
     documents, _ = imported(path)
     assert SAID[name] in "; ".join(documents[0]["assumed"])
+
+
+def test_temperatures_of_a_bag_hold_until_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "run.bag"
+    bags_of_others.bag(path, RECORDINGS["temperature"][0]())
+    imported(path)
+    degc = reader.read(path.with_suffix(".log")).samples.degc
+    assert np.array_equal(degc, 25.0 + np.arange(COUNT) // 100)
 
 
 def test_a_bag_that_was_cut_is_taken_up_to_there(tmp_path: Path) -> None:

@@ -57,7 +57,9 @@ def _pair(empty: float) -> list[Sample]:
 
 
 def _with_temperature() -> list[Sample]:
-    warm = [Sample(s.log_ns, "/imu/temperature", np.array([25.0]), s.stamp_ns) for s in samples()[::100]]
+    """Temperatures of each second, 1 K more than the one before."""
+    every = enumerate(samples()[::100])
+    warm = [Sample(s.log_ns, "/imu/temperature", np.array([25.0 + k]), s.stamp_ns) for k, s in every]
     return sorted(samples() + warm, key=lambda s: s.log_ns)
 
 
