@@ -42,7 +42,7 @@ class RefusedLogError(InputError):
     `cures`: commands that take the log.
     """
 
-    def __init__(self, message: str, cures: Sequence[Cure]) -> None:
+    def __init__(self, message: str, cures: Sequence[Cure] = ()) -> None:
         super().__init__(message)
         self.cures = tuple(cures)
 

@@ -7,20 +7,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from imutui import command_line
+from imutui.logbook.foreign_log import RefusedLogError
 
 
-class ImportDataError(InputError):
+class ImportDataError(RefusedLogError):
     """The recording cannot be imported as it is; the message says what, where, and what to do next.
 
-    `cures`: flags that take it, as of `RefusedLogError`.
+    `cures`: commands that take it, where the message has none.
     """
-
-    def __init__(self, message: str, cures: Sequence[tuple[str, tuple[str, ...]]] = ()) -> None:
-        super().__init__(message)
-        self.cures = tuple(cures)
 
 
 @dataclass(frozen=True, slots=True)
