@@ -120,7 +120,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _folder() -> Path:
-    return Path(_FOLDERS.enter_context(tempfile.TemporaryDirectory(prefix="imutui-")))
+    made = Path(tempfile.mkdtemp(prefix="imutui-"))
+    _FOLDERS.callback(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def _unpacked(path: Path) -> Path:

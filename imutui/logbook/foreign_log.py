@@ -93,7 +93,7 @@ class Order:
         if not self.steps.any():
             return 0.0
         median = int(np.searchsorted(np.cumsum(self.steps), 0.5 * self.steps.sum()))
-        usual = slice(max(0, median - 8), median + 5) if not self.bursts() else slice(0, _STEADY)
+        usual = slice(max(0, median - 8), median + 7) if not self.bursts() else slice(0, _STEADY)
         return float(self.lengths[usual].sum() / self.steps[usual].sum())
 
     def bursts(self) -> str:
