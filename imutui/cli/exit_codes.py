@@ -264,9 +264,15 @@ def _with_cures(error: Exception) -> str:
     from imutui.command_line import command
 
     cures = getattr(error, "cures", ())
-    lines = [command(*((name,) if name else sys.argv[1:]), *flags) for name, flags in cures]
+    lines = [command(*((name,) if name else _without(flags[::2])), *flags) for name, flags in cures]
     said = str(error)
     return said if not lines else f"{said.rstrip('.')}. Type: " + ", or ".join(f"`{line}`" for line in lines)
+
+
+def _without(options: Sequence[str]) -> list[str]:
+    """Return the words of this command without some options and what follows them."""
+    words = sys.argv[1:]
+    return [word for before, word in zip(["", *words], words, strict=False) if not {before, word} & {*options}]
 
 
 _CODES = {

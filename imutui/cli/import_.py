@@ -68,7 +68,12 @@ def command(
         ),
     ] = None,
     stamps: Annotated[
-        str, typer.Option("--stamps", metavar="sampling|arrival", help="What t is; arrival: fit the instants under it.")
+        str,
+        typer.Option(
+            "--stamps",
+            metavar="sampling|log|arrival",
+            help="What t is; log: the log times of a bag; arrival: fit the instants under it.",
+        ),
     ] = "sampling",
     continues: Annotated[
         Path | None,
@@ -97,7 +102,7 @@ def command(
     from imutui import config
     from imutui.cli.each_log import progress
     from imutui.cli.session_options import session_from
-    from imutui.logbook import import_reference, power_on
+    from imutui.logbook import bag, import_reference, power_on
     from imutui.logbook.importing import recording as recordings
     from imutui.logbook.importing.table import Asked
     from imutui.logbook.importing.write import write
@@ -105,13 +110,13 @@ def command(
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
-    if stamps not in ("sampling", "arrival"):
-        raise fail(USAGE, f'--stamps is "{stamps}", not sampling or arrival.')
+    if stamps not in ("sampling", "log", "arrival"):
+        raise fail(USAGE, f'--stamps is "{stamps}", not sampling, log or arrival.')
     if reference == "profile":
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
-    if accel_sign is None and recordings.is_bag(file):
+    if accel_sign is None and bag.is_bag(file):
         accel_sign = 1  # messages of ROS have specific force
     flags = {
         "instrument.accel_sign": accel_sign,
@@ -141,8 +146,15 @@ def command(
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:
         info = replace(info, reference=attachment.kind)
-    if recording.assumed:
-        say(f"imutui: {file}: assumed: {'; '.join(recording.assumed)}")
+    assumed = list(recording.assumed)
+    if accel_sign is None and not recording.lacks[3:].all():
+        up = info.accel_sign > 0
+        assumed.append(
+            f"--accel-sign {info.accel_sign:+d}: an axis that points {'up' if up else 'down'} reads +1 g at rest; if"
+            f" one that points {'down' if up else 'up (phones, most boards)'} does: --accel-sign {-info.accel_sign:+d}"
+        )
+    if assumed:
+        say(f"imutui: {file}: assumed: {'; '.join(assumed)}")
     if left := sorted({*recording.not_imported, *unused}):
         say(f"imutui: not imported from {file}: {', '.join(left)}")
     if recording.unread:
@@ -175,7 +187,7 @@ def command(
         "duration_s": recording.duration_s,
         "rate_hz": recording.rate_hz,
         "reference": info.reference,
-        "assumed": list(recording.assumed),
+        "assumed": assumed,
         "not_imported": left,
         "unread": list(recording.unread),
     }

@@ -175,6 +175,8 @@ def _replayed(
         health=channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256),
     )
     result["assumed"] = list(log.assumed)
+    if info.sampling in ("foreign", "imported"):
+        result["rate_hz"] = info.rate_hz  # which gaps do not change
     if log.damage:
         result["damage"] = log.damage
     if other := effects_file.of_other_unit(effects_of(log, reading), info):

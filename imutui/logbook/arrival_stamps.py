@@ -11,6 +11,7 @@ import numpy as np
 
 SHORT = 0.25  # a step shorter than this share of the mean period comes of a burst
 _SHARE = 0.2
+_COARSE = 0.15  # share of the period to which stamps are rounded visibly
 _PIECE_S = 20.0
 _SILENCE_S = 1.0
 _SLACK = 2.0
@@ -28,16 +29,20 @@ class Instants:
     max_late: float
 
 
-def bursts(t: np.ndarray) -> str:
-    """Return what makes stamps look like arrivals in bursts, in figures; "" if they do not.
+def rounding(t: np.ndarray) -> list[str]:
+    """Return in words that stamps are rounded, or that a float32 held them; empty if they are not.
 
     `t`: s, shape (N,), increasing.
     """
-    steps = np.diff(t)
-    # a gap is no part of the rhythm
-    steps = steps[steps <= max(_SILENCE_S, 20.0 * float(np.median(steps)))]
-    period = float(steps.mean())
-    return burst_words(float(np.mean(steps < SHORT * period)), period, float(steps.max()))
+    period = float(np.median(np.diff(t)))
+    steps = np.sort(np.diff(t) / period)
+    steps = steps[steps < 1.6]
+    kinds = [float(part.mean()) for part in np.split(steps, np.flatnonzero(np.diff(steps) > 0.05) + 1)]
+    unit = float(np.diff(kinds).min()) if len(kinds) > 1 else 0.0
+    if unit < _COARSE or max(abs(kind / unit - round(kind / unit)) for kind in kinds) > 0.1:
+        return []
+    what = f"stamps are rounded to {unit * period:.2g} s, {100 * unit:.0f} % of the period"
+    return [f"{what}: --stamps arrival fits the sampling instants"]
 
 
 def burst_words(share: float, period: float, longest: float) -> str:

@@ -1,252 +1,290 @@
-"""Samples of bags, of ROS 1 and 2, and of MCAP files in any encoding, as a table: rosbags reads them."""
+"""Samples of bags, of ROS 1 and 2, and of MCAP files in any encoding, as a table.
+
+Their messages become an MCAP file in CDR, which is read as another program's log is. rosbags
+makes CDR of messages of ROS 1.
+"""
 
 import atexit
+import bz2
 import contextlib
+import gzip
+import io
 import json
+import re
 import shutil
+import sqlite3
 import struct
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any
 
 import numpy as np
 import zstandard
+from mcap.records import Channel, Schema
 
 from filters.errors import InputError
-from imutui.logbook import atomic_file, layout
-from imutui.logbook.foreign_log import RefusedLogError
+from imutui.logbook import atomic_file, foreign_log, layout, reader, schemas
 from imutui.logbook.importing.table import Column, Rows, Table
+from imutui.logbook.mcap_format import from_lz4
+from imutui.logbook.mcap_stream import Batch
+from imutui.logbook.reading import Reading
+from imutui.logbook.samples import Samples, Waiting
+from imutui.logbook.session_info import FOREIGN
 
-_NAMES = ("t", *(f"{vector}_{axis}" for vector in ("gyro", "accel") for axis in "xyz"))
-_UNITS = {"t": "ns"} | {name: "rad/s" if name.startswith("gyro") else "m/s2" for name in _NAMES[1:]}
+_NAMES = ("t", *(f"{vector}_{axis}" for vector in ("gyro", "accel") for axis in "xyz"), "temp")
+_UNITS = {"t": "ns", "temp": "degC"} | {n: "rad/s" if n.startswith("gyro") else "m/s2" for n in _NAMES[1:7]}
 _ROWS = 2**15
-_IMU = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
-_MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"
+_IMU, _TEMPERATURE = schemas.TYPES[schemas.IMU], schemas.TYPES[schemas.TEMPERATURE]
+_KINDS = (".mcap", ".db3", ".bag")
+_LARGEST = 2**28  # bytes of a chunk
+_GZIP, _ZSTD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
+_FOLDERS = contextlib.ExitStack()  # of what is unpacked; removed when the process ends
+atexit.register(_FOLDERS.close)
+_Messages = Iterator[tuple[str, str, int, bytes]]
+"""Topic, type, log time (ns) and CDR bytes of messages."""
 
 
-def opened(path: Path, topic: str | None) -> Table:
-    """Return the samples of a topic as columns: stamps in ns, rad/s, m/s².
+def is_bag(path: Path) -> bool:
+    """Return True for a bag of ROS, an MCAP file, packed or not, or a folder of them."""
+    return path.is_dir() or _bare(path).suffix in _KINDS
 
-    `topic`: None takes the only one; two with a comma between are the rates' and the forces'.
+
+def _bare(path: Path) -> Path:
+    """Return the name that a file has when it is unpacked."""
+    name = Path(path.name.lower())
+    return Path(name.stem) if name.suffix in (".gz", ".zst", ".zstd") else name
+
+
+def opened(path: Path, topic: str, stamps: str) -> Table:
+    """Return the samples of a topic as columns: stamps in ns, rad/s, m/s², degC.
+
+    `topic`: "" takes the only one; two with a comma between are the rates' and the forces'.
+    `stamps`: "log" and "arrival" take the log times.
     Raises InputError if the bag cannot be read.
-    Raises RefusedLogError if a topic has to be chosen.
+    Raises RefusedLogError if a topic, or the source of the stamps, has to be chosen.
     """
-    bag = _bag_of(path)
-    topics = bag.topics()
-    if not topics:
+    topics = tuple(name.strip() for name in topic.split(",")) if topic else ()
+    reading = Reading(topics=topics, stamps="log" if stamps in ("log", "arrival") else "")
+    mcap, said = _unpacked(path), list[str]()
+    is_mcap = _magic(mcap) == "mcap"
+    found = foreign_log.survey(reader.records(mcap, reader.Log(mcap))) if is_mcap else foreign_log.Survey()
+    if found is None:
+        raise InputError("it is a log of imutui: replay and trace take it as it is")
+    if not found.samples or not {*topics} <= {*found.samples}:
+        mcap, said = _in_cdr(path)
+        found = foreign_log.survey(reader.records(mcap, reader.Log(mcap))) or found
+    if not found.samples:
         raise InputError("it has no topic with messages of sensor_msgs/Imu")
-    wanted = [name.strip() for name in topic.split(",")] if topic else list(topics)
-    unknown = [name for name in wanted if name not in topics]
-    if unknown or (topic is None and len(topics) > 1):
-        what = f"it has no samples on topic {unknown[0]}" if unknown else "it has several topics of samples"
-        listed = ", ".join(f"{name} ({count:,})" for name, count in topics.items())
-        raise RefusedLogError(f"{what}; choose one: {listed}", [("", ("--topic", name)) for name in _choices(topics)])
-    joined = f" with the forces of {wanted[1]}" if len(wanted) > 1 else ""
-    note = f"samples of {wanted[0]}{joined}, rad/s and m/s^2 as ROS has them"
-    made = tuple(Column(name, _UNITS[name], is_sure=name == "t") for name in _NAMES)
-    return Table(path, made, partial(_pieces, bag, wanted, topics[wanted[0]]), [note])
+    plan = foreign_log.plan(found, reading, lambda: reader.records(mcap, reader.Log(mcap)), mends=True)
+    names = _NAMES if plan.temperature else _NAMES[:-1]
+    made = tuple(Column(name, _UNITS[name], is_sure=name == "t") for name in names)
+    table = Table(
+        path, made, lambda chosen: iter(()), [*said, *plan.assumed, "rad/s and m/s^2, specific force, as ROS has them"]
+    )
+    return Table(path, made, partial(_pieces, table, mcap, plan, reading), table.remarks)
 
 
-def _choices(topics: Iterable[str]) -> list[str]:
-    """Return what --topic may name: first a pair of rates and forces, as cameras have them."""
-    gyros, accels = ([name for name in topics if word in name.lower()] for word in ("gyro", "acc"))
-    return [*(f"{a},{b}" for a in gyros for b in accels), *topics]
+def _pieces(
+    table: Table, mcap: Path, plan: foreign_log.Plan, reading: Reading, wanted: Sequence[int]
+) -> Iterator[Rows]:
+    """Yield rows of some columns; see `Table`."""
+    log, waiting, done = reader.Log(mcap), Waiting(), 0
+    for columns in foreign_log.samples(lambda: reader.records(mcap, log), plan, reading, FOREIGN.axes()):
+        waiting.take(columns, columns.pop("degc_stamp_ns"), columns.pop("degc"))
+        if len(waiting) >= _ROWS:
+            part = waiting.ready()
+            done += len(part)
+            yield min(1.0, done / max(plan.gyro.count, 1)), _columns(part, wanted)
+    yield 1.0, _columns(waiting.rest(), wanted)
+    if log.damage:
+        table.remark(f"{log.damage}: the samples up to there were taken")
 
 
-def _pieces(bag: "_Bag", topics: list[str], count: int, wanted: Sequence[int]) -> Iterator[Rows]:
-    """Yield rows of some columns of one topic, or of two that are joined at the instants of the rates."""
-    stamps, rows, done = list[int](), list[list[float]](), 0
-    forces = _Forces(bag.messages(topics[1])) if len(topics) > 1 else None
-    for stamp, row in bag.messages(topics[0]):
-        stamps.append(stamp)
-        rows.append(row)
-        if len(rows) == _ROWS:
-            done += len(rows)
-            yield min(1.0, done / max(count, 1)), _columns(stamps, rows, forces, wanted)
-            stamps, rows = [], []
-    if rows:
-        yield 1.0, _columns(stamps, rows, forces, wanted)
+def _columns(part: Samples, wanted: Sequence[int]) -> list[np.ndarray]:
+    six = np.where(part.valid[:, None], np.hstack([part.gyro, part.accel]), np.nan)
+    columns = [part.stamp_ns, *six.T, part.degc]
+    return [columns[k] for k in wanted]
 
 
-class _Forces:
-    """Forces of another topic, interpolated by straight lines."""
-
-    def __init__(self, messages: Iterator[tuple[int, list[float]]]) -> None:
-        found = [(stamp, row[3:]) for stamp, row in messages]
-        self._stamps = np.array([stamp for stamp, _ in found], np.int64)
-        self._rows = np.array([row for _, row in found], float).reshape(-1, 3)
-
-    def at(self, stamps: np.ndarray) -> np.ndarray:
-        """Return forces at stamps, NaN outside of them."""
-        nan = float("nan")
-        return np.column_stack([np.interp(stamps, self._stamps, self._rows[:, k], nan, nan) for k in range(3)])
+# ---------------------------------------------------------------------------------------------------------------- files
 
 
-def _columns(
-    stamps: list[int], rows: list[list[float]], forces: _Forces | None, wanted: Sequence[int]
-) -> list[np.ndarray]:
-    t, values = np.array(stamps, np.int64), np.array(rows, float)
-    if forces is not None:
-        values[:, 3:] = forces.at(t)
-    return [t if k == 0 else values[:, k - 1] for k in wanted]
-
-
-def _row(message: Any) -> list[float]:
-    w, f = message.angular_velocity, message.linear_acceleration
-    return [w.x, w.y, w.z, f.x, f.y, f.z]
-
-
-# ---------------------------------------------------------------------------------------------------------------- bags
-
-
-class _Bag(Protocol):
-    """A file or folder of messages."""
-
-    def topics(self) -> dict[str, int]:
-        """Return the topics of samples, with their number."""
-
-    def messages(self, topic: str) -> Iterator[tuple[int, list[float]]]:
-        """Yield stamp (ns) and six numbers of each sample."""
-
-
-def _bag_of(path: Path) -> _Bag:
-    if path.is_dir() and not (path / "metadata.yaml").exists() and not list(path.glob("*.mcap")):
+def _files(path: Path) -> list[Path]:
+    """Return the files of a recording, in the order of the numbers in their names."""
+    files = [file for file in path.iterdir() if _bare(file).suffix in _KINDS] if path.is_dir() else [path]
+    if not files:
         raise InputError("the folder holds no bag")
-    if path.is_dir() and (files := sorted(path.glob("*.mcap"))):
-        return _Mcap([_unpacked(file) for file in files])
-    file = _unpacked(path)
-    with contextlib.suppress(OSError):
-        if file.is_file() and file.open("rb").read(len(_MCAP)) == _MCAP:
-            return _Mcap([file])
-    return _RosBag(file)
+    return sorted(files, key=lambda file: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", file.name)])
 
 
-def _unpacked(path: Path) -> Path:
-    """Return a file; one that was compressed as a whole is unpacked first, until the process ends."""
-    if not path.is_file() or path.open("rb").read(4) != _ZSTD:
-        return path
-    folder = _UNPACKED.enter_context(tempfile.TemporaryDirectory(prefix="imutui-"))
-    made = Path(folder) / path.stem
-    with path.open("rb") as packed, atomic_file.part_of(made, overwrite=False) as part, part.open("r+b") as stream:
-        shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed), stream)
+def _folder() -> Path:
+    made = Path(tempfile.mkdtemp(prefix="imutui-"))
+    _FOLDERS.callback(shutil.rmtree, made, ignore_errors=True)
     return made
 
 
-_UNPACKED = contextlib.ExitStack()
-atexit.register(_UNPACKED.close)
+def _unpacked(path: Path) -> Path:
+    """Return a file; one that was packed as a whole is unpacked first."""
+    head = path.open("rb").read(4) if path.is_file() else b""
+    if not head.startswith((_GZIP, _ZSTD)):
+        return path
+    made = _folder() / _bare(path).name
+    with path.open("rb") as raw, atomic_file.part_of(made, overwrite=False) as part, part.open("r+b") as stream:
+        packed: Any = (
+            gzip.GzipFile(fileobj=raw) if head.startswith(_GZIP) else zstandard.ZstdDecompressor().stream_reader(raw)
+        )
+        shutil.copyfileobj(packed, stream)
+    return made
 
 
-class _RosBag:
-    """A bag of ROS 1, or the folder of one of ROS 2."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path.parent if path.suffix == ".db3" else path  # a database is described in its folder
-
-    @contextlib.contextmanager
-    def _opened(self) -> Iterator[Any]:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-
-        try:
-            with AnyReader([self._path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-                yield bag
-        except (InputError, OSError):
-            raise
-        except Exception as error:  # whichever of its readers meets foreign bytes first
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"rosbags cannot read it: {why}") from error
-
-    def topics(self) -> dict[str, int]:
-        """Return the topics of samples, with their number."""
-        found: dict[str, int] = {}
-        with self._opened() as bag:
-            for connection in bag.connections:
-                if connection.msgtype in _IMU and connection.msgcount:
-                    found[connection.topic] = found.get(connection.topic, 0) + connection.msgcount
-        return found
-
-    def messages(self, topic: str) -> Iterator[tuple[int, list[float]]]:
-        """Yield stamp (ns) and six numbers of each sample."""
-        with self._opened() as bag:
-            connections = [connection for connection in bag.connections if connection.topic == topic]
-            for connection, log_ns, data in bag.messages(connections):
-                message = bag.deserialize(data, connection.msgtype)
-                yield _ns(message.header.stamp.sec, message.header.stamp.nanosec) or log_ns, _row(message)
-
-
-def _ns(seconds: int, rest: int) -> int:
-    return int(seconds) * 1_000_000_000 + int(rest)
-
-
-class _Mcap:
-    """MCAP files of one recording, one after the other, in CDR, ROS 1 or JSON."""
-
-    def __init__(self, paths: list[Path]) -> None:
-        self._paths = paths
-
-    def _records(self, topic: str | None) -> Iterator[tuple[Any, Any, Any]]:
-        from mcap.exceptions import McapError
-        from mcap.reader import make_reader
-
-        try:
-            for path in self._paths:
-                with path.open("rb") as stream:
-                    yield from make_reader(stream).iter_messages(topics=topic, log_time_order=False)
-        except (McapError, ValueError, struct.error) as error:
-            raise InputError(f"the file is damaged: {error}") from error
-
-    def topics(self) -> dict[str, int]:
-        """Return the topics of samples, with their number."""
-        found: dict[str, int] = {}
-        for schema, channel, message in self._records(None):
-            if _decoder(schema, channel, message.data) is not None:
-                found[channel.topic] = found.get(channel.topic, 0) + 1
-        return found
-
-    def messages(self, topic: str) -> Iterator[tuple[int, list[float]]]:
-        """Yield stamp (ns) and six numbers of each sample."""
-        for schema, channel, message in self._records(topic):
-            if (decode := _decoder(schema, channel, message.data)) is not None:
-                stamp, row = decode(message.data)
-                yield stamp or message.log_time, row
-
-
-_Decode = Callable[[bytes], tuple[int, list[float]]]
-
-
-def _decoder(schema: Any, channel: Any, data: bytes) -> _Decode | None:
-    """Return what makes a stamp and six numbers of a message, None if it is none of an IMU."""
-    encoding = channel.message_encoding
-    if encoding == "json":
-        return _of_json if b"angular_velocity" in data and b"linear_acceleration" in data else None
-    if schema is None or schema.name not in _IMU:
-        return None
-    return {"ros1": _of_ros1, "cdr": _of_cdr}.get(encoding)
-
-
-def _of_json(data: bytes) -> tuple[int, list[float]]:
-    found = json.loads(data)
-    stamp = found.get("timestamp") or found.get("header", {}).get("stamp") or {}
-    parts: dict[str, Any] = stamp if isinstance(stamp, dict) else {}
-    values = [float(found[name][axis]) for name in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
-    return _ns(parts.get("sec", 0), parts.get("nsec", parts.get("nanosec", 0))), values
-
-
-def _of_cdr(data: bytes) -> tuple[int, list[float]]:
-    found = layout.decode(_IMU[0], data)
-    stamp = _ns(found["header.stamp.sec"], found["header.stamp.nanosec"])
-    return stamp, [*found["angular_velocity"].tolist(), *found["linear_acceleration"].tolist()]
-
-
-def _of_ros1(data: bytes) -> tuple[int, list[float]]:
-    message = _ros1_types().deserialize_ros1(data, _IMU[0])
-    return _ns(message.header.stamp.sec, message.header.stamp.nanosec), _row(message)
+def _magic(path: Path) -> str:
+    head = path.open("rb").read(16) if path.is_file() else b""
+    kinds = {b"\x89MCAP": "mcap", b"SQLite": "sqlite", b"#ROSBAG": "bag"}
+    return next((kind for magic, kind in kinds.items() if head.startswith(magic)), "")
 
 
 @cache
-def _ros1_types() -> Any:
+def _in_cdr(path: Path) -> tuple[Path, list[str]]:
+    """Return an MCAP file in CDR with the samples and temperatures of a recording, and what was left out, in words."""
+    from mcap.writer import Writer
+
+    made, channels, said = _folder() / "samples.mcap", dict[tuple[str, str], int](), list[str]()
+    with made.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        for topic, kind, log_ns, data in _messages(path, said):
+            if (topic, kind) not in channels:
+                schema = writer.register_schema(kind, "ros2msg", b"")
+                channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channels[topic, kind], log_ns, data, log_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return made, said
+
+
+def _messages(path: Path, said: list[str]) -> _Messages:
+    for file in map(_unpacked, _files(path)):
+        kind = _magic(file)
+        try:
+            yield from {"mcap": _of_mcap, "sqlite": _of_sqlite}.get(kind, _of_bag)(file, said)
+        except (InputError, OSError):
+            raise
+        except Exception as error:  # whatever foreign bytes make of three libraries
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"{file.name} cannot be read: {why}") from error
+
+
+def _of_sqlite(path: Path, said: list[str]) -> _Messages:
+    """Messages of a database of ROS 2."""
+    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+        topics = {key: (name, kind) for key, name, kind in base.execute("SELECT id, name, type FROM topics")}
+        kept = [key for key, (_, kind) in topics.items() if kind in (_IMU, _TEMPERATURE)]
+        marks = ",".join("?" * len(kept))
+        rows = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
+        for key, log_ns, data in base.execute(rows, kept):
+            yield *topics[key], log_ns, _inflated(data)
+
+
+def _inflated(data: bytes) -> bytes:
+    return zstandard.ZstdDecompressor().decompressobj().decompress(data) if data.startswith(_ZSTD) else data
+
+
+def _of_bag(path: Path, said: list[str]) -> _Messages:
+    """Messages of a bag of ROS 1 in file order, up to where it is cut: its index is not needed."""
+    channels: dict[bytes, tuple[str, str]] = {}
+    with path.open("rb") as stream:
+        if not stream.readline().startswith(b"#ROSBAG V2"):
+            raise InputError("it is no bag, or one of an older version than 2.0")
+        for head, data in _bag_records(stream, said):
+            chunk = io.BytesIO(_chunk(head[b"compression"], data) if head[b"op"] == _CHUNK else b"")
+            for inner, content in _bag_records(chunk, said):
+                if inner[b"op"] == _CONNECTION:
+                    kind = _fields(content)[b"type"].decode().replace("/", "/msg/", 1)
+                    channels[inner[b"conn"]] = inner[b"topic"].decode(), kind
+                elif inner[b"op"] == _MESSAGE and channels[inner[b"conn"]][1] in (_IMU, _TEMPERATURE):
+                    seconds, rest = struct.unpack("<II", inner[b"time"])
+                    topic, kind = channels[inner[b"conn"]]
+                    yield topic, kind, seconds * 1_000_000_000 + rest, _ros1_in_cdr(content, kind)
+
+
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"
+
+
+def _bag_records(stream: IO[bytes], said: list[str]) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+    """Yield head and data of records; of a chunk that is cut, the data that are there."""
+    while head := _block(stream):
+        fields, (size, data) = _fields(head[1]), _block(stream) or (1, b"")
+        is_cut = len(head[1]) < head[0] or len(data) < size
+        if is_cut:
+            said[:] = ["the bag is cut: its messages up to there were taken"]
+        if not is_cut or fields.get(b"op") == _CHUNK:
+            yield fields, data
+
+
+def _block(stream: IO[bytes]) -> tuple[int, bytes] | None:
+    """Return the size that is stated, and the bytes that are there; None at the end."""
+    size = int.from_bytes(length, "little") if len(length := stream.read(4)) == 4 else 0
+    return (size, stream.read(size)) if length else None
+
+
+def _fields(head: bytes) -> dict[bytes, bytes]:
+    stream = io.BytesIO(head)
+    found = [field.partition(b"=") for _, field in iter(lambda: _block(stream), None)]
+    return {name: value for name, _, value in found}
+
+
+def _chunk(compression: bytes, data: bytes) -> bytes:
+    if compression == b"none":
+        return data
+    return bz2.BZ2Decompressor().decompress(data, _LARGEST) if compression == b"bz2" else from_lz4(data, _LARGEST)
+
+
+def _ros1_in_cdr(data: bytes, kind: str) -> bytes:
+    return bytes(_ros_types().ros1_to_cdr(data, kind))
+
+
+@cache
+def _ros_types() -> Any:
     from rosbags.typesys import Stores, get_typestore
 
-    return get_typestore(Stores.ROS1_NOETIC)
+    return get_typestore(Stores.LATEST)
+
+
+def _of_mcap(path: Path, said: list[str]) -> _Messages:
+    """Messages of an MCAP file in CDR, packed or not, in ROS 1, or in JSON."""
+    types, channels, log = dict[int, str](), dict[int, Channel](), reader.Log(path)
+    for record in reader.records(path, log):
+        match record:
+            case Schema():
+                types[record.id] = record.name if "/msg/" in record.name else record.name.replace("/", "/msg/", 1)
+            case Channel():
+                channels[record.id] = record
+            case Batch():
+                for message in map(record.message, range(len(record.table))):
+                    channel = channels[message.channel_id]
+                    kind = types.get(channel.schema_id, "")
+                    if channel.message_encoding == "json":
+                        kind = _IMU if b"angular_velocity" in message.data else ""
+                    if kind in (_IMU, _TEMPERATURE) and channel.message_encoding in _IN_CDR:
+                        data = _IN_CDR[channel.message_encoding](message.data, kind)
+                        yield channel.topic, kind, message.log_time, data
+    said += [f"{log.damage}: the messages up to there were taken"] if log.damage else []
+
+
+def _json_in_cdr(data: bytes, kind: str) -> bytes:
+    found = json.loads(data)
+    stamp = found.get("timestamp") or found.get("header", {}).get("stamp") or {}
+    parts: dict[str, Any] = stamp if isinstance(stamp, dict) else {}
+    values: dict[str, Any] = {
+        name: np.array([float(found[name][axis]) for axis in "xyz"])
+        for name in ("angular_velocity", "linear_acceleration")
+    }
+    time = {"sec": parts.get("sec", 0), "nanosec": parts.get("nsec", parts.get("nanosec", 0))}
+    return layout.encode(kind, values | {"header": {"stamp": time}})
+
+
+_IN_CDR: dict[str, Callable[[bytes, str], bytes]] = {
+    "cdr": lambda data, kind: _inflated(data), "ros1": _ros1_in_cdr, "json": _json_in_cdr,
+}  # fmt: skip
+"""Makes CDR of a message's bytes and its type, by its encoding."""

@@ -33,6 +33,7 @@ _EARLIEST_NS = 946_684_800_000_000_000  # 2000: an earlier stamp is no UTC
 _MOST_LISTED = 6
 NEAR = 256  # samples of one clock that are out of order lie at most so many from their place
 _SILENCE_NS = 1_000_000_000  # a longer step is a gap
+_STEADY = int(8 * np.log2(1.1 * _SILENCE_NS))  # steps of fewer eighths of octaves are no gaps
 
 
 class RefusedLogError(InputError):
@@ -41,7 +42,7 @@ class RefusedLogError(InputError):
     `cures`: commands that take the log.
     """
 
-    def __init__(self, message: str, cures: Sequence[Cure]) -> None:
+    def __init__(self, message: str, cures: Sequence[Cure] = ()) -> None:
         super().__init__(message)
         self.cures = tuple(cures)
 
@@ -55,17 +56,24 @@ class Order:
 
     first: int = 0
     last: int = 0
-    greatest: int = 0
     count: int = 0
     equal: int = 0  # instants that are the one before
     back: int = 0  # instants before the one before
     before_back: int = 0  # the instant before the first that goes back
     after_back: int = 0  # the first that goes back
+    # number and sum of the steps forward, by eighths of octaves; and the longest of at most a second
+    steps: np.ndarray = field(default_factory=lambda: np.zeros(64 * 8, int))
+    lengths: np.ndarray = field(default_factory=lambda: np.zeros(64 * 8))
+    longest: int = 0
 
     def take(self, instants: np.ndarray) -> None:
         """Take more instants, shape (n,), n > 0."""
-        steps = np.diff(instants, prepend=instants[:1] if not self.count else np.array([self.last]))
-        steps = steps[1:] if not self.count else steps
+        steps = np.diff(instants, prepend=self.last) if self.count else np.diff(instants)
+        forward = steps[steps > 0]
+        which = (8 * np.log2(forward)).astype(int)
+        np.add.at(self.steps, which, 1)
+        np.add.at(self.lengths, which, forward)
+        self.longest = max(self.longest, int(forward[forward <= _SILENCE_NS].max(initial=0)))
         back = np.flatnonzero(steps < 0)
         if back.size and not self.back:
             at = int(back[0]) + instants.size - steps.size
@@ -74,8 +82,26 @@ class Order:
         self.equal += int(np.count_nonzero(steps == 0))
         self.back += int(back.size)
         self.first = self.first if self.count else int(instants[0])
-        self.greatest = max(self.greatest, int(instants.max())) if self.count else int(instants.max())
         self.last, self.count = int(instants[-1]), self.count + instants.size
+
+    @property
+    def period_ns(self) -> float:
+        """Usual step, ns: the mean of those near the median, which gaps and lost samples do not lengthen.
+
+        Of arrivals in bursts it is the mean of the steps of at most a second. 0 if no step goes forward.
+        """
+        if not self.steps.any():
+            return 0.0
+        median = int(np.searchsorted(np.cumsum(self.steps), 0.5 * self.steps.sum()))
+        usual = slice(max(0, median - 8), median + 7) if not self.bursts() else slice(0, _STEADY)
+        return float(self.lengths[usual].sum() / self.steps[usual].sum())
+
+    def bursts(self) -> str:
+        """Return what makes the instants look like arrivals in bursts, "" if they do not."""
+        count = int(self.steps[:_STEADY].sum())
+        period = float(self.lengths[:_STEADY].sum()) / max(count, 1)
+        short = 2.0 ** (np.arange(1, 64 * 8 + 1) / 8) < arrival_stamps.SHORT * period
+        return arrival_stamps.burst_words(self.steps[short].sum() / max(count, 1), period / 1e9, self.longest / 1e9)
 
 
 @dataclass(slots=True)
@@ -87,53 +113,54 @@ class Topic:
     stamps: Order = field(default_factory=Order)
     logged: Order = field(default_factory=Order)
     undecodable: int = 0  # messages that are none of their type
+    repeated: int = 0  # samples that repeat the one before, with its stamp
     zero: int = 0  # samples whose six readings are zero
-    missing: int = 0  # samples with a reading that is no number
+    # samples with a reading that is no number, by where: neither, the rates, the forces, both
+    no_number: np.ndarray = field(default_factory=lambda: np.zeros(4, int))
+    has: np.ndarray = field(default_factory=lambda: np.zeros(2, bool))  # rates and forces that are no zeros
     unknown: np.ndarray = field(default_factory=lambda: np.zeros(2, int))  # gyro and accel stated as "no estimate"
-    # over samples that are six numbers and not all zero: count, sums, sums of squares, and squares of differences
+    # over samples that are six numbers and not all zero: count, sums, sums of squares
     used: int = 0
     sum: np.ndarray = field(default_factory=lambda: np.zeros(6))
     squares: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    changes: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    steps: np.ndarray = field(default_factory=lambda: np.zeros(64 * 8, int))  # of stamps, by eighths of octaves
-    steady_ns: int = 0  # sum of the steps of at most a second
-    longest_ns: int = 0  # of these
+    changes: list[np.ndarray] = field(default_factory=list)  # median change from sample to sample, of each batch
+    before: np.ndarray | None = None  # the last sample
 
     def take(self, rows: np.ndarray, log_ns: np.ndarray) -> None:
         """Take samples, records of `columns.DTYPES[columns.IMU]`, and their log times."""
-        stamps = rows["stamp_ns"]
-        steps = np.diff(stamps, prepend=self.stamps.last) if self.stamps.count else np.diff(stamps)
-        forward = steps[steps > 0]
-        if forward.size:
-            np.add.at(self.steps, (8 * np.log2(forward)).astype(int), 1)
-            steady = forward[forward <= _SILENCE_NS]
-            self.steady_ns += int(steady.sum())
-            self.longest_ns = max(self.longest_ns, int(steady.max(initial=0)))
-        self.stamps.take(stamps)
+        self.stamps.take(rows["stamp_ns"])
         self.logged.take(log_ns)
-        readings = np.hstack([rows["gyro"], rows["accel"]])
-        number, zero = np.isfinite(readings).all(axis=1), (readings == 0.0).all(axis=1)
-        self.missing += int(np.count_nonzero(~number))
-        self.zero += int(np.count_nonzero(zero))
         for k, name in enumerate(("gyro_covariance", "accel_covariance")):
             self.unknown[k] += np.count_nonzero(rows[name] == schemas.NO_ESTIMATE)
-        readings = readings[number & ~zero]
+        readings = np.hstack([rows["gyro"], rows["accel"]])
+        seven = np.column_stack([rows["stamp_ns"].view(float), readings])  # only compared
+        seven = seven if self.before is None else np.vstack([self.before, seven])
+        self.repeated += int(np.count_nonzero(((seven[1:] == seven[:-1]) | np.isnan(seven[1:])).all(axis=1)))
+        self.before = seven[-1:]
+        finite = np.isfinite(readings).reshape(-1, 2, 3).all(axis=2)
+        self.no_number += np.bincount(~finite @ [1, 2], minlength=4)
+        self.has |= (finite & readings.reshape(-1, 2, 3).any(axis=2)).any(axis=0)
+        readings[~np.repeat(finite, 3, axis=1)] = 0.0
+        known = readings.any(axis=1)
+        self.zero += int(np.count_nonzero(~known & finite.all(axis=1)))
+        readings = readings[known & finite[:, self.has].all(axis=1)]
         self.used += len(readings)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no readings
             self.sum += readings.sum(axis=0)
             self.squares += (readings**2).sum(axis=0)
-            self.changes += (np.diff(readings, axis=0) ** 2).sum(axis=0)
+            if len(readings) > 1:
+                self.changes.append(np.median(np.abs(np.diff(readings, axis=0)), axis=0))
+
+    @property
+    def missing(self) -> int:
+        """Number of samples that lack a reading of what the others have."""
+        lacks = ~self.has @ [1, 2]
+        return int(self.no_number[np.arange(4) & ~lacks > 0].sum())
 
     @property
     def count(self) -> int:
         """Number of samples."""
         return self.stamps.count
-
-    @property
-    def step_ns(self) -> float:
-        """Median step of the stamps that go forward, to an eighth of an octave; 0 if none does."""
-        total = np.cumsum(self.steps)
-        return float(2.0 ** ((np.searchsorted(total, 0.5 * total[-1]) + 0.5) / 8)) if total[-1] else 0.0
 
     @property
     def mean(self) -> np.ndarray:
@@ -142,22 +169,13 @@ class Topic:
 
     def noise(self) -> np.ndarray:
         """Standard deviation of each channel by the changes from sample to sample, shape (6,)."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(np.sqrt(self.changes / max(2 * self.used, 1)))
+        return np.asarray(np.median(self.changes or [np.zeros(6)], axis=0) / 0.954)
 
     def is_still(self) -> bool:
         """Return whether the specific force keeps its direction and size."""
         with np.errstate(over="ignore", invalid="ignore"):
             spread = np.sqrt(np.maximum(self.squares / max(self.used, 1) - self.mean**2, 0.0))[3:]
         return bool(self.used and spread.max() < _STILL * np.linalg.norm(self.mean[3:]))
-
-    def bursts(self) -> str:
-        """Return what makes the stamps look like arrivals in bursts, "" if they do not."""
-        ends = 2.0 ** (np.arange(1, 64 * 8 + 1) / 8)
-        count = int(self.steps[ends <= 1.1 * _SILENCE_NS].sum())
-        period = self.steady_ns / max(count, 1)
-        share = self.steps[ends < arrival_stamps.SHORT * period].sum() / max(count, 1)
-        return arrival_stamps.burst_words(float(share), period / 1e9, self.longest_ns / 1e9)
 
 
 @dataclass(slots=True)
@@ -229,7 +247,9 @@ class Plan:
     stamps: str  # one of `reading.STAMPS`
     at_once: bool  # whether samples have to be put into order, which takes all of them
     unknown_counts: tuple[bool, bool]  # whether "no estimate" of rates and of forces means no reading
+    mends: bool  # whether the caller leaves out samples that repeat
     assumed: tuple[str, ...]  # in words
+    period_ns: float  # usual step of the samples in their order; 0 if there is none
 
     @property
     def mean_force(self) -> np.ndarray:
@@ -242,10 +262,11 @@ class Plan:
         return self.gyro.stamps.first if self.stamps == "header" else self.gyro.logged.first
 
 
-def plan(found: Survey, reading: Reading, records: Records) -> Plan:
+def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = False) -> Plan:
     """Decide how samples are read.
 
     `records`: of the file, which is looked at again where log times go back.
+    `mends`: the caller looks at the units, and makes a clock that was set back go on.
 
     Raises RefusedLogError if the caller has to choose, or the numbers are not in SI.
     """
@@ -253,20 +274,20 @@ def plan(found: Survey, reading: Reading, records: Records) -> Plan:
     assumed = [f"samples of {gyro.name}" + (f" with the forces of {accel.name}" if accel is not gyro else "")]
     if accel is not gyro:
         assumed.append("forces are interpolated at the instants of the rates")
-    sortable = not gyro.logged.back or _is_sortable(records, gyro)
-    stamps, more = _stamps(gyro, reading, sortable=sortable)
+    instants = _sorted_instants(records, gyro) if gyro.logged.back else None
+    sortable = not gyro.logged.back or instants is not None
+    stamps, more = _stamps(gyro, reading, sortable=sortable, mends=mends)
     assumed += more
-    _refuse_units(gyro, accel)
+    if not mends:
+        _refuse_units(gyro, accel)
     unknown = [bool(0 < topic.unknown[k] < topic.count) for k, topic in enumerate((gyro, accel))]
     if any(topic.unknown[k] == topic.count for k, topic in enumerate((gyro, accel))):
         assumed.append("a covariance of -1 in every message stands for an unknown covariance, not for no reading")
+    for k, topic in enumerate((gyro, accel)):
+        if unknown[k]:
+            assumed.append(f"{_samples(int(topic.unknown[k]))} with a covariance of -1 hold no reading")
     if gyro.undecodable:
-        those = (
-            "1 message that cannot be decoded is"
-            if gyro.undecodable == 1
-            else f"{gyro.undecodable:,} messages that cannot be decoded are"
-        )
-        assumed.append(f"{those} left out")
+        assumed.append(f"messages that cannot be decoded are left out: {gyro.undecodable:,}")
     if gyro.missing:
         assumed.append(f"{_samples(gyro.missing)} with NaN hold no reading")
     if accel is gyro and gyro.zero:
@@ -276,8 +297,14 @@ def plan(found: Survey, reading: Reading, records: Records) -> Plan:
         assumed.append(f"temperatures of {temperature}")
     elif found.temperatures:
         assumed.append(f"none of the temperature topics ({', '.join(sorted(found.temperatures))})")
+    order = gyro.stamps if stamps == "header" else gyro.logged
+    if instants is not None:
+        order = Order()
+        order.take(instants)
     at_once = accel is not gyro or stamps == "arrival" or (gyro.logged.back > 0 and sortable)
-    return Plan(gyro, accel, temperature, stamps, at_once, (unknown[0], unknown[1]), tuple(assumed))
+    return Plan(
+        gyro, accel, temperature, stamps, at_once, (unknown[0], unknown[1]), mends, tuple(assumed), order.period_ns
+    )
 
 
 def _samples(count: int) -> str:
@@ -303,7 +330,7 @@ def _chosen(found: Survey, wanted: tuple[str, ...]) -> tuple[Topic, Topic]:
 
 def _choices(found: Survey) -> Sequence[Cure]:
     """Return the flags of each choice: first a pair of topics that lack each other's channels."""
-    lacks = {name: (not topic.sum[:3].any(), not topic.sum[3:].any()) for name, topic in found.samples.items()}
+    lacks = {name: tuple((~topic.has).tolist()) for name, topic in found.samples.items()}
     gyros = [name for name, lacking in lacks.items() if lacking == (False, True)]
     accels = [name for name, lacking in lacks.items() if lacking == (True, False)]
     pairs = [f"{a},{b}" for a in gyros for b in accels]
@@ -318,8 +345,8 @@ def _temperature(found: Survey, samples: str) -> str | None:
     return names[0] if len(names) == 1 else near[0] if len(near) == 1 else None
 
 
-def _is_sortable(records: Records, topic: Topic) -> bool:
-    """Return whether the samples may be put into the order of their log times."""
+def _sorted_instants(records: Records, topic: Topic) -> np.ndarray | None:
+    """Return the log times in order, None if the samples may not be put into it."""
     types, roles, parts = dict[int, str](), dict[int, tuple[str, int]](), list[np.ndarray]()
     for record in records():
         match record:
@@ -332,7 +359,8 @@ def _is_sortable(records: Records, topic: Topic) -> bool:
     instants = np.concatenate(parts)
     moved = np.abs(np.argsort(instants, kind="stable") - np.arange(instants.size))
     # one channel is written by one clock; several come of files that were merged
-    return (len(topic.channels) > 1 or int(moved.max()) <= NEAR) and is_orderly(instants)
+    is_sortable = (len(topic.channels) > 1 or int(moved.max()) <= NEAR) and is_orderly(instants)
+    return np.sort(instants) if is_sortable else None
 
 
 def is_orderly(instants: np.ndarray) -> bool:
@@ -346,34 +374,37 @@ def is_orderly(instants: np.ndarray) -> bool:
     return bool(np.count_nonzero(sorted_steps < half) - short <= 0.2 * np.count_nonzero(steps < 0))
 
 
-def _stamps(topic: Topic, reading: Reading, *, sortable: bool) -> tuple[str, list[str]]:
+def _stamps(topic: Topic, reading: Reading, *, sortable: bool, mends: bool) -> tuple[str, list[str]]:
     """Return the source of the stamps, and what is assumed of them."""
     order, logged, assumed = topic.stamps, topic.logged, list[str]()
     if reading.stamps == "arrival":
         return "arrival", ["stamps are sampling instants fitted under the log times"]
-    whole = reading.start is None and reading.end is None
+    whole = reading.start is None and reading.end is None and not mends
+    if topic.repeated and not mends:
+        assumed.append(f"{_samples(topic.repeated)} that repeat the one before are dropped")
     if reading.stamps == "log":
         if whole and not sortable:
             raise RefusedLogError(*_broken(topic, logged))
         if logged.back and sortable:
             assumed.append("samples are put into the order of their log times")
         assumed.append("stamps are the log times")
-        if logged.equal:
-            assumed.append(f"{_samples(logged.equal)} with the log time of the one before are dropped")
+        if logged.equal > topic.repeated and not mends:
+            assumed.append(f"{_samples(logged.equal - topic.repeated)} with the log time of the one before are dropped")
         return "log", assumed
-    if order.equal > _FEW * topic.count:
-        what = f"{_samples(order.equal)} of {topic.name} have the stamp of the one before: its stamps stand still"
-        cures: list[Cure] = [("", ("--stamps", "log")), ("", ("--stamps", "arrival"))]
-        raise RefusedLogError(what, cures if logged.equal <= _FEW * topic.count else [])
+    equal = order.equal - topic.repeated
+    if equal > _FEW * topic.count:
+        what = f"{_samples(equal)} of {topic.name} have the stamp of the one before: its stamps stand still"
+        cures: list[Cure] = [("", ("--stamps", "log"))] if logged.equal - topic.repeated <= _FEW * topic.count else []
+        raise RefusedLogError(what, [*cures, ("", ("--stamps", "arrival"))] if logged.last > logged.first else [])
     if logged.back and sortable:
         assumed.append("samples are put into the order of their log times")
     elif order.back and whole:
         raise RefusedLogError(*_broken(topic, order))
-    if order.equal:
-        assumed.append(f"{_samples(order.equal)} with the stamp of the one before are dropped")
+    if equal > 0 and not mends:
+        assumed.append(f"{_samples(equal)} with the stamp of the one before are dropped")
     if 0 <= order.first < _EARLIEST_NS <= logged.first:
         assumed.append("stamps count from another instant than UTC's")
-    if words := topic.bursts():
+    if (words := order.bursts()) and not mends:
         assumed.append(f"stamps look like arrivals in bursts ({words}); --stamps arrival fits the sampling instants")
     return "header", assumed
 
@@ -384,15 +415,17 @@ def _broken(topic: Topic, order: Order) -> tuple[str, Sequence[Cure]]:
     what = f"the times of {topic.name} go back {places}, first by {by:.6g} s at {at:.3f} s"
     end = (order.after_back - order.first) / 1e9
     cures: list[Cure] = [("", ("--stamps", "log"))] if not topic.logged.back else []
+    cures.append(("import", ("--topic", topic.name, "--accel-sign", "+1")))
     cures += [("", ("--end", f"{at - 1e-3:.3f}"))] if at > 1.0 else []
-    cures += [("", ("--start", f"{at + 1e-3:.3f}"))] if (order.last - order.first) / 1e9 > max(at, end) + 1.0 else []
+    begins_once = order.back == 1 and (order.last - order.first) / 1e9 > max(at, end) + 1.0
+    cures += [("", ("--start", f"{at + 1e-3:.3f}"))] if begins_once else []
     return what, cures
 
 
 # ------------------------------------------------------------------------------------------------- units and directions
 
 
-_FORCE_UNITS = (("g", "g", 1.0), ("mg", "mg", 1000.0), ("mm/s^2", "mm/s2", 1e3 * STANDARD_GRAVITY))
+_FORCE_UNITS = (("g", "g", 1.0), ("mg", "mg", 1000.0), ("mm/s^2", "m/s2/1000", 1e3 * STANDARD_GRAVITY))
 """Units of force that are not m/s^2: name, name in flags, and gravity in them."""
 
 
@@ -402,8 +435,10 @@ def _refuse_units(gyro: Topic, accel: Topic) -> None:
         return
     force = float(np.linalg.norm(accel.mean[3:]))
     units = [(name, f"accel:{flag}") for name, flag, size in _FORCE_UNITS if 0.8 < force / size < 1.2]
-    if np.rad2deg(np.median(gyro.noise()[:3])) > _NOISY_DPS:
-        units.append(("deg/s", "gyro:deg/s"))
+    noise = float(np.median(gyro.noise()[:3]))
+    if np.rad2deg(noise) > _NOISY_DPS:
+        name = "deg/s" if noise < 3.0 * _NOISY_DPS else "mdeg/s"
+        units.append((name, f"gyro:{name}"))
     if not units:
         return
     topics = gyro.name if accel is gyro else f"{gyro.name},{accel.name}"
@@ -412,7 +447,7 @@ def _refuse_units(gyro: Topic, accel: Topic) -> None:
         flags += ["--mount", "x,-y,-z"]
     elif abs(accel.mean[5]) <= 0.5 * force:
         flags += ["--reference", "gravity"]
-    read = f"at rest it reads a force of {force:.4g} and rates that scatter by {np.median(gyro.noise()[:3]):.2g}"
+    read = f"at rest it reads a force of {force:.4g} and rates that scatter by {noise:.2g}"
     what = f"{read}, which fits {' and '.join(name for name, _ in units)}, not m/s^2 and rad/s"
     raise RefusedLogError(what, [("import", tuple(flags))])
 
@@ -431,7 +466,9 @@ def refuse_upside_down(path: Path, force: np.ndarray, axes: AxisMap, gravity: fl
     what = (
         f"{path}: a unit that is level reads -{gravity:.2f} m/s^2 along z down, and this one reads {reads} on x, y, z"
     )
-    level: list[Cure] = [("", ("--mount", "x,-y,-z")), ("", ("--accel-sign", f"{-axes.accel_sign:+d}"))]
+    turned = np.diag([1.0, -1.0, -1.0]) @ axes.mount
+    mount = ",".join("-" * bool(row.min() < -0.5) + "xyz"[int(np.argmax(np.abs(row)))] for row in turned)
+    level: list[Cure] = [("", ("--mount", mount)), ("", ("--accel-sign", f"{-axes.accel_sign:+d}"))]
     other: list[Cure] = [("", ("--reference", "gravity"))]
     if body[2] > 0.5 * gravity:
         raise RefusedLogError(
@@ -455,8 +492,9 @@ def samples(records: Records, wanted: Plan, reading: Reading, axes: AxisMap) -> 
         stream = [_in_order(list(stream), wanted)]
     for found in stream:
         stamps = found["stamp_ns"]
-        new = np.diff(stamps, prepend=last_ns) != 0 if stamps.size else np.empty(0, bool)
-        new &= part.has(stamps)
+        new = part.has(stamps)
+        if not wanted.mends:
+            new &= np.diff(stamps, prepend=last_ns) != 0 if stamps.size else np.empty(0, bool)
         last_ns = int(stamps[-1]) if stamps.size else last_ns
         gyro, accel = found["gyro"][new], found["accel"][new]
         yield {
@@ -534,7 +572,9 @@ def _columns(topic: str, role: int, part: Batch, wanted: Plan) -> Rows:
         stamps = rows["stamp_ns"] if wanted.stamps == "header" else log_ns
         return nothing | {"degc_stamp_ns": stamps.copy(), "degc": rows["degc"].copy()}
     gyro, accel = rows["gyro"].copy(), rows["accel"].copy()
-    valid = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+    # of a pair of topics each gives what it is asked for, whatever stands for the rest
+    valid = np.isfinite(gyro).all(axis=1) | (topic != wanted.gyro.name)
+    valid &= np.isfinite(accel).all(axis=1) | (topic != wanted.accel.name)
     if wanted.gyro is wanted.accel:
         valid &= (gyro != 0.0).any(axis=1) | (accel != 0.0).any(axis=1)
     for counts, name in zip(wanted.unknown_counts, ("gyro_covariance", "accel_covariance"), strict=True):
@@ -558,7 +598,7 @@ def _in_order(parts: list[Rows], wanted: Plan) -> Rows:
     if wanted.stamps == "arrival":
         first = int(whole["stamp_ns"][0])
         t = (whole["stamp_ns"] - first) / 1e9
-        new = np.diff(t, prepend=-1.0) > 0.0
+        new = np.diff(t, prepend=-1.0) >= 0.0
         for name in ("stamp_ns", "gyro", "accel", "valid"):
             whole[name] = whole[name][new]
         whole["stamp_ns"] = first + np.round(arrival_stamps.from_arrivals(t[new]).t * 1e9).astype(np.int64)

@@ -171,7 +171,7 @@ class Inflater:
         if chunk.compression == "zstd":
             return self._from_zstd(chunk)
         if chunk.compression == "lz4":
-            return _from_lz4(chunk)
+            return from_lz4(chunk.data, chunk.uncompressed_size + 1)
         if chunk.compression == "":
             return chunk.data
         raise McapError(f'a chunk\'s compression is "{chunk.compression[:20]}", which is not known')
@@ -187,13 +187,14 @@ class Inflater:
             raise McapError("a chunk cannot be decompressed") from error
 
 
-def _from_lz4(chunk: Chunk) -> bytes:
+def from_lz4(data: bytes, most: int) -> bytes:
+    """Return at most so many bytes of a frame; raises McapError if it is none."""
     # imutui writes zstd; others' files may have it
     import lz4.frame
 
     inflater = lz4.frame.LZ4FrameDecompressor()
     try:
-        return bytes(inflater.decompress(chunk.data, max_length=chunk.uncompressed_size + 1))
+        return bytes(inflater.decompress(data, max_length=most))
     # the library's own raises these for bytes that are no frame, or one that is cut or asks for what it must not
     except (RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
         raise McapError("a chunk cannot be decompressed") from error

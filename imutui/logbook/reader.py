@@ -155,8 +155,7 @@ def _foreign_parts(path: Path, found: Survey, reading: Reading, rows: int | None
         plan = foreign_log.plan(found, reading, lambda: records(path, Log(path)))
     except RefusedLogError as error:
         raise RefusedLogError(f"{path}: {error}", [_of(path, cure) for cure in error.cures]) from None
-    span = (plan.gyro.stamps.greatest - plan.gyro.stamps.first) / 1e9
-    rate = (plan.gyro.count - 1) / span if span > 0.0 else 1.0
+    rate = 1e9 / (plan.period_ns or 1e9)
     own = {name: value for name, value in reading.overrides.items() if name in AXES}
     log.info = replace(FOREIGN, rate_hz=rate).overridden(own)
     log.assumed, log.mean_force, log.first_ns = plan.assumed, plan.mean_force, plan.first_ns

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from imutui.logbook import arrival_stamps
+from imutui.logbook.foreign_log import Order
 
 PERIOD = 0.01
 
@@ -16,12 +17,28 @@ def arrivals(instants: np.ndarray, poll: float = 0.05) -> np.ndarray:
     return t
 
 
+def order(t: np.ndarray) -> Order:
+    """How instants (s) follow each other."""
+    made = Order()
+    made.take(np.round(t * 1e9).astype(np.int64))
+    return made
+
+
 def test_bursts_are_seen_and_jitter_is_not() -> None:
     instants = np.arange(2000) * PERIOD
     rng = np.random.default_rng(1)
-    assert "10.0" in arrival_stamps.bursts(arrivals(instants))
-    assert arrival_stamps.bursts(instants + rng.uniform(0.0, 0.1 * PERIOD, 2000)) == ""
-    assert arrival_stamps.bursts(np.delete(instants, slice(300, 900))) == ""
+    assert "10.0" in order(arrivals(instants)).bursts()
+    assert order(instants + rng.uniform(0.0, 0.1 * PERIOD, 2000)).bursts() == ""
+    assert order(np.delete(instants, slice(300, 900))).bursts() == ""
+
+
+def test_gaps_lost_samples_and_bursts_do_not_change_the_rate() -> None:
+    instants = np.arange(5000) * PERIOD
+    rng = np.random.default_rng(2)
+    lost = np.delete(instants, rng.choice(5000, 1000, replace=False))
+    for t in (instants + 1e4 * (instants > 20.0), lost, arrivals(instants), instants + rng.uniform(0.0, 0.004, 5000)):
+        assert order(t).period_ns == pytest.approx(PERIOD * 1e9, rel=0.01)
+    assert order(np.floor(np.arange(5000) * 2.5) * 1e-3).period_ns == pytest.approx(2.5e6, rel=0.001)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.0037, 0.02])

@@ -14,6 +14,7 @@ from helpers.commands import imutui, imutui_json
 from imutui.logbook import reader
 from imutui.logbook.importing import recording as recordings
 from imutui.logbook.importing import scale, text
+from imutui.logbook.importing.rows import Part
 from imutui.logbook.importing.table import Asked, Column, Rows, Table
 
 N, HZ = 400, 100.0
@@ -319,7 +320,7 @@ def test_one_glitch_makes_no_motion_and_keeps_the_check_of_the_sign(tmp_path: Pa
     path = tmp_path / "a.csv"
     path.write_bytes(csv(changed(lambda d: d.__setitem__((7, slice(1, 7)), [-250, 250, -250, 16, -16, 16]))))
     said = imutui("import", path, "-o", tmp_path / "b.mcap", "--accel-sign", "+1", check=3).stderr
-    assert "upside down" in said
+    assert "its z is up" in said
     assert "moves" not in imported(path)[2]
 
 
@@ -340,6 +341,19 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_what_is_looked_at_again_does_not_keep_all_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scale, "_ROWS", 1000)
+    monkeypatch.setattr(scale, "_MOST_SAMPLED", 1000)
+    look = scale.Look()
+    tracemalloc.start()
+    for k in range(400):
+        rows = np.full((1000, 7), float(k))
+        look.take(Part(rows[:, 0], np.arange(1000), {}), rows)
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert held < 1_000_000
 
 
 def test_another_source_of_pieces_is_a_table_of_columns(tmp_path: Path) -> None:

@@ -43,13 +43,15 @@ _SPELT = {
     "degF": "degf f fahrenheit",
 }  # fmt: skip
 _ALIASES = {word: unit for unit, words in _SPELT.items() for word in words.split()}
-_COUNTER = re.compile("(?i)count|index|packet|sample|seq|frame")
+TICKS = {"SampleTimeFine": "10000Hz"}
+"""Units of times by the name of their column, which the numbers may contradict: other models of Xsens count us."""
+COUNTER = re.compile("(?i)count|index|packet|sample|seq|frame")
 _COUNTS = re.compile(r"(.+)/(\d+\.?\d*)")
 _RATE = re.compile(r"(\d+\.?\d*)\s*Hz", re.IGNORECASE)
 
 _TIME = re.compile(
     r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(t|time|timestamp|stamp|tow|timestamps|datetime)"
-    r"(sample|startup|fine)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
+    r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
 )
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
 _NAMED = {
@@ -57,7 +59,8 @@ _NAMED = {
     "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|linearacceleration|specificforce|a)",
 }
 _PATTERNS = {kind: re.compile(_AXES.format(names)) for kind, names in _NAMED.items()}
-_AXIS_FIRST = {kind: re.compile(f"([xyz])(axis)?{names}") for kind, names in _NAMED.items()}
+_AXIS_FIRST = {"gyro": re.compile(f"([xyz])(axis)?({_NAMED['gyro']}|rate)")}
+_AXIS_FIRST["accel"] = re.compile(f"([xyz])(axis)?{_NAMED['accel']}")
 _TEMPERATURE = re.compile(r"(imu|sensor|gyro|accel|chip|die)?(temp|temperature|temperatur|tempc)")
 
 
@@ -118,8 +121,8 @@ def split_unit(name: str) -> tuple[str, str]:
             return base, unit
     if together := re.fullmatch(r"(?i)(time|timestamp|t)(us|ms|ns|s)", name):
         return together[1], together[2].lower()
-    if name.lower() == "sampletimefine":
-        return name, "10000Hz"  # ticks of Xsens' units
+    if name in TICKS:
+        return name, TICKS[name]
     if name.lower() in ("millis", "micros", "ms", "us", "msec", "usec"):
         return name, unit_of(name)
     return "_".join(words) + axis if index else name, ""
@@ -131,7 +134,14 @@ def kind_of(name: str) -> str:
 
 
 def meant(name: str) -> str:
-    """Return the channel that a column's name means, "" if none."""
+    """Return the channel that a column's name means, "" if none; of a path, its last two parts may mean it."""
+    if found := _meant(name):
+        return found
+    path = [part for part in re.split(r"[./]", name) if part]
+    return _meant("_".join(path[-2:])) if len(path) > 2 else ""
+
+
+def _meant(name: str) -> str:
     word = re.sub(r"[^a-z0-9]", "", name.lower())
     for kind in ("gyro", "accel"):
         if found := _PATTERNS[kind].fullmatch(word):
@@ -168,7 +178,7 @@ def choose(table: Table, asked: Asked, guess: Guess) -> dict[str, Channel]:
     found |= {name: (at[0], "") for name, at in candidates.items() if len(at) == 1}
     missing = [name for name in CHANNELS[:-1] if name not in found and name not in doubtful]
     if missing or doubtful:
-        _refuse(table, asked, missing, doubtful, found, guess() if missing else {})
+        _refuse(table, asked, missing, doubtful, found, guess() if missing or "t" in doubtful else {})
     channels = {}
     for name, (column, stated) in sorted(found.items(), key=lambda item: item[1][0]):
         kind = name.partition("_")[0]
@@ -280,6 +290,8 @@ def _refuse(
     chosen = {name: at[0] for name, at in doubtful.items()} | {
         name: guess[name] for name in (*missing, "temp") if name in guess and name not in found
     }
+    if guess.get("t") in doubtful.get("t", []):  # of several times the one that goes on from row to row
+        chosen["t"] = guess["t"]
     names = [column.name for column in table.columns]
     if "t" in missing and "t" not in chosen:
         chosen["t"] = _ROW
@@ -298,7 +310,7 @@ def _refuse(
     else:
         vector = missing[0].partition("_")[0]
         what = f"{table.path} has no `{vector}`; it has: {listed(table)}"
-    if "t" in missing and (chosen["t"] == _ROW or _COUNTER.search(texts["t"])):
+    if "t" in missing and (chosen["t"] == _ROW or COUNTER.search(texts["t"])):
         texts["t"] += "" if chosen["t"] == _ROW else ":100Hz"
         what += ". If rows are equally spaced, give their rate (100 Hz here)"
         ordered = ", ".join(f"{name}={texts[name]}" for name in CHANNELS if name in texts)

@@ -9,7 +9,7 @@ import numpy as np
 
 from filters.errors import InputError
 from imutui import outside_file
-from imutui.logbook import arrival_stamps, sample_check
+from imutui.logbook import arrival_stamps, bag, foreign_log, sample_check
 from imutui.logbook.importing import arrays, columns, rows, scale, text
 from imutui.logbook.importing.columns import ACCEL, GYRO, REFERENCES, Channel
 from imutui.logbook.importing.rows import Clock, Part, Repairs
@@ -19,7 +19,6 @@ from imutui.logbook.session_info import SessionInfo
 
 STARTED = "started at the modification time of its file"
 _STAMPS = f"the recording's own time, {STARTED}"
-_BAGS = (".bag", ".db3", ".mcap", ".mcap.zst", ".mcap.zstd")
 _LARGEST = 1e9  # largest angle or place, of either sign, in the units of the file
 _UNITS = {"gyro": " deg/s", "accel": " g", "temp": " degC"}
 _SIX = [*GYRO, *ACCEL]
@@ -48,7 +47,7 @@ class Recording:
     samples: int
     clock_s: float  # what its own clock said at the first sample, s
     duration_s: float
-    rate_hz: float  # mean rate outside of gaps
+    rate_hz: float  # usual rate, which gaps and lost rows do not change
     lacks: np.ndarray  # channels that are NaN throughout, gyros first, bool, shape (6,)
     mean_g: np.ndarray  # mean of the accelerometers without the largest and smallest hundredth, shape (3,)
     is_still: bool  # whether it hardly moves, but for a hundredth of its time
@@ -104,23 +103,14 @@ def load(path: Path, asked: Asked | None = None, progress: Progress = lambda sha
     return of_table(_table(path, asked or Asked()), asked or Asked(), progress)
 
 
-def is_bag(path: Path) -> bool:
-    """Return True for a bag of ROS, an MCAP file, or a folder of them."""
-    return path.is_dir() or path.name.lower().endswith(_BAGS)
-
-
 def _table(path: Path, asked: Asked) -> Table:
-    if is_bag(path):
-        from imutui.logbook import bag
-        from imutui.logbook.foreign_log import RefusedLogError
-
+    if bag.is_bag(path):
         try:
             if not path.is_dir():
                 outside_file.opened(path).close()  # a pipe would be waited for
-            return bag.opened(path, asked.topic or None)
-        except RefusedLogError as error:
-            cures = ", or ".join(f"`{asked.command(path, topic=flags[1])}`" for _, flags in error.cures)
-            raise ImportDataError(f"{path}: {error}. Type: {cures}") from error
+            return bag.opened(path, asked.topic, asked.stamps)
+        except foreign_log.RefusedLogError as error:
+            raise ImportDataError(f"{path}: {error}", error.cures) from error
         except OSError as error:
             raise ImportDataError(f"{path}: {error.strerror or error}. Name a bag, or a table.") from error
         except InputError as error:
@@ -172,7 +162,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
     rows.check_order(table, asked, repairs)
     found.check_count(table, asked, repairs.end_t)
     of_time = rows.fitting_unit(table, asked, channels["t"], found.rate_hz)
-    scale.check(table, asked, channels, look, of_time)
+    scale.check(table, asked, channels, look, found.rate_hz, of_time)
     found.check(table, asked)
     t = np.concatenate(times) if times else np.empty(0)
     fitted = arrival_stamps.from_arrivals(t) if asked.stamps == "arrival" else None
@@ -181,6 +171,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
         *table.remarks,
         *columns.assumed(table, channels),
         *repairs.assumed(),
+        *([] if fitted else arrival_stamps.rounding(look.head()[:, 0])),
         *found.assumed(),
     ]
     return Recording(
@@ -198,7 +189,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
         known_t=t - t[0] if t.size and fitted is None else t if fitted is None else fitted.t - fitted.t[0],
         assumed=tuple(assumed),
         stamps=_STAMPS if fitted is None else _words(fitted),
-        bursts="" if fitted is not None else arrival_stamps.bursts(look.head()[:, 0]),
+        bursts="" if fitted is not None else found.order.bursts(),
         fitted=fitted,
         has_temperature=found.is_warm,
         zeros=found.zeros,
@@ -258,8 +249,7 @@ class _Found:
         self.first_row = self.last_row = 0
         self.first_t = self.last_t = 0.0
         self.content = ContentId()
-        self._within_s = 0.0  # sum of the steps that are no gaps
-        self._steps = 0
+        self.order = foreign_log.Order()
         self._missing = np.zeros(64, int)  # samples by which channels have no reading
         self._at_zero = 0  # samples at the beginning that read zero throughout
         self._begun = False
@@ -271,10 +261,7 @@ class _Found:
         """Look at samples: readings of shape (N, 7)."""
         if not self.count:
             self.first_row, self.first_t = int(part.row[0]), float(part.t[0])
-        steps = np.diff(part.t, prepend=self.last_t if self.count else part.t[0])
-        usual = steps[steps <= max(rows.GAP_S, 20.0 * float(np.median(steps)))]
-        self._within_s += float(usual.sum())
-        self._steps += usual.size - (0 if self.count else 1)
+        self.order.take(np.round(part.t * 1e9).astype(np.int64))
         self.count += part.t.size
         self.last_row, self.last_t = int(part.row.max()), float(part.t[-1])
         self.content.add(part.t, readings[:, :3], readings[:, 3:6])
@@ -299,8 +286,8 @@ class _Found:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate outside of gaps."""
-        return self._steps / self._within_s if self._within_s > 0.0 else 0.0
+        """Usual rate, which gaps and rows that are lost do not change."""
+        return 1e9 / self.order.period_ns if self.order.period_ns else 0.0
 
     @property
     def lacks(self) -> np.ndarray:
@@ -367,7 +354,7 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
     """Compare the mean specific force of a still recording with gravity: its sign and its size.
 
     Returns a warning, if the magnitude is off by more than 12 mg + 1 %.
-    Raises ImportDataError if the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
+    Raises ImportDataError if the unit is said to be level and its forces point up or sideways.
     """
     if not recording.is_still:
         if info.reference in MOVING:
@@ -377,8 +364,12 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
         return None
     gamma_g = info.gravity_mps2 / info.g_unit
     force_g = info.axes().accel_to_body(recording.mean_g)
-    if info.reference == "level" and force_g[2] > 0.5:
-        raise ImportDataError(_wrong_sign(recording.mean_g, info))
+    if info.reference == "level":
+        force = recording.mean_g * info.g_unit
+        try:
+            foreign_log.refuse_upside_down(recording.path, force, info.axes(), info.gravity_mps2)
+        except foreign_log.RefusedLogError as error:
+            raise ImportDataError(str(error), error.cures) from error
     off = float(np.linalg.norm(force_g)) - gamma_g
     if info.reference == "level":
         off = -float(force_g[2]) - gamma_g
@@ -389,17 +380,3 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
             " tilt, accelerometer bias or scale factor; --gravity sets the local value"
         )
     return None
-
-
-def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
-    axes = info.axes()
-    # which instrument axis is vertical in the mounting that was named
-    vertical = int(np.argmax(np.abs(axes.mount[2])))
-    flipped = -info.accel_sign
-    turned = {"x,y,z": "x,-y,-z", "x,-y,-z": "x,y,z"}.get(info.mount, "a mounting with two axes reversed")
-    return (
-        f"{'XYZ'[vertical]} reads {mean_g[vertical]:+.3f} g, so the unit would be upside down on a level table with"
-        f" --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one: --accel-sign"
-        f" {flipped:+d}; or it is mounted the other way up: --mount {turned}. A still log can't tell which; look at"
-        " the unit or its manual. (--reference gravity takes any attitude.)"
-    )

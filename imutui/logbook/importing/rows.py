@@ -7,10 +7,11 @@ cannot be right is refused with the option that drops its row.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from imutui.logbook.importing.columns import Channel
+from imutui.logbook.importing.columns import Channel, factor
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
 
 LEAST_STEP_S = 1e-6
@@ -58,7 +59,9 @@ class Repairs:
     set_back: list[tuple[int, float]] = field(default_factory=list)  # row, s
     gaps: list[tuple[int, float, float]] = field(default_factory=list)  # row, length and end, s
     equal: int = 0
-    units: int = 1  # units whose rows take turns, with equal stamps
+    # units, in_turn: units whose rows take turns, with equal stamps, and with stamps of their own
+    units: int = 1
+    in_turn: int = 1
     bad: dict[int, str] = field(default_factory=dict)  # stamps that cannot be right, by row
     end_t: float = 0.0  # of the last row that was read, s
 
@@ -172,7 +175,8 @@ def in_order(
             repairs.rows = max(repairs.rows, int(part.row[-1]) + 1 if part.row.size else 0)
             part = Part(part.t + behind if behind else part.t, part.row, part.values)
             held = part if held is None else joined([held, part])
-            period = period or _period(held.t)
+            if not period:
+                period, repairs.in_turn = _period(held.t), _units_in_turn(held, 3)
         if held is None or (part is not None and held.t.size <= 2 * _HELD):
             continue
         held, moved = _mended(held, before, period, repairs, table, arrival=arrival)
@@ -275,18 +279,25 @@ def _repeated(part: Part, k: int, repairs: Repairs) -> tuple[Part, int]:
         return part.at(np.arange(part.t.size) != k + 1), k
     # all stamps that stand still in this part at once: there may be very many
     still = np.r_[False, np.diff(part.t) == 0.0]
-    repairs.units = max(repairs.units, _units_in_turn(part))
+    repairs.units = max(repairs.units, _units_in_turn(part, 1))
     repairs.equal += int(np.count_nonzero(still))
     return part.at(~still), k
 
 
-def _units_in_turn(part: Part) -> int:
-    """Return how many units' rows take turns: rows that far apart are more alike than neighbours. 1 if none do."""
-    for column in part.values.values():
-        near = np.nanmedian(np.abs(np.diff(column))) if np.isfinite(column).any() else 0.0
-        for count in (2, 3, 4):
-            if column.size > 20 * count and near > 3.0 * np.nanmedian(np.abs(column[count:] - column[:-count])):
-                return count
+def _units_in_turn(part: Part, fewest: int) -> int:
+    """Return how many units' rows take turns: rows that far apart are more alike than neighbours. 1 if none do.
+
+    `fewest`: channels in which they are.
+    """
+    known = [column for column in part.values.values() if np.isfinite(column).all()]
+    for count in (2, 3, 4):
+        alike = [
+            np.median(np.abs(np.diff(c))) > 3.0 * np.median(np.abs(c[count:] - c[:-count]))
+            for c in known
+            if c.size > 20 * count
+        ]
+        if sum(alike) >= fewest:
+            return count
     return 1
 
 
@@ -364,10 +375,11 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
             f"{path}: the stamps of {repairs.equal} of {repairs.rows} rows equal the one before: they are too coarse to"
             f" be times. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`"
         )
-    if repairs.equal > max(2, 0.002 * repairs.rows) and repairs.units > 1:
-        others = ", ".join(f"{k}::{repairs.units}" for k in range(1, repairs.units))
+    units = max(repairs.units if repairs.equal > max(2, 0.002 * repairs.rows) else 1, repairs.in_turn)
+    if units > 1:
+        others = ", ".join(f"{k}::{units}" for k in range(1, units))
         raise ImportDataError(
-            f"{path}: rows of {repairs.units} units take turns, with equal stamps. To take those of the first:"
+            f"{path}: rows of {units} units take turns. To take those of the first:"
             f" `{asked.command(path, drop=others)}`"
         )
     if repairs.equal > max(2, 0.002 * repairs.rows):
@@ -383,28 +395,41 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
         )
 
 
-def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> tuple[str, str]:
-    """Return the unit of time that fits a rate (Hz, by the unit of `clock`), and why; "" for both if that one does.
+class TimeUnit(NamedTuple):
+    """A unit of time that fits better than the one that was assumed; "" for none."""
+
+    unit: str = ""
+    why: str = ""
+    ratio: float = 1.0  # of it to the one that was assumed
+
+
+def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> TimeUnit:
+    """Return the unit of time that fits a rate (Hz, by the unit of `clock`).
 
     Raises ImportDataError with a command that works if none fits.
     """
     path = table.path
     if not clock.stated and not _SLOWEST <= rate <= _FASTEST:
-        rates = {unit: rate / scale for unit, scale in SCALES.items() if _SLOWEST <= rate / scale <= _FASTEST}
+        own = (factor("t", clock.unit) or (1.0, 0.0))[0]
+        per_unit = rate * own  # rows per unit of time
+        rates = {unit: per_unit / scale for unit, scale in SCALES.items() if _SLOWEST <= per_unit / scale <= _FASTEST}
         if rates:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit] / _USUAL)))
-            return unit, f"`t` would give {rate:.4g} Hz if it were in s, and {rates[unit]:.4g} Hz in {unit}"
+            why = f"`t` would give {rate:.4g} Hz if it were in {clock.unit}, and {rates[unit]:.4g} Hz in {unit}"
+            if rate >= 0.9:  # as likely
+                why += f" (if it is in {clock.unit}: --units t:{clock.unit})"
+            return TimeUnit(unit, why, SCALES[unit] / own)
         if rate * LEAST_STEP_S < 1.0:
             raise ImportDataError(
-                f"{path}: `t` would give {rate:.4g} Hz if it were in s, as its unit is not stated. If it is in s"
-                f" nevertheless: `{asked.command(path, units='t:s')}`"
+                f"{path}: `t` would give {rate:.4g} Hz if it were in {clock.unit}, as its unit is not stated. If it is"
+                f" nevertheless: `{asked.command(path, units=f't:{clock.unit}')}`"
             )
     if rate * LEAST_STEP_S > 1.0:
         raise ImportDataError(
             f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond: `t` has another unit. If rows are"
             f" equally spaced, give their rate (100 Hz here): `{asked.command(path, columns='t=row:100Hz')}`"
         )
-    return "", ""
+    return TimeUnit()
 
 
 SCALES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}

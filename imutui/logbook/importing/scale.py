@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from imutui.logbook.importing import columns
+from imutui.logbook.importing import columns, rows
 from imutui.logbook.importing.columns import ACCEL, GYRO, Channel
-from imutui.logbook.importing.rows import SCALES, Part
+from imutui.logbook.importing.rows import Part
 from imutui.logbook.importing.table import Asked, ImportDataError, Table
 
 _ROWS = 2**16
@@ -26,6 +26,7 @@ _FAST = 10.0  # rad/s; few units turn faster
 _ROTATED = 0.3  # ratio of rates that gravity shows to rates read as deg/s; π/180 if they are, 1 if they are rad/s
 _WARMEST = 150.0
 _STILL_G, _STILL_DPS = 0.1, 5.0
+_NOISY = {"rad/s": 1.0, "deg/s": 3.0}  # deg/s; rates that scatter by more at rest are in another unit
 
 
 class Look:
@@ -42,7 +43,7 @@ class Look:
             self._head.append(np.column_stack([part.t, readings])[:_ROWS])
         self._stride = self._stride or 1
         first = -self._rows % self._stride
-        self._spread.append(readings[first :: self._stride])
+        self._spread.append(readings[first :: self._stride].copy())  # a view would keep all rows
         self._rows += len(readings)
         if sum(map(len, self._spread)) > _MOST_SAMPLED:
             self._spread = [np.concatenate(self._spread)[::2]]
@@ -70,17 +71,24 @@ class Look:
 
 
 def check(
-    table: Table, asked: Asked, channels: Mapping[str, Channel], look: Look, of_time: tuple[str, str] = ("", "")
+    table: Table,
+    asked: Asked,
+    channels: Mapping[str, Channel],
+    look: Look,
+    rate: float,
+    of_time: rows.TimeUnit,
 ) -> None:
     """Refuse units that are not stated and that the readings contradict.
 
-    `of_time`: the unit of time that fits better than s, and why; "" for none.
+    `rate`: of the rows, Hz, by the time as it was read.
+    `of_time`: the unit of time that fits better.
     Raises ImportDataError with the command that states all units that fit.
     """
     sample = look.sample()
     accel, gyro = ([channels[name] for name in names if name in channels] for names in (ACCEL, GYRO))
-    units: dict[str, str] = {"t": of_time[0]} if of_time[0] else {}
-    why: list[str] = [of_time[1]] if of_time[0] else []
+    units: dict[str, str] = {"t": of_time.unit} if of_time.unit else {}
+    why: list[str] = [of_time.why] if of_time.unit else []
+    rate /= of_time.ratio
     with np.errstate(invalid="ignore"):
         norms = np.linalg.norm(sample[:, 3:6], axis=1)
     known = norms[np.isfinite(norms)]
@@ -92,30 +100,31 @@ def check(
     elif not unit and of_file != "g" and 0.9 < norm < 1.1:
         unit = "g"
     if accel and not all(c.stated for c in accel) and (unit or not _PLAUSIBLE[0] < norm < _PLAUSIBLE[1]):
-        if norm < 0.3 and float(np.median(np.abs(sample[:, 3:6][np.isfinite(norms)]).max(axis=1))) < 0.3:
+        if norm < _PLAUSIBLE[0] and not _GRAVITY["m/s2"][0] <= norm * rate <= _GRAVITY["m/s2"][1]:
             alone = asked.command(table.path, columns="accel=none")
             raise ImportDataError(
                 f"{table.path}: the accelerometers read {norm:.3g} g in the median: gravity was removed from them, so"
                 f" they are no specific force. To import the gyros alone: `{alone}`"
             )
-        if not unit:
-            raise ImportDataError(
-                f"{table.path}: the accelerometers read {norm:.4g} in the median, which is gravity in no unit that is"
-                f" known. If it is g: `{asked.command(table.path, units='accel:g')}`; else give the unit, such as"
-                " g/16384 for 16384 counts per g."
-            )
+        if norm < _PLAUSIBLE[0]:  # increments of velocity and angle from row to row
+            unit = f"m/s2/{1.0 / rate:.9g}"
+            units["gyro"] = f"rad/s/{1.0 / rate:.9g}"
+        unit = unit or f"g/{norm:.0f}"
         why.append(f"the accelerometers read {norm:.5g} in the median, as gravity does in {unit}")
         units["accel"] = unit
-    if gyro and not all(c.stated for c in gyro):
-        if (
-            gyro[0].unit == "deg/s"
-            and (said := _not_degrees(look.head(), SCALES.get(of_time[0], 1.0)))
-            and not units.get("accel", "").startswith("g/")
-        ):
+    if gyro and not all(c.stated for c in gyro) and "gyro" not in units:
+        of_file = gyro[0].unit
+        noise = _noise(look.head()[:, 1:4]) if not accel or _is_steady(sample[:, 3:6]) else 0.0
+        if units.get("accel", "").startswith("g/"):
+            units["gyro"] = "deg/s/131"
+        elif noise > _NOISY[of_file]:
+            units["gyro"] = "deg/s" if of_file == "rad/s" and np.deg2rad(noise) < _NOISY["deg/s"] else "mdeg/s"
+            why.append(f"gyros in {of_file} would scatter by {noise:.2g} deg/s at rest, as in {units['gyro']}")
+        elif of_file == "deg/s" and (said := _not_degrees(look.head(), of_time.ratio)):
             units["gyro"] = "rad/s"
             why.append(said)
-        elif "accel" in units and gyro[0].unit == "deg/s":
-            units["gyro"] = "deg/s/131" if units["accel"].startswith("g/") else "deg/s"
+        elif "accel" in units and of_file == "deg/s":
+            units["gyro"] = "deg/s"
     degc = sample[:, 6][np.isfinite(sample[:, 6])]
     temp = channels.get("temp")
     if temp is not None and not temp.stated and degc.size and np.median(degc) > _WARMEST:
@@ -129,11 +138,28 @@ def check(
         why.append(f"`temp` is {warm:.4g} in the median, as in kelvin")
     if why:
         listed = ", ".join(f"{kind}:{unit}" for kind, unit in units.items())
-        counts = " Counts per unit stand in the unit's data sheet." if "131" in listed else ""
+        counts = (
+            " Counts per unit stand in the unit's data sheet: many have 131 per deg/s at ±250 deg/s, 65.5 at ±500, 32.8"
+            " at ±1000, 16.4 at ±2000."
+            if "deg/s/131" in listed
+            else ""
+        )
         raise ImportDataError(
             f"{table.path}: {'; '.join(why)}, and the file states no unit. If that is so:"
             f" `{asked.command(table.path, units=listed)}`.{counts}"
         )
+
+
+def _is_steady(accel: np.ndarray) -> bool:
+    """Return whether accelerometers hardly change, but for a hundredth of their readings."""
+    low, high = np.nanpercentile(accel, [1.0, 99.0], axis=0)
+    return bool((high - low).max() < 0.25 * np.linalg.norm(0.5 * (high + low)))
+
+
+def _noise(gyro: np.ndarray) -> float:
+    """Return the standard deviation of gyros by the changes from row to row, in their unit."""
+    changes = np.abs(np.diff(gyro[np.isfinite(gyro).all(axis=1)], axis=0))
+    return float(np.median(changes)) / 0.954 if changes.size else 0.0
 
 
 def _not_degrees(head: np.ndarray, second: float) -> str:
@@ -182,17 +208,19 @@ def guess(table: Table) -> dict[str, int]:
 
     The accelerometers are the vector whose magnitude is the steadiest.
     """
-    numeric = range(min(len(table.columns), 40))
+    numeric = range(min(len(table.columns), 64))
     try:
         arrays = next(table.pieces(list(numeric)))[1]
     except (StopIteration, ImportDataError):
         return {}
     values = [np.asarray(array[:5000], float) for array in arrays]
-    usable = [k for k, v in enumerate(values) if v.size > 2 and np.isfinite(v).mean() > 0.5]
-    clocks = [k for k in usable if np.mean(np.diff(values[k]) > 0.0) > 0.9]
-    rest = [k for k in usable if k not in clocks and (not clocks or k > clocks[0])]
+    usable = [k for k, v in enumerate(values) if v.size > 2 and np.isfinite(v).mean() > 0.5 and np.nanstd(v) > 0.0]
+    others = [k for k in usable if columns.kind_of(table.columns[k].name) in ("gyro", "accel", "temp")]
+    clocks = [k for k in usable if k not in others and np.mean(np.diff(values[k]) > 0.0) > 0.9]
+    clocks.sort(key=lambda k: bool(columns.COUNTER.search(table.columns[k].name)))
+    rest = [k for k in usable if k not in clocks and (not clocks or k > min(clocks))]
     if len(rest) < 6:
-        return {}
+        return {"t": clocks[0]} if clocks else {}
     first, second = rest[:3], rest[3:6]
     steadiness = []
     for triple in (first, second):

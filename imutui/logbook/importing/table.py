@@ -7,13 +7,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from imutui import command_line
+from imutui.logbook.foreign_log import RefusedLogError
 
 
-class ImportDataError(InputError):
-    """The recording cannot be imported as it is; the message says what, where, and what to do next."""
+class ImportDataError(RefusedLogError):
+    """The recording cannot be imported as it is; the message says what, where, and what to do next.
+
+    `cures`: commands that take it, where the message has none.
+    """
 
 
 @dataclass(frozen=True, slots=True)

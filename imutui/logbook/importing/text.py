@@ -29,10 +29,10 @@ _LONGEST_LINE = 2**20
 _MOST_REASONS = 10_000
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf|null|none|n/?a|-*|", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d?:\d\d.*")
-_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d([.,]\d+)?")
+_DATE = re.compile(r"(\d{4}[-/.]\d\d[-/.]\d\d|\d\d[-/.]\d\d[-/.]\d{4})[T ]\d\d?:\d\d.*")
+_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d([.,:]\d+)?")
 _WIDE = re.compile(r"[+-]?\d{16,19}")  # more digits than a float64 holds
-_LABEL = re.compile(r"\s*([A-Za-z_]\w*)\s*[:=]\s*([-+.\d].*)")
+_LABEL = re.compile(r"\s*\{?\s*([A-Za-z_]\w*)\s*[:=]\s*([-+.\d][^}]*)\}?")
 _SENTENCES = {
     "$VNIMU": (
         ("sentence", *(f"mag_{axis}" for axis in "xyz"), *columns.ACCEL, *columns.GYRO, "temp", "pressure"),
@@ -75,7 +75,7 @@ def read(path: Path) -> Table:
         "ns" if kind in ("date", "clock") else unit or row
         for (_, unit), row, kind in zip(named, stated, dialect.kinds, strict=True)
     ]
-    made = tuple(Column(name, unit) for (name, _), unit in zip(named, units, strict=True))
+    made = tuple(Column(name, unit, name not in columns.TICKS) for (name, _), unit in zip(named, units, strict=True))
     table = Table(path, made, lambda chosen: iter(()))
     if dialect.early:
         table.remark(f"{dialect.early} line(s) of other lengths before the first row were left out")
@@ -122,7 +122,7 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for cell in flat)
     points = sum(cell.count(".") == 1 for cell in flat)
     labels = [_LABEL.fullmatch(cell) for cell in sample[0]]
-    has_labels = separator != " " and sum(label is not None for label in labels) >= 3
+    has_labels = sum(label is not None for label in labels) >= 3
     names: tuple[str, ...] = tuple(label[1] if label else "" for label in labels) if has_labels else ()
     units: tuple[str, ...] = ()
     header = ""
@@ -179,7 +179,7 @@ def _cells(line: str, separator: str) -> list[str]:
     """Cells of a line of the head; the file's rows are split by pandas."""
     line = line.replace(" -> ", separator)
     if separator == " ":
-        return line.replace('"', "").split()
+        return re.sub(r"([:=])\s+(?=[-+.\d])", r"\1", line.replace('"', "")).split()
     if '"' in line:
         line = re.sub('"[^"]*"', lambda quoted: quoted[0].strip('"').replace(separator, "."), line)
     return [cell.strip() for cell in line.split(separator)]
@@ -304,7 +304,7 @@ def _plain(block: bytes, dialect: Dialect) -> bytes:
         text[quotes] = ord(" ")
         block = text.tobytes()
     if dialect.has_labels:
-        block = re.sub(rb"[A-Za-z_]\w*[ \t]*[:=]", b"", block)
+        block = re.sub(rb"[A-Za-z_]\w*[ \t]*[:=][ \t]*|[{}]", b"", block)
     if block.startswith(b"$"):
         block = re.sub(rb"\*[0-9A-Fa-f]{2}(?=\n)", b"", block)
     if dialect.separator == " ":
@@ -409,7 +409,10 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
         for k, cell in wrong[:_MOST_REASONS].items():
             _refuse_row(table, row + int(k), f'has "{cell[:40]}" in column `{name}`, which is not a number')
         return out
-    commas = cells.str.replace(",", ".", regex=False)
+    commas = cells.str.replace(r"[,:](?=\d{3,}$)", ".", regex=True).str.replace(",", ".", regex=False)
+    # whether the day or the month stands first makes no difference, unless the recording goes on beyond midnight
+    commas = commas.str.replace(r"^(\d\d)\D(\d\d)\D(\d{4})", r"\3-\2-\1", regex=True)
+    commas = commas.str.replace(r"^(\d{4})\D(\d\d)\D(\d\d)", r"\1-\2-\3", regex=True)
     if kind == "clock":
         found = pd.to_timedelta(commas, errors="coerce").astype("timedelta64[ns]")
     else:
