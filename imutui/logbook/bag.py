@@ -39,6 +39,8 @@ _ROWS = 2**15
 _IMU, _TEMPERATURE = schemas.TYPES[schemas.IMU], schemas.TYPES[schemas.TEMPERATURE]
 _KINDS = (".mcap", ".db3", ".bag")
 _LARGEST = 2**28  # bytes of a chunk
+_LARGEST_MESSAGE = 2**20
+_MOST_PACKED = 100  # times that packing makes a recording smaller
 _GZIP, _ZSTD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
 _FOLDERS = contextlib.ExitStack()  # of what is unpacked; removed when the process ends
 atexit.register(_FOLDERS.close)
@@ -48,7 +50,7 @@ _Messages = Iterator[tuple[str, str, int, bytes]]
 
 def is_bag(path: Path) -> bool:
     """Return True for a bag of ROS, an MCAP file, packed or not, or a folder of them."""
-    return path.is_dir() or _bare(path).suffix in _KINDS
+    return path.is_dir() or _bare(path).suffix in _KINDS or bool(_magic(path))
 
 
 def _bare(path: Path) -> Path:
@@ -135,12 +137,18 @@ def _unpacked(path: Path) -> Path:
         packed: Any = (
             gzip.GzipFile(fileobj=raw) if head.startswith(_GZIP) else zstandard.ZstdDecompressor().stream_reader(raw)
         )
-        shutil.copyfileobj(packed, stream)
+        largest = max(_LARGEST, _MOST_PACKED * path.stat().st_size)
+        while block := packed.read(2**20):
+            stream.write(block)
+            if stream.tell() > largest:
+                raise InputError(f"it unpacks to more than {largest:,} bytes, which no recording does. Unpack it first")
     return made
 
 
 def _magic(path: Path) -> str:
-    head = path.open("rb").read(16) if path.is_file() else b""
+    head = b""
+    with contextlib.suppress(OSError):
+        head = path.open("rb").read(16) if path.is_file() else b""
     kinds = {b"\x89MCAP": "mcap", b"SQLite": "sqlite", b"#ROSBAG": "bag"}
     return next((kind for magic, kind in kinds.items() if head.startswith(magic)), "")
 
@@ -187,7 +195,12 @@ def _of_sqlite(path: Path, said: list[str]) -> _Messages:
 
 
 def _inflated(data: bytes) -> bytes:
-    return zstandard.ZstdDecompressor().decompressobj().decompress(data) if data.startswith(_ZSTD) else data
+    if not data.startswith(_ZSTD):
+        return data
+    found: bytes = zstandard.ZstdDecompressor().stream_reader(data).read(_LARGEST_MESSAGE + 1)
+    if len(found) > _LARGEST_MESSAGE:
+        raise InputError(f"a message unpacks to more than {_LARGEST_MESSAGE:,} bytes")
+    return found
 
 
 def _of_bag(path: Path, said: list[str]) -> _Messages:
@@ -276,10 +289,11 @@ def _json_in_cdr(data: bytes, kind: str) -> bytes:
     found = json.loads(data)
     stamp = found.get("timestamp") or found.get("header", {}).get("stamp") or {}
     parts: dict[str, Any] = stamp if isinstance(stamp, dict) else {}
-    values: dict[str, Any] = {
-        name: np.array([float(found[name][axis]) for axis in "xyz"])
-        for name in ("angular_velocity", "linear_acceleration")
-    }
+    values: dict[str, Any] = {}
+    for name in ("angular_velocity", "linear_acceleration"):
+        vector = found[name]
+        three = [vector[axis] for axis in "xyz"] if isinstance(vector, dict) else vector
+        values[name] = np.array([np.nan if value is None else float(value) for value in three])
     time = {"sec": parts.get("sec", 0), "nanosec": parts.get("nsec", parts.get("nanosec", 0))}
     return layout.encode(kind, values | {"header": {"stamp": time}})
 

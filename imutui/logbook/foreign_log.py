@@ -216,6 +216,9 @@ def survey(records: Iterable[McapRecord | Batch]) -> Survey | None:
                         seen = found.samples.setdefault(topic, Topic(topic))
                         seen.channels.add(int(part.table[0, CHANNEL]))
                         seen.take(rows[role], part.heads["log_ns"][good])
+    for name in [name for name, topic in found.samples.items() if not topic.count]:
+        del found.samples[name]
+        found.others[name] = f"cdr that cannot be decoded, {_IMU}"
     return found
 
 
@@ -274,10 +277,18 @@ def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = Fal
     assumed = [f"samples of {gyro.name}" + (f" with the forces of {accel.name}" if accel is not gyro else "")]
     if accel is not gyro:
         assumed.append("forces are interpolated at the instants of the rates")
+        if not (gyro.has[0] and accel.has[1]):
+            name, what = (accel.name, "forces") if gyro.has[0] else (gyro.name, "rates")
+            raise RefusedLogError(f"its topic {name} has no {what}", _choices(found))
     instants = _sorted_instants(records, gyro) if gyro.logged.back else None
     sortable = not gyro.logged.back or instants is not None
     stamps, more = _stamps(gyro, reading, sortable=sortable, mends=mends)
     assumed += more
+    if accel is not gyro:
+        rates, forces = (t.stamps if stamps == "header" else t.logged for t in (gyro, accel))
+        early, late = (max(0, ns) / 1e9 for ns in (forces.first - rates.first, rates.last - forces.last))
+        if early or late:
+            assumed.append(f"rates without forces are left out, of the first {early:.3f} s and the last {late:.3f} s")
     if not mends:
         _refuse_units(gyro, accel)
     unknown = [bool(0 < topic.unknown[k] < topic.count) for k, topic in enumerate((gyro, accel))]

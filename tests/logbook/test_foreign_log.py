@@ -142,6 +142,9 @@ def test_rates_and_forces_of_two_topics_are_joined(tmp_path: Path) -> None:
     assert assert_cured(path, flags=lambda text: "--topic /gyro,/accel" in text) == 1
     log = assert_read(path, COUNT - 2, "with the forces of /accel", topics=("/gyro", "/accel"))
     assert log.samples.valid.all()
+    assert "rates without forces are left out, of the first 0.000 s and the last 0.010 s" in "; ".join(log.assumed)
+    with pytest.raises(RefusedLogError, match="topic /accel has no rates"):
+        found(path, topics=("/accel", "/gyro"))
 
 
 # -------------------------------------------------------------------------------------------------------------- stamps

@@ -1,5 +1,6 @@
 """Recordings as other programs leave them, taken by following the commands of messages: what the unit read is known."""
 
+import gzip
 import json
 import re
 import shlex
@@ -8,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from helpers import bags_of_others, recordings_of_others
 from helpers.bags_of_others import RECORDINGS
 from helpers.commands import imutui
 from helpers.recordings_of_others import COUNT, FORCE_G, GYRO_DPS, HZ, VARIANTS, readings
+from mcap.writer import Writer
 
 from imutui.logbook import reader
 
@@ -118,6 +121,53 @@ def test_a_database_of_ros_2_needs_no_metadata(tmp_path: Path) -> None:
     bags_of_others.database(tmp_path / "run", bags_of_others.samples())
     for path in (tmp_path / "run", next((tmp_path / "run").glob("*.db3"))):
         assert imported(path)[0][0]["samples"] == COUNT
+
+
+def test_a_recording_is_known_by_its_content_whatever_its_name(tmp_path: Path) -> None:
+    for name, write in (("run.bag.active", bags_of_others.bag), ("run", bags_of_others.mcap)):
+        write(tmp_path / name, bags_of_others.samples())
+        assert imported(tmp_path / name)[0][0]["samples"] == COUNT
+
+
+def test_messages_that_are_packed_each_are_taken(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    bags_of_others.mcap(path, bags_of_others.samples(), packed=zstandard.compress)
+    documents, (said, *_) = followed(path, "replay", str(path))
+    assert "/imu/data (cdr that cannot be decoded" in said
+    assert documents[0]["samples"] == COUNT
+
+
+def test_a_message_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    bags_of_others.mcap(path, bags_of_others.samples()[:2], packed=lambda _: zstandard.compress(bytes(2**26)))
+    said = imutui("import", path, "-o", tmp_path / "a.mcap", check=3).stderr
+    assert "a message unpacks to more than 1,048,576 bytes" in said
+
+
+def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.bag.gz"
+    with gzip.open(path, "wb", 1) as stream:
+        for _ in range(2**8 + 1):
+            stream.write(bytes(2**20))
+    said = imutui("import", path, "-o", tmp_path / "a.mcap", check=3).stderr
+    assert "it unpacks to more than 268,435,456 bytes" in said
+
+
+def test_vectors_of_json_are_lists_too_and_null_is_no_reading(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/imu", "json", writer.register_schema("Imu", "jsonschema", b"{}"))
+        for k, (_, gyro, force) in enumerate(zip(*readings(), strict=True)):
+            vectors = {"angular_velocity": [*np.deg2rad(gyro)], "linear_acceleration": [*(9.80665 * force)]}
+            vectors["angular_velocity"][0] = None if k == 7 else vectors["angular_velocity"][0]
+            writer.add_message(channel, k * 10_000_000, json.dumps(vectors).encode(), 0)
+        writer.finish()
+    assert imported(path)[0][0]["samples"] == COUNT
+    log = reader.read(path.with_suffix(".log"))
+    assert np.flatnonzero(~log.samples.valid).tolist() == [7]
+    assert_read(log)
 
 
 def test_the_sign_of_the_accelerometers_and_rounded_stamps_are_stated(tmp_path: Path) -> None:

@@ -157,8 +157,8 @@ def database(path: Path, found: list[Sample]) -> None:
     (path / "metadata.yaml").unlink()
 
 
-def mcap(path: Path, found: list[Sample]) -> None:
-    """Write an MCAP file of ROS 2."""
+def mcap(path: Path, found: list[Sample], packed: Callable[[bytes], bytes] = bytes) -> None:
+    """Write an MCAP file of ROS 2; `packed` packs each message."""
     topics = dict[str, int]()
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -167,5 +167,5 @@ def mcap(path: Path, found: list[Sample]) -> None:
             if sample.topic not in topics:
                 schema = writer.register_schema(kind, "ros2msg", b"")
                 topics[sample.topic] = writer.register_channel(sample.topic, "cdr", schema)
-            writer.add_message(topics[sample.topic], sample.log_ns, data, sample.log_ns)
+            writer.add_message(topics[sample.topic], sample.log_ns, packed(data), sample.log_ns)
         writer.finish()  # type: ignore[no-untyped-call]
