@@ -5,6 +5,7 @@ import re
 import shlex
 import tracemalloc
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,7 @@ DIALECTS: dict[str, bytes] = {
     "numbers of rows": "".join(f"{k},{line}\n" for k, line in enumerate(lines())).replace("0,t", ",t").encode(),
     "gzip": gzip.compress(TEXT.encode()),
     "NUL bytes at the end": TEXT.encode() + b"\0" * 4096,
+    "minus signs of typography": TEXT.replace("-", "\N{MINUS SIGN}").encode(),
     "capital names": TEXT.replace(lines()[0], lines()[0].upper()).encode(),
     "short names": TEXT.replace(lines()[0], "time,gx,gy,gz,ax,ay,az,temperature").encode(),
     "units in names": TEXT.replace(lines()[0], "t (s),gx_dps,gy_dps,gz_dps,AccX [g],AccY [g],AccZ [g],T (°C)").encode(),
@@ -153,6 +155,80 @@ def test_every_bit_of_a_number_is_read(tmp_path: Path) -> None:
     rows = (f"{k / 64!r},{','.join(map(repr, row))},0.0,0.0,1.0" for k, row in enumerate(gyro.tolist()))
     path.write_text("\n".join([",".join(NAMES[:7]), *rows]) + "\n")
     assert np.array_equal(recordings.load(path, Asked(units="gyro:deg/s")).whole().gyro_dps, gyro)
+
+
+STAMPS = {
+    "a date of the United States at midnight": ("%m/%d/%Y %H:%M:%S.%f", "2024-05-03 23:59:58"),
+    "a date of Europe at midnight": ("%d/%m/%Y %H:%M:%S.%f", "2024-05-03 23:59:58"),
+    "a date with the hours of noon": ("%m/%d/%Y %I:%M:%S.%f PM", "2024-05-13 12:59:58"),
+    "a time of day before noon": ("%I:%M:%S.%f AM", "2024-05-13 12:00:01"),
+    "minutes and seconds": ("%M:%S.%f", "2024-05-13 10:00:58"),
+}
+
+
+@pytest.mark.parametrize("name", STAMPS)
+def test_dates_and_times_of_day_are_read(tmp_path: Path, name: str) -> None:
+    form, first = STAMPS[name]
+    stamps = [(datetime.fromisoformat(first) + timedelta(milliseconds=10 * k)).strftime(form) for k in range(N)]
+    path = tmp_path / "a.csv"
+    rows = [f"{stamp},{line.partition(',')[2]}" for stamp, line in zip(stamps, lines()[1:], strict=True)]
+    path.write_text("\n".join([lines()[0], *rows, ""]))
+    log, followed, _ = imported(path)
+    assert not followed
+    assert_same(log)
+    assert np.allclose(log.seconds(), TIME, atol=1e-7)
+
+
+def test_a_date_that_is_missing_costs_its_row(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"2024-05-13 10:00:0{k / 100:.2f},{line.partition(',')[2]}" for k, line in enumerate(lines()[1:])]
+    rows[7] = rows[7].partition(",")[1] + rows[7].partition(",")[2]
+    path.write_text("\n".join([lines()[0], *rows, ""]))
+    log, followed, _ = imported(path)
+    assert "--drop 7" in followed[0]
+    assert_same(log, np.arange(N) != 7)
+
+
+UNITS = {
+    "rad/s": ("gx (radians/second)", np.pi / 180), "mrad/s": ("gx [mrad/s]", np.pi / 0.18), "rpm": ("gx [rpm]", 1 / 6),
+    "cm/s2": ("ax [cm/s^2]", 980.665), "m/s2": ("ax [m/(sec^2)]", 9.80665), "mm/s2": ("ax [mm/s²]", 9806.65),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_units_in_names_are_read(tmp_path: Path, unit: str) -> None:
+    name, factor = UNITS[unit]
+    which = slice(1, 4) if name[0] == "g" else slice(4, 7)
+    path = tmp_path / "a.csv"
+    names = [*NAMES]
+    names[which] = [name.replace("x ", f"{axis} ") for axis in "xyz"]
+    path.write_bytes(csv(changed(lambda d: d.__setitem__((..., which), d[:, which] * factor)), names=names))
+    log, followed, said = imported(path)
+    assert not followed
+    assert f"{'gyro' if name[0] == 'g' else 'accel'} in {unit}" in said
+    assert_same(log)
+
+
+@pytest.mark.parametrize("row", ["", "s,arcsec/s,arcsec/s,arcsec/s,g,g,g,degC\n"])
+def test_a_unit_that_is_not_known_is_not_taken_for_ours(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.csv"
+    names = NAMES[0], *(f"gyro_{axis}{'' if row else ' [arcsec/s]'}" for axis in "xyz"), *NAMES[4:]
+    path.write_text("\n".join([",".join(names), *row.splitlines(), *lines()[1:], ""]))
+    words = imutui("import", path, "-o", tmp_path / "b.mcap", check=3).stderr
+    assert 'the unit of `gyro_x` is "arcsec/s", which is not known' in words
+    assert_same(imported(path)[0])
+
+
+def test_stamps_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([lines()[0], *(f"T{line}" for line in lines()[1:]), ""]))
+    log, followed, _ = imported(path)
+    assert followed[0].endswith("--columns t=row:100Hz --gravity 9.80665")
+    assert_same(log)
+    path.write_text("\n".join([lines()[0], *(line.replace(",", ",x", 1) for line in lines()[1:]), ""]))
+    words = ("import", path, "-o", tmp_path / "b.mcap")
+    assert 'has "x0.' in imutui(*words, check=3).stderr
+    assert "Mend them in the program" in imutui(*words, "--columns", "t=row:100Hz", check=3).stderr
 
 
 # ------------------------------------------------------------------------------------------------- refused, then taken

@@ -29,17 +29,34 @@ _UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "h": (3600, 0),
         "d": (86400, 0),
     },
-    "gyro": {"deg/s": (1, 0), "rad/s": (180 / np.pi, 0), "mdeg/s": (1e-3, 0), "deg/h": (1 / 3600, 0)},
-    "accel": {"g": (1, 0), "mg": (1e-3, 0), "m/s2": (1 / _G, 0), "ft/s2": (0.3048 / _G, 0)},
+    "gyro": {
+        "deg/s": (1, 0),
+        "rad/s": (180 / np.pi, 0),
+        "mdeg/s": (1e-3, 0),
+        "deg/h": (1 / 3600, 0),
+        "mrad/s": (0.18 / np.pi, 0),
+        "rpm": (6, 0),
+    },
+    "accel": {
+        "g": (1, 0),
+        "mg": (1e-3, 0),
+        "m/s2": (1 / _G, 0),
+        "ft/s2": (0.3048 / _G, 0),
+        "cm/s2": (1e-2 / _G, 0),
+        "mm/s2": (1e-3 / _G, 0),
+    },
     "temp": {"degC": (1, 0), "K": (1, -273.15), "degF": (1 / 1.8, -32 / 1.8)},
 }
 _SPELT = {
     "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
     "ns": "ns nsec nanos nanoseconds", "min": "min minutes", "h": "h hr hours", "d": "d days",
-    "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s",
-    "rad/s": "rad/s rads rads-1 rad/sec radps rad radsec",
-    "mdeg/s": "mdeg/s mdps", "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg",
-    "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss", "ft/s2": "ft/s2", "degC": "degc c celsius", "K": "k kelvin",
+    "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s degrees/sec degrees/second degree/second deg/second",
+    "rad/s": "rad/s rads rads-1 rad/sec radps rad radsec radians/s radians/sec radians/second radian/second rad/second",
+    "mdeg/s": "mdeg/s mdps", "mrad/s": "mrad/s mrads mrads-1 mradps", "rpm": "rpm rev/min",
+    "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg",
+    "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss m/second2 meters/second2 metres/second2 meters/s2 metres/s2",
+    "ft/s2": "ft/s2", "cm/s2": "cm/s2 cms2 cms-2 gal", "mm/s2": "mm/s2 mms2 mms-2",
+    "degC": "degc c celsius", "K": "k kelvin",
     "degF": "degf f fahrenheit",
 }  # fmt: skip
 _ALIASES = {word: unit for unit, words in _SPELT.items() for word in words.split()}
@@ -103,14 +120,19 @@ def unit_of(text: str) -> str:
     word = text.strip(" ()[]{}<>").lower()
     for old, new in (("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻", "-"), ("¹", "1"), ("per", "/")):
         word = word.replace(old, new)
-    return _ALIASES.get(re.sub(r"[\s_*^·.]", "", word), "")
+    return _ALIASES.get(re.sub(r"[\s_*^·.()]", "", word), "")
+
+
+def stated_unit(text: str) -> str:
+    """Return the unit that a text spells, the text if it looks like a unit that is not known, else ""."""
+    return unit_of(text) or (text.strip(" ()[]{}<>") if re.search(r"[/^]|s-[12]\b", text) else "")
 
 
 def split_unit(name: str) -> tuple[str, str]:
     """Return a column's name and the unit in it: `gyro_x (rad/s)`, `Timestamp [ns]`, `gx_dps`, `TimeUS`."""
     name = name.strip()
     if (bracketed := re.fullmatch(r"(.*?)[\s_]*[(\[{<]([^\d)\]][^)\]}>]*)[)\]}>]", name)) and bracketed[1]:
-        return bracketed[1], unit_of(bracketed[2])
+        return bracketed[1], stated_unit(bracketed[2])
     index = re.search(r"\[([0-2])\]$", name)
     axis = f"_{'xyz'[int(index[1])]}" if index else ""
     words = re.split(r"[ _-]", name[: index.start()] if index else name)
@@ -185,9 +207,14 @@ def choose(table: Table, asked: Asked, guess: Guess) -> dict[str, Channel]:
         if column == _NONE:
             continue
         of_file = table.columns[column].unit if column >= 0 else ""
-        of_file = of_file if factor(kind, of_file) and kind in _UNITS else ""
         asked_unit = stated or asked_units.get(name) or asked_units.get(kind)
-        unit = asked_unit or of_file
+        if of_file and kind in _UNITS and not asked_unit and not factor(kind, of_file):
+            raise ImportDataError(
+                f'{table.path}: the unit of `{table.columns[column].name}` is "{of_file}", which is not known; known'
+                f" are {', '.join(_UNITS[kind])}. If it is {OWN_UNITS[kind]}:"
+                f" `{asked.command(table.path, units=f'{kind}:{OWN_UNITS[kind]}')}`"
+            )
+        unit = asked_unit or (of_file if kind in _UNITS else "")
         unit = unit if factor(kind, unit or "s") and unit else _spelt(kind, unit, table, asked)
         is_sure = column < 0 or table.columns[column].is_sure
         who = "user" if asked_unit else "file" if unit and is_sure else ""
@@ -336,7 +363,9 @@ def assumed(table: Table, channels: Mapping[str, Channel]) -> list[str]:
     }
     out = [", ".join(f"`{name}` is {column}" for name, column in others.items())] if others else []
     of_kind = {c.kind: c for c in channels.values() if c.kind in OWN_UNITS and c.stated != "user"}
-    units = [f"{kind} in {c.unit}" for kind, c in of_kind.items() if c.unit != OWN_UNITS[kind] or others]
+    units = [
+        f"{kind} in {c.unit}" for kind, c in of_kind.items() if c.unit != OWN_UNITS[kind] or others or not c.stated
+    ]
     return [*out, ", ".join(units)] if units else out
 
 

@@ -389,10 +389,13 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
         )
     if len(repairs.set_back) + len(rows) > max(20, _SHARE * repairs.rows):
         first = repairs.set_back[0][0] if repairs.set_back else rows[0]
-        raise ImportDataError(
-            f"{path}: time does not increase at row {first}, and at many more: no order of its rows is known. If rows"
-            f" are equally spaced, give their rate (100 Hz here): `{by_row}`"
-        )
+        if first in table.reasons:
+            what = f"row {first} (first is 0) {table.reasons[first]}, and many more are like it"
+        else:
+            what = f"time does not increase at row {first}, and at many more: no order of its rows is known"
+        if "t=row" in asked.columns:
+            raise ImportDataError(f"{path}: {what}. Mend them in the program that wrote them.")
+        raise ImportDataError(f"{path}: {what}. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`")
 
 
 class TimeUnit(NamedTuple):

@@ -11,7 +11,7 @@ import io
 import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -29,8 +29,9 @@ _LONGEST_LINE = 2**20
 _MOST_REASONS = 10_000
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf|null|none|n/?a|-*|", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_DATE = re.compile(r"(\d{4}[-/.]\d\d[-/.]\d\d|\d\d[-/.]\d\d[-/.]\d{4})[T ]\d\d?:\d\d.*")
-_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d([.,:]\d+)?")
+_DATE = re.compile(r"(\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})[T ]\d\d?:\d\d.*")
+_CLOCK = re.compile(r"(\d{1,2}:\d\d:\d\d([.,:]\d+)?|\d{1,2}:\d\d[.,]\d+)(\s*[AP]M)?", re.IGNORECASE)
+_DAY = re.compile(rb"(?<!\d)(\d\d?)[-/.](\d\d?)[-/.]\d{4}[T ]")
 _WIDE = re.compile(r"[+-]?\d{16,19}")  # more digits than a float64 holds
 _LABEL = re.compile(r"\s*\{?\s*([A-Za-z_]\w*)\s*[:=]\s*([-+.\d][^}]*)\}?")
 _SENTENCES = {
@@ -58,6 +59,7 @@ class Dialect:
     header: bytes = b""  # the line of names, which some loggers repeat
     kinds: tuple[str, ...] = ()  # of each column: "number", "wide", "date" or "clock"
     has_labels: bool = False  # cells such as `gx:0.1`
+    month_first: bool = False  # whether dates that end with the year begin with the month
     early: int = 0  # lines of numbers before the first whole row, such as one whose beginning is missing
 
 
@@ -104,7 +106,7 @@ def _dialect(path: Path) -> Dialect:
         usual = max((len(rows[k]) for k in data), key=[len(rows[k]) for k in data].count, default=0)
         data = [k for k in data if len(rows[k]) == usual]
         if usual >= 3 and 2 * len(data) > len(rows) - 4:
-            return _described(lines, rows, data, encoding, separator)
+            return replace(_described(lines, rows, data, encoding, separator), month_first=_month_first(path, head))
     named = [line for line in lines if len(_cells(line.lstrip("#% "), ",")) >= 3]
     if named and len(lines) < 4:
         raise ImportDataError(f"{path} has 0 samples, only the line {named[0][:80]!r}; at least two are needed.")
@@ -138,7 +140,7 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
             continue
         cells = cells[:count]
         if not units and sum(bool(columns.unit_of(cell)) for cell in cells) > count / 2 and line is not above[0]:
-            units = tuple(columns.unit_of(cell) for cell in cells)
+            units = tuple(columns.stated_unit(cell) for cell in cells)
             continue
         names, header = tuple(cells), line
         break
@@ -159,14 +161,23 @@ def _described(lines: list[str], rows: dict[int, list[str]], data: list[int], en
         header.encode(),
         kinds,
         has_labels,
-        sum(_is_row(cells, separator) for k, cells in rows.items() if k < first),
+        early=sum(_is_row(cells, separator) for k, cells in rows.items() if k < first),
     )
+
+
+def _month_first(path: Path, head: bytes) -> bool:
+    """Return whether dates such as 05/03/2024 begin with the month: the day is the number that changes more."""
+    with outside_file.opened(path) as stream:
+        stream.seek(max(0, path.stat().st_size - _STEP))
+        found = _DAY.findall((head + b"\n" + stream.read(_STEP)).replace(b"\0", b""))
+    first, second = ({int(pair[k]) for pair in found} for k in (0, 1))
+    return bool(found) and max(first) <= 12 and (max(second) > 12 or len(second) > len(first))
 
 
 def _kind(cells: Sequence[str]) -> str:
     told = [cell for cell in cells if cell]
     for kind, pattern in (("date", _DATE), ("clock", _CLOCK), ("wide", _WIDE)):
-        if told and len(told) == len(cells) and all(pattern.fullmatch(cell) for cell in told):
+        if told and (len(told) == len(cells) or kind != "wide") and all(pattern.fullmatch(cell) for cell in told):
             return kind
     return "number"
 
@@ -177,7 +188,7 @@ def _is_remark(line: str) -> bool:
 
 def _cells(line: str, separator: str) -> list[str]:
     """Cells of a line of the head; the file's rows are split by pandas."""
-    line = line.replace(" -> ", separator)
+    line = line.replace(" -> ", separator).replace("\N{MINUS SIGN}", "-")
     if separator == " ":
         return re.sub(r"([:=])\s+(?=[-+.\d])", r"\1", line.replace('"', "")).split()
     if '"' in line:
@@ -295,6 +306,8 @@ def _plain(block: bytes, dialect: Dialect) -> bytes:
     separator = dialect.separator.encode()
     if b" -> " in block:
         block = block.replace(b" -> ", separator)
+    if b"\xe2" in block:
+        block = block.replace("\N{MINUS SIGN}".encode(), b"-")
     if b'"' in block:
         text = np.frombuffer(bytearray(block), np.uint8)
         quotes = text == ord('"')
@@ -409,9 +422,12 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
         for k, cell in wrong[:_MOST_REASONS].items():
             _refuse_row(table, row + int(k), f'has "{cell[:40]}" in column `{name}`, which is not a number')
         return out
-    commas = cells.str.replace(r"[,:](?=\d{3,}$)", ".", regex=True).str.replace(",", ".", regex=False)
-    # whether the day or the month stands first makes no difference, unless the recording goes on beyond midnight
-    commas = commas.str.replace(r"^(\d\d)\D(\d\d)\D(\d{4})", r"\3-\2-\1", regex=True)
+    half = cells.str.extract(r"(?i)\d\s*([AP])M\s*$")[0].str.upper()
+    commas = cells.str.replace(r"(?i)\s*[AP]M\s*$", "", regex=True).str.replace(r"\b(\d)(?=[-/.:])", r"0\1", regex=True)
+    commas = commas.str.replace(r"[,:](?=\d{3,}$)", ".", regex=True).str.replace(",", ".", regex=False)
+    commas = commas.str.replace(r"^(\d+:\d\d\.\d+)$", r"00:\1", regex=True)
+    order = r"\3-\1-\2" if dialect.month_first else r"\3-\2-\1"
+    commas = commas.str.replace(r"^(\d\d)\D(\d\d)\D(\d{4})", order, regex=True)
     commas = commas.str.replace(r"^(\d{4})\D(\d\d)\D(\d\d)", r"\1-\2-\3", regex=True)
     if kind == "clock":
         found = pd.to_timedelta(commas, errors="coerce").astype("timedelta64[ns]")
@@ -419,4 +435,10 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
         found = pd.to_datetime(commas, format="ISO8601", utc=True, errors="coerce").astype("datetime64[ns, UTC]")
     unknown = found.isna().to_numpy()
     stamps = np.asarray(found.astype("int64"))
+    noon = 43_200_000_000_000
+    stamps = stamps + noon * (
+        (half == "P").to_numpy(int) - (half.notna() & (stamps % (2 * noon) >= noon)).to_numpy(int)
+    )
+    for k in np.flatnonzero(unknown & cells.notna().to_numpy())[:_MOST_REASONS].tolist():
+        _refuse_row(table, row + k, f'has "{cells.iloc[k][:40]}" for a time, which cannot be read')
     return np.where(unknown, np.nan, stamps) if unknown.any() else stamps
