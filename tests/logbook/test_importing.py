@@ -191,7 +191,8 @@ def test_a_date_that_is_missing_costs_its_row(tmp_path: Path) -> None:
 
 UNITS = {
     "rad/s": ("gx (radians/second)", np.pi / 180), "mrad/s": ("gx [mrad/s]", np.pi / 0.18), "rpm": ("gx [rpm]", 1 / 6),
-    "cm/s2": ("ax [cm/s^2]", 980.665), "m/s2": ("ax [m/(sec^2)]", 9.80665), "mm/s2": ("ax [mm/s²]", 9806.65),
+    "cm/s2": ("ax [cm/s^2]", 980.665), "ug": ("ax [µg]", 1e6), "m/s2": ("ax [m/(sec^2)]", 9.80665),
+    "mm/s2": ("ax [mm/s²]", 9806.65),
 }  # fmt: skip
 
 
@@ -217,6 +218,40 @@ def test_a_unit_that_is_not_known_is_not_taken_for_ours(tmp_path: Path, row: str
     words = imutui("import", path, "-o", tmp_path / "b.mcap", check=3).stderr
     assert 'the unit of `gyro_x` is "arcsec/s", which is not known' in words
     assert_same(imported(path)[0])
+
+
+def test_a_recording_of_more_than_ten_years_has_another_unit(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(scaled(slice(0, 1), 1e9))
+    log, followed, _ = imported(path, "--units", "t:s")
+    assert "--units t:ns" in followed[0]
+    assert np.allclose(log.seconds(), TIME, atol=1e-7)
+
+
+ARRAYS: dict[str, dict[str, object]] = {
+    "ns of 64 bits without sign": {"timestamps": (1.717e18 + TIME * 1e9).astype(np.uint64)},
+    "lengths of time": {"t": np.round(TIME * 1e9).astype("timedelta64[ns]")},
+    "a row": {"t": TIME[None]},
+    "a column": {"t": TIME[:, None]},
+    "an unknown unit": {"t": TIME, "units": '{"gyro": "arcsec/s"}'},
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_of_other_kinds_are_taken_or_refused_with_a_command(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, gyro=DATA[:, 1:4], accel=DATA[:, 4:7], **ARRAYS[name])
+    log, followed, _ = imported(path)
+    assert len(followed) == (name[:2] in ("ns", "an"))
+    assert_same(log)
+    assert np.allclose(log.seconds(), TIME, atol=1e-6)
+
+
+def test_rows_without_a_reading_make_no_motion(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(csv(changed(lambda d: d.__setitem__((slice(None, None, 2), slice(4, 7)), np.nan))))
+    _, _, said = imported(path)
+    assert "the unit moves" not in said
 
 
 def test_stamps_that_cannot_be_read_are_named(tmp_path: Path) -> None:
@@ -257,6 +292,9 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "two units by names": (
         csv(np.hstack([DATA[:, :7], DATA[:, 1:7] + 1.0]), names=["t", *(f"imu{k}_{n}" for k in (0, 1) for n in SIX)]),
         "gyro_x=imu0_gyro_x",
+    ),
+    "ms by the name of many": (
+        scaled(slice(0, 1), 1e3, 1.7e12).replace(b"t,", b"timestamps,", 1), "--units t:ms"
     ),
     "stamps in steps of 0.1 s": (csv(np.hstack([np.floor(DATA[:, :1] * 10) / 10, DATA[:, 1:]])), "arrival"),
     "stamps that stand still": (csv(changed(lambda d: d.__setitem__((..., 0), 1.7e9))), "t=row:100Hz"),

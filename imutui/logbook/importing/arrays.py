@@ -93,6 +93,13 @@ def _held(array: np.ndarray) -> _Array:
     return _Array(array.shape, array.dtype, lambda: array)
 
 
+def _flat(array: _Array) -> _Array:
+    """Return an array of one row or one column, as MATLAB has vectors, without that axis."""
+    if len(array.shape) != 2 or min(array.shape) != 1 or max(array.shape) <= 4:
+        return array
+    return _Array((max(array.shape),), array.dtype, lambda: array.load().ravel())
+
+
 def _parsed(parse: Callable[[], T], where: str = "") -> T:
     """Return what numpy makes of foreign bytes; InputError for the many kinds of error that its parsing raises."""
     try:
@@ -157,11 +164,12 @@ def _units(found: Mapping[str, _Array]) -> dict[str, str]:
         units = json.loads(text)
     except (ValueError, RecursionError):
         return {}
-    return {str(k): columns.unit_of(str(v)) for k, v in units.items()} if isinstance(units, dict) else {}
+    return {str(k): columns.stated_unit(str(v)) for k, v in units.items()} if isinstance(units, dict) else {}
 
 
 def _table(path: Path, found: Mapping[str, _Array], units: Mapping[str, str]) -> Table:
     """Columns of arrays. Those of samples have as many rows as the array of time, or as most of them."""
+    found = {name: _flat(array) for name, array in found.items()}
     known = {name: array for name, array in found.items() if _kind(name) and array.shape}
     for name in [name for name in known if name in _WIDTHS]:
         _check_shape(path, name, known[name])
@@ -178,12 +186,12 @@ def _table(path: Path, found: Mapping[str, _Array], units: Mapping[str, str]) ->
     for name, array in found.items():
         is_wide = len(array.shape) == 2 and array.shape[0] != rows and array.shape[1] == rows
         count = {1: 1, 2: array.shape[0 if is_wide else -1]}.get(len(array.shape), 0) if array.shape else 0
-        if rows not in array.shape or count > 64 or array.dtype.kind not in "fiuM" or (not name and count < 2):
+        if rows not in array.shape or count > 64 or array.dtype.kind not in "fiumM" or (not name and count < 2):
             made.append((Column(name), name, -1))
             continue
         if is_wide:
             table.remark(f"`{name}` has a column a sample: it was transposed")
-        unit = "ns" if array.dtype.kind == "M" else units.get(name, "")
+        unit = "ns" if array.dtype.kind in "mM" else units.get(name, "")
         names = [""] * count if not name else columns.parts(name, 1 if len(array.shape) == 1 else count)
         for k, part in enumerate(names):
             base, stated = columns.split_unit(part)
@@ -213,8 +221,8 @@ def _columnar(array: _Array, rows: int) -> np.ndarray:
     if size > LIMIT:
         raise InputError(f"its arrays take {size:,} bytes; the most is {LIMIT:,}: split the recording")
     values = array.load()
-    if values.dtype.kind == "M":
-        values = values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind in "mM":
+        values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
     elif values.dtype.kind != "i" or values.dtype.itemsize < 8:
         values = values.astype(float)
     values = values[:, None] if values.ndim == 1 else values
@@ -236,7 +244,7 @@ def _check_shape(path: Path, name: str, array: _Array) -> None:
     width = _WIDTHS[name]
     wanted = "(N,)" if width == 1 else f"(N, {width})"
     fits = len(array.shape) == 1 if width == 1 else len(array.shape) == 2 and width in array.shape
-    if array.dtype.kind not in ("fiuM" if name == "t" else "fiu") or not fits:
+    if array.dtype.kind not in ("fiumM" if name == "t" else "fiu") or not fits:
         raise ImportDataError(
             f"{path}: `{name}` has shape {array.shape} of {array.dtype}; it must be numbers of shape {wanted}."
         )

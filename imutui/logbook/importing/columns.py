@@ -21,39 +21,25 @@ _G = 9.80665
 # value in our unit = scale × value + offset
 _UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "t": {
-        "s": (1, 0),
-        "ms": (1e-3, 0),
-        "us": (1e-6, 0),
-        "ns": (1e-9, 0),
-        "min": (60, 0),
-        "h": (3600, 0),
-        "d": (86400, 0),
+        "s": (1, 0), "ms": (1e-3, 0), "us": (1e-6, 0), "ns": (1e-9, 0), "min": (60, 0), "h": (3600, 0), "d": (86400, 0),
     },
     "gyro": {
-        "deg/s": (1, 0),
-        "rad/s": (180 / np.pi, 0),
-        "mdeg/s": (1e-3, 0),
-        "deg/h": (1 / 3600, 0),
-        "mrad/s": (0.18 / np.pi, 0),
-        "rpm": (6, 0),
+        "deg/s": (1, 0), "rad/s": (180 / np.pi, 0), "mdeg/s": (1e-3, 0), "deg/h": (1 / 3600, 0),
+        "mrad/s": (0.18 / np.pi, 0), "rpm": (6, 0),
     },
     "accel": {
-        "g": (1, 0),
-        "mg": (1e-3, 0),
-        "m/s2": (1 / _G, 0),
-        "ft/s2": (0.3048 / _G, 0),
-        "cm/s2": (1e-2 / _G, 0),
-        "mm/s2": (1e-3 / _G, 0),
+        "g": (1, 0), "mg": (1e-3, 0), "ug": (1e-6, 0), "m/s2": (1 / _G, 0), "ft/s2": (0.3048 / _G, 0),
+        "cm/s2": (1e-2 / _G, 0), "mm/s2": (1e-3 / _G, 0),
     },
     "temp": {"degC": (1, 0), "K": (1, -273.15), "degF": (1 / 1.8, -32 / 1.8)},
-}
+}  # fmt: skip
 _SPELT = {
     "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
     "ns": "ns nsec nanos nanoseconds", "min": "min minutes", "h": "h hr hours", "d": "d days",
     "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s degrees/sec degrees/second degree/second deg/second",
     "rad/s": "rad/s rads rads-1 rad/sec radps rad radsec radians/s radians/sec radians/second radian/second rad/second",
     "mdeg/s": "mdeg/s mdps", "mrad/s": "mrad/s mrads mrads-1 mradps", "rpm": "rpm rev/min",
-    "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg",
+    "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg", "ug": "ug",
     "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss m/second2 meters/second2 metres/second2 meters/s2 metres/s2",
     "ft/s2": "ft/s2", "cm/s2": "cm/s2 cms2 cms-2 gal", "mm/s2": "mm/s2 mms2 mms-2",
     "degC": "degc c celsius", "K": "k kelvin",
@@ -67,7 +53,7 @@ _COUNTS = re.compile(r"(.+)/(\d+\.?\d*)")
 _RATE = re.compile(r"(\d+\.?\d*)\s*Hz", re.IGNORECASE)
 
 _TIME = re.compile(
-    r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(t|time|timestamp|stamp|tow|timestamps|datetime)"
+    r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(ts?|times?|timestamps?|stamp|tow|datetime)"
     r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
 )
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
@@ -141,7 +127,7 @@ def split_unit(name: str) -> tuple[str, str]:
         kind = kind_of(base) if len(words) > count else ""
         if kind and (unit := unit_of("".join(words[-count:]))) in _UNITS[kind]:
             return base, unit
-    if together := re.fullmatch(r"(?i)(time|timestamp|t)(us|ms|ns|s)", name):
+    if together := re.fullmatch(r"(?i)(time|timestamp|t)(us|ms|ns)", name):
         return together[1], together[2].lower()
     if name in TICKS:
         return name, TICKS[name]

@@ -161,7 +161,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
     repairs.keep(first, last, table.reasons, dropped)
     rows.check_order(table, asked, repairs)
     found.check_count(table, asked, repairs.end_t)
-    of_time = rows.fitting_unit(table, asked, channels["t"], found.rate_hz)
+    of_time = rows.fitting_unit(table, asked, channels["t"], found.rate_hz, found.last_t - found.first_t)
     scale.check(table, asked, channels, look, found.rate_hz, of_time)
     found.check(table, asked)
     t = np.concatenate(times) if times else np.empty(0)

@@ -406,8 +406,8 @@ class TimeUnit(NamedTuple):
     ratio: float = 1.0  # of it to the one that was assumed
 
 
-def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> TimeUnit:
-    """Return the unit of time that fits a rate (Hz, by the unit of `clock`).
+def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float, length: float) -> TimeUnit:
+    """Return the unit of time that fits a rate (Hz) and a length (s), by the unit of `clock`.
 
     Raises ImportDataError with a command that works if none fits.
     """
@@ -431,6 +431,11 @@ def fitting_unit(table: Table, asked: Asked, clock: Channel, rate: float) -> Tim
         raise ImportDataError(
             f"{path}: rows are {1.0 / rate:.1e} s apart, less than a microsecond: `t` has another unit. If rows are"
             f" equally spaced, give their rate (100 Hz here): `{asked.command(path, columns='t=row:100Hz')}`"
+        )
+    if length > _LONGEST_S:
+        raise ImportDataError(
+            f"{path} lasts {length:.3g} s, more than ten years: `t` is not in {clock.unit}. If it is in ns:"
+            f" `{asked.command(path, units='t:ns')}`"
         )
     return TimeUnit()
 

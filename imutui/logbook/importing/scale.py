@@ -58,7 +58,9 @@ class Look:
 
         The largest and smallest hundredth of each channel count as the hundredths next to them: a glitch is no motion.
         """
-        readings = np.nan_to_num(self.sample()[:, :6])
+        readings = self.sample()[:, :6]
+        known = (np.isfinite(readings) | np.isnan(readings).all(axis=0)).all(axis=1)
+        readings = np.nan_to_num(readings[known] if known.any() else readings)
         readings = readings[readings.any(axis=1)] if readings.any() else readings
         low, high = np.percentile(readings, [1.0, 99.0], axis=0)
         sd = (high - low) / 4.65
