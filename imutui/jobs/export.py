@@ -46,7 +46,7 @@ class Exported:
     units: dict[str, str]  # unit of each that has one
     about: dict[str, str]  # what the file states of them
     damage: str  # what is wrong with the log, if anything: all before it was exported
-    assumed: tuple[str, ...]  # of another program's log, in words
+    assumed: tuple[str, ...]  # of another program's log, and what was left out, in words
     reference: Path | None  # file with the log's motion, for `imutui import --reference`
 
 
@@ -70,8 +70,10 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
             raise InputError(f"{wanted.log}: --start and --end leave nothing to export.")
     if reference is not None:
         atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
-    names = tuple(column.name for column in made.columns)
-    return Exported(rows, names, made.units(), made.about, made.damage(), known.log.assumed, reference and reference[0])
+    names, assumed = tuple(column.name for column in made.columns), known.log.assumed
+    if wanted.whole and rows < known.samples:
+        assumed = (*assumed, f"samples without a reading are left out: {known.samples - rows:,}")
+    return Exported(rows, names, made.units(), made.about, made.damage(), assumed, reference and reference[0])
 
 
 def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:

@@ -4,6 +4,7 @@ A survey looks at every sample once, in bounded memory. A plan follows from it a
 in words what it assumes, or refuses the log with commands that work. Samples are then read by the plan.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,7 @@ _FEW = 0.01
 _STILL, _NOISY_DPS = 0.05, 1.0
 _EARLIEST_NS = 946_684_800_000_000_000  # 2000: an earlier stamp is no UTC
 _MOST_LISTED = 6
+_FEWEST = 100  # samples of which a mean is compared
 NEAR = 256  # samples of one clock that are out of order lie at most so many from their place
 _SILENCE_NS = 1_000_000_000  # a longer step is a gap
 _STEADY = int(8 * np.log2(1.1 * _SILENCE_NS))  # steps of fewer eighths of octaves are no gaps
@@ -55,6 +57,7 @@ class Order:
     """How instants follow each other, ns."""
 
     first: int = 0
+    least: int = 0
     last: int = 0
     count: int = 0
     equal: int = 0  # instants that are the one before
@@ -82,6 +85,7 @@ class Order:
         self.equal += int(np.count_nonzero(steps == 0))
         self.back += int(back.size)
         self.first = self.first if self.count else int(instants[0])
+        self.least = min(self.least, int(instants.min())) if self.count else int(instants.min())
         self.last, self.count = int(instants[-1]), self.count + instants.size
 
     @property
@@ -109,7 +113,7 @@ class Topic:
     """The samples of a topic, whichever channels it has."""
 
     name: str
-    channels: set[int] = field(default_factory=set)  # of the file
+    channels: dict[int, "Topic"] = field(default_factory=dict)  # of the file; of several, what each holds
     stamps: Order = field(default_factory=Order)
     logged: Order = field(default_factory=Order)
     undecodable: int = 0  # messages that are none of their type
@@ -171,6 +175,16 @@ class Topic:
         """Standard deviation of each channel by the changes from sample to sample, shape (6,)."""
         return np.asarray(np.median(self.changes or [np.zeros(6)], axis=0) / 0.954)
 
+    def is_mixed(self) -> bool:
+        """Return whether channels that go on at the same time read what one unit cannot read."""
+        each = [channel for channel in self.channels.values() if channel.used >= _FEWEST]
+        for a, b in itertools.combinations(each, 2):
+            both = min(a.logged.last, b.logged.last) - max(a.logged.first, b.logged.first)
+            shorter = min(c.logged.last - c.logged.first for c in (a, b))
+            if both > 0.5 * shorter and (np.abs(a.mean - b.mean) > np.maximum(a.noise(), b.noise())).any():
+                return True
+        return False
+
     def is_still(self) -> bool:
         """Return whether the specific force keeps its direction and size."""
         with np.errstate(over="ignore", invalid="ignore"):
@@ -214,8 +228,10 @@ def survey(records: Iterable[McapRecord | Batch]) -> Survey | None:
                         found.samples.setdefault(topic, Topic(topic)).undecodable += len(bad)
                     if good.any():
                         seen = found.samples.setdefault(topic, Topic(topic))
-                        seen.channels.add(int(part.table[0, CHANNEL]))
+                        own = seen.channels.setdefault(int(part.table[0, CHANNEL]), Topic(topic))
                         seen.take(rows[role], part.heads["log_ns"][good])
+                        if sum(each == (topic, role) for each in roles.values()) > 1:
+                            own.take(rows[role], part.heads["log_ns"][good])
     for name in [name for name, topic in found.samples.items() if not topic.count]:
         del found.samples[name]
         found.others[name] = f"cdr that cannot be decoded, {_IMU}"
@@ -262,7 +278,8 @@ class Plan:
     @property
     def first_ns(self) -> int:
         """The instant from which seconds of the log count, ns."""
-        return self.gyro.stamps.first if self.stamps == "header" else self.gyro.logged.first
+        order = self.gyro.stamps if self.stamps == "header" else self.gyro.logged
+        return order.least if self.at_once else order.first
 
 
 def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = False) -> Plan:
@@ -291,6 +308,9 @@ def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = Fal
             assumed.append(f"rates without forces are left out, of the first {early:.3f} s and the last {late:.3f} s")
     if not mends:
         _refuse_units(gyro, accel)
+        if gyro.is_mixed():
+            what = f"its topic {gyro.name} holds samples of several units, each on a channel of its own"
+            raise RefusedLogError(what, [("import", ("--topic", gyro.name, "--accel-sign", "+1"))])
     unknown = [bool(0 < topic.unknown[k] < topic.count) for k, topic in enumerate((gyro, accel))]
     if any(topic.unknown[k] == topic.count for k, topic in enumerate((gyro, accel))):
         assumed.append("a covariance of -1 in every message stands for an unknown covariance, not for no reading")

@@ -301,3 +301,12 @@ def test_a_permission_or_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch:
     with pytest.raises(OSError, match="No space"):
         export(Export(SAMPLE, tmp_path / "a.csv", "csv"))
     assert not list(tmp_path.iterdir())
+
+
+def test_samples_without_a_reading_are_left_out_with_a_word(tmp_path: Path) -> None:
+    gyro = np.random.default_rng(1).normal(0.0, 0.05, (400, 3))
+    gyro[7:10] = np.nan
+    np.savez(tmp_path / "a.npz", t=np.arange(400) / 100.0, gyro=gyro, accel=np.tile([0.0, 0.0, 1.0], (400, 1)))
+    imutui("import", tmp_path / "a.npz", "-o", tmp_path / "a.mcap")
+    document = imutui_json("export", tmp_path / "a.mcap", "-o", tmp_path / "b.csv")
+    assert (document["rows"], document["assumed"]) == (397, ["samples without a reading are left out: 3"])

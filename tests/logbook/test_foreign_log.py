@@ -113,8 +113,19 @@ def test_channels_of_one_topic_are_one_log(tmp_path: Path) -> None:
     """As merged files have them; a channel without messages hides none."""
     whole = Channel()
     parts = [Channel("/backup", *(column[:0] for column in (whole.stamps, whole.gyro, whole.accel)))]
-    parts += [Channel("/imu", whole.stamps[k::2], whole.gyro[k::2], whole.accel[k::2]) for k in range(2)]
-    assert_read(written(tmp_path / "a.mcap", *parts), COUNT, "samples of /imu")
+    parts += [Channel("/imu", whole.stamps[k::2], whole.gyro[k::2], whole.accel[k::2]) for k in (1, 0)]
+    path = written(tmp_path / "a.mcap", *parts)
+    log = assert_read(path, COUNT, "samples of /imu")
+    assert log.first_ns == log.samples.stamp_ns[0] == START
+
+
+def test_units_that_share_a_topic_are_not_one_log(tmp_path: Path) -> None:
+    one = Channel()
+    other = Channel(stamps=one.stamps + 3_000_000, gyro=one.gyro + 0.02, accel=one.accel + 0.3)
+    path = written(tmp_path / "a.mcap", one, other)
+    with pytest.raises(RefusedLogError, match="holds samples of several units") as refused:
+        found(path)
+    assert [name for name, _ in refused.value.cures] == ["import"]
 
 
 def test_of_several_topics_one_is_chosen(tmp_path: Path) -> None:
