@@ -306,6 +306,8 @@ def plan(found: Survey, reading: Reading, records: Records, *, mends: bool = Fal
         early, late = (max(0, ns) / 1e9 for ns in (forces.first - rates.first, rates.last - forces.last))
         if early or late:
             assumed.append(f"rates without forces are left out, of the first {early:.3f} s and the last {late:.3f} s")
+        if gaps := int(forces.steps[_STEADY:].sum()):
+            assumed.append(f"rates in gaps of the forces hold no reading: {gaps:,} gap(s)")
     if not mends:
         _refuse_units(gyro, accel)
         if gyro.is_mixed():
@@ -646,5 +648,7 @@ def _joined(whole: Rows) -> Rows:
     at, known = other["stamp_ns"][order][other["valid"][order]], other["accel"][order][other["valid"][order]]
     own["accel"] = np.column_stack([np.interp(own["stamp_ns"], at, known[:, k]) for k in range(3)])
     inside = (own["stamp_ns"] >= at[0]) & (own["stamp_ns"] <= at[-1])
+    behind = np.clip(np.searchsorted(at, own["stamp_ns"]), 1, at.size - 1)
+    own["valid"] &= at[behind] - at[behind - 1] <= _SILENCE_NS
     own = {name: column[inside] for name, column in own.items()}
     return whole | own

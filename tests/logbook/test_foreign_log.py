@@ -154,6 +154,11 @@ def test_rates_and_forces_of_two_topics_are_joined(tmp_path: Path) -> None:
     log = assert_read(path, COUNT - 2, "with the forces of /accel", topics=("/gyro", "/accel"))
     assert log.samples.valid.all()
     assert "rates without forces are left out, of the first 0.000 s and the last 0.010 s" in "; ".join(log.assumed)
+    silent = np.r_[0:300, 500:1000]  # of the forces, from 6 to 10 s
+    accel = Channel("/accel", accel.stamps[silent], accel.gyro[silent], accel.accel[silent])
+    _, _, log = found(written(tmp_path / "b.mcap", gyro, accel), topics=("/gyro", "/accel"))
+    assert "rates in gaps of the forces hold no reading: 1 gap(s)" in log.assumed
+    assert np.count_nonzero(~log.samples.valid) == 402
     with pytest.raises(RefusedLogError, match="topic /accel has no rates"):
         found(path, topics=("/accel", "/gyro"))
 
