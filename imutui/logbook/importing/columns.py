@@ -30,7 +30,7 @@ _UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "d": (86400, 0),
     },
     "gyro": {"deg/s": (1, 0), "rad/s": (180 / np.pi, 0), "mdeg/s": (1e-3, 0), "deg/h": (1 / 3600, 0)},
-    "accel": {"g": (1, 0), "mg": (1e-3, 0), "m/s2": (1 / _G, 0), "ft/s2": (0.3048 / _G, 0)},
+    "accel": {"g": (1, 0), "mg": (1e-3, 0), "m/s2": (1 / _G, 0), "cm/s2": (0.01 / _G, 0), "ft/s2": (0.3048 / _G, 0)},
     "temp": {"degC": (1, 0), "K": (1, -273.15), "degF": (1 / 1.8, -32 / 1.8)},
 }
 _SPELT = {
@@ -39,7 +39,8 @@ _SPELT = {
     "deg/s": "deg/s dps degs degps deg/sec degs-1 degsec degrees/s",
     "rad/s": "rad/s rads rads-1 rad/sec radps rad radsec",
     "mdeg/s": "mdeg/s mdps", "deg/h": "deg/h deg/hr dph", "g": "g gs g0 gn", "mg": "mg",
-    "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss", "ft/s2": "ft/s2", "degC": "degc c celsius", "K": "k kelvin",
+    "m/s2": "m/s2 ms2 ms-2 mps2 m/s/s m/sec2 mss", "ft/s2": "ft/s2",
+    "cm/s2": "cm/s2 cms-2 gal", "degC": "degc c celsius", "K": "k kelvin",
     "degF": "degf f fahrenheit",
 }  # fmt: skip
 _ALIASES = {word: unit for unit, words in _SPELT.items() for word in words.split()}
@@ -51,12 +52,12 @@ _RATE = re.compile(r"(\d+\.?\d*)\s*Hz", re.IGNORECASE)
 
 _TIME = re.compile(
     r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(t|time|timestamp|stamp|tow|timestamps|datetime)"
-    r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
+    r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|epoch|utc|ticks?|ms|us|msec|usec|zeit|date"
 )
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
 _NAMED = {
     "gyro": "(gyroscope|gyro|gyr|gyrorotation|rotationrate|angularvelocity|angularrate|angvel|omega|w|g)",
-    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|linearacceleration|specificforce|a)",
+    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|lin(?:ear)?acc(?:eleration)?|specificforce|a)",
 }
 _PATTERNS = {kind: re.compile(_AXES.format(names)) for kind, names in _NAMED.items()}
 _AXIS_FIRST = {"gyro": re.compile(f"([xyz])(axis)?({_NAMED['gyro']}|rate)")}
