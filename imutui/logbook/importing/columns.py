@@ -57,7 +57,8 @@ _TIME = re.compile(
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
 _NAMED = {
     "gyro": "(gyroscope|gyro|gyr|gyrorotation|rotationrate|angularvelocity|angularrate|angvel|omega|w|g)",
-    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|lin(?:ear)?acc(?:eleration)?|specificforce|a)",
+    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|lin(?:ear)?acc(?:eleration)?"
+    "|specificforce|a)",
 }
 _PATTERNS = {kind: re.compile(_AXES.format(names)) for kind, names in _NAMED.items()}
 _AXIS_FIRST = {"gyro": re.compile(f"([xyz])(axis)?({_NAMED['gyro']}|rate)")}
