@@ -59,7 +59,7 @@ def main(units: int) -> None:
             kind = f"{own.effect} {channel[0]}" + (", differs" if own.effect == "bias" or off else "")
             z[kind] += [(s.mean - t - off) / s.sd for s, t in zip(own.states, TRUTH[channel, own.effect], strict=True)]
         norm = next(e for e in trace.document["error"] if e["metric"] == "gravity_norm")
-        errors.append([norm["before"], norm["after"], norm.get("after_again", np.nan), norm["floor"]])
+        errors.append([norm["before"], norm["after"], norm["after_again"] or np.nan, norm["floor"]])
     print("kind, truth: said to be measured again")
     for key, counts in sorted(said.items()):
         print(f"  {key[0]:16} {key[1]:8} " + ", ".join(f"{word} {n}" for word, n in sorted(counts.items())))

@@ -228,7 +228,7 @@ def told(row: Row, document: dict[str, Any], folder: Path) -> list[str]:
         print(f"{line} | {traced(document, c)}")
     if ratios:
         print(f"    after / before, geometric mean over channels: {geometric_mean(ratios):.3f}")
-    for x in document.get("common", []):
+    for x in document["common"]:
         print(f"    common {x['kind']} on {', '.join(x['channels'])}, coherence {x['coherence']:.2f}")
     return markdown(row, document, beside)
 

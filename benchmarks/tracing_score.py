@@ -102,7 +102,7 @@ def _is_shared(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
         return False
     own = finding["shape"]
     others = [f for f in findings if f["effect"] == "step" and f["channels"] != finding["channels"]]
-    return finding.get("common") is not None or any(
+    return finding["common"] is not None or any(
         f["shape"]["run"] == own["run"] and abs(f["shape"]["at_s"] - own["at_s"]) < SAME_S for f in others
     )
 

@@ -156,7 +156,7 @@ def _told(document: Document, channel: str) -> set[str]:
     names = {f["effect"] for f in document["findings"] if channel in f["channels"]}
     names |= _refuted(document, channel) | _lines(document, channel)
     names |= {entry["kind"] for entry in document.get("drift", []) if channel in entry["channels"]}
-    return names | {f"common_{e['kind']}" for e in document.get("common", []) if channel in e["channels"]}
+    return names | {f"common_{e['kind']}" for e in document["common"] if channel in e["channels"]}
 
 
 def _lines(document: Document, channel: str) -> set[str]:
@@ -169,7 +169,7 @@ def _refuted(document: Document, channel: str) -> set[str]:
 
 def _rivals(document: Document, channel: str) -> set[str]:
     return {
-        rival["effect"] for f in document["findings"] if channel in f["channels"] for rival in f.get("rivals", [])
+        rival["effect"] for f in document["findings"] if channel in f["channels"] for rival in f["rivals"]
     }  # fmt: skip
 
 

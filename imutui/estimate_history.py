@@ -67,8 +67,6 @@ class EstimateHistory:
         self._converged = np.zeros((capacity, columns), bool)
         self._count = 0
         self._newest = -np.inf
-        self.attached_late = False
-        """Whether the run had begun before anybody looked, and what came before is not known."""
 
     def __len__(self) -> int:
         return self._count
@@ -77,11 +75,6 @@ class EstimateHistory:
     def newest(self) -> float:
         """Instant of the last estimate, s; minus infinity without one."""
         return self._newest
-
-    @property
-    def begin(self) -> float:
-        """Where a time axis begins, s: at the run's first sample, or at the first one that was seen of it."""
-        return float(self._t[0]) if self.attached_late and self._count else 0.0
 
     def add(self, t: float, values: Floats, sd3: Floats, converged: Flags | None = None) -> None:
         """Take estimates (columns,) and their three standard deviations, NaN where nothing is known.
@@ -97,7 +90,7 @@ class EstimateHistory:
         first = 0
         while first < t.size:
             if t[first] < self._newest:
-                self._count, self.attached_late = 0, False
+                self._count = 0
             if not self._count or t[first] >= self._t[self._count - 1] + _SECOND:
                 self._make_room(1)
                 self._t[self._count], self._width[self._count] = t[first], _SECOND
@@ -222,7 +215,7 @@ class EstimateHistory:
     def frozen(self) -> "EstimateHistory":
         """A copy that stays as it is now."""
         copy = EstimateHistory(self._rows.shape[2], max(self._count, 1))
-        copy._count, copy._newest, copy.attached_late = self._count, self._newest, self.attached_late
+        copy._count, copy._newest = self._count, self._newest
         kept = slice(len(copy._t))
         copy._t[:], copy._width[:] = self._t[kept], self._width[kept]
         copy._rows[:], copy._converged[:] = self._rows[kept], self._converged[kept]

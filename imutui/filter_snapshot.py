@@ -4,7 +4,7 @@ Records only, as they travel over the socket (JSON objects). Times are seconds; 
 and sign. None stands for what is not known.
 """
 
-from typing import NotRequired, TypedDict
+from typing import TypedDict
 
 
 class BiasSnapshot(TypedDict):
@@ -17,7 +17,7 @@ class BiasSnapshot(TypedDict):
     name: str
     value: float | None
     sd3: float | None
-    site_sd3: NotRequired[float]
+    site_sd3: float
     unit: str
     limit: float | None
     change_10s: float | None
@@ -118,16 +118,16 @@ class FilterSnapshot(TypedDict):
     samples: int
     waiting: str | None
     converged: bool
-    temperature_k_per_min: NotRequired[float | None]
-    held_since: NotRequired[float | None]
-    departure: NotRequired[str | None]
-    limits_of: NotRequired[str]
+    temperature_k_per_min: float | None
+    held_since: float | None
+    departure: str | None
+    limits_of: str
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]
-    noise: NotRequired[NoiseSnapshot | None]
-    causes: NotRequired[list[CauseSnapshot]]
-    causes_gone: NotRequired[list[CauseSnapshot]]
+    noise: NoiseSnapshot | None
+    causes: list[CauseSnapshot]
+    causes_gone: list[CauseSnapshot]
     effects: list[EffectSnapshot]
     state: NavigationSnapshot | None
     state_sd: NavigationSdSnapshot | None

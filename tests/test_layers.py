@@ -32,6 +32,7 @@ EVERYWHERE = {"filters.errors"} | {
     for name in (
         "command_line",
         "defects",
+        "document_shape",
         "estimate_history",
         "fast_time",
         "outside_file",
@@ -49,6 +50,7 @@ FLOORS = {
     "imutui.toml_text": set(),
     "imutui.outside_file": set(),
     "imutui.defects": set(),
+    "imutui.document_shape": set(),
     "imutui.fast_time": set(),
     "filters": GROUND,
     "filters.motion": GROUND,

@@ -177,6 +177,7 @@ def _finding(sensors: Sensors, effect: Hypothesis, verdict: Verdict, power_ons: 
         "rivals": _rivals(chosen, effect),
         "include_as": "A",
         "confirmed": verdict.confirmed,
+        "common": None,
     }
 
 
@@ -231,7 +232,7 @@ def _rivals(chosen: Choice, effect: Hypothesis) -> list[RivalEntry]:
         return []
     odds = odds_of(min(chosen.score(e) for e in scales) + difference)
     label = "gravity has another magnitude"
-    return [{"effect": "gravity", "label": label, "score_difference": difference, "odds": odds}]
+    return [{"effect": "gravity", "label": label, "score_difference": difference, "odds": odds, "weight": None}]
 
 
 def _refuted(sensors: Sensors, effect: Hypothesis, verdict: Verdict) -> RefutedEntry:
@@ -293,8 +294,8 @@ def _at_floor(sensors: Sensors) -> bool:
     """Whether the error is at its floor, once what differs from power-on to power-on is measured again."""
     if (figure := sensors.figure) is None:
         return False
-    least = _error(sensors, figure).get("after_again", figure.ci95[0])
-    return min(least, figure.ci95[0]) <= _AT_FLOOR * figure.floor_band95[1]
+    again = _error(sensors, figure)["after_again"]
+    return min(figure.ci95[0] if again is None else again, figure.ci95[0]) <= _AT_FLOOR * figure.floor_band95[1]
 
 
 def _limits(found: Calibration, name: str) -> list[LimitEntry]:
@@ -378,7 +379,7 @@ def _sentence(found: Calibration, findings: Sequence[FindingEntry]) -> str:
             f" The {what}, {how}: {figure.before:.3g} → {figure.after:.2g} {figure.unit},"
             f" where noise alone leaves {figure.floor:.2g}."
         )
-        if (again := _error(own, figure).get("after_again")) is not None:
+        if (again := _error(own, figure)["after_again"]) is not None:
             text = f"{text[:-1]}; {again:.2g} with what differs measured again."
     if found.directions < 9:
         text += " Misalignment takes at least nine directions: put the unit down in more of them."

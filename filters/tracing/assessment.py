@@ -120,7 +120,7 @@ def _remainder(chosen: Selection, channels: Sequence[int]) -> list[RemainderEntr
         white = np.where(stack.weight[:, c] > 0.0, design.residual(chosen.terms, c), np.nan)
         ratios = noise.variance_ratio(white, scales)
         found += [
-            {"channel": CHANNELS[c], "scale_s": m * stack.period, "ratio": ratio, "p": p}
+            {"channel": CHANNELS[c], "scale_s": m * stack.period, "ratio": ratio, "p": p, "common": None}
             for m, ratio, p in ratios
             if p < REMAINDER
         ]

@@ -215,14 +215,14 @@ def _entry(cause: CommonCause, runs: Sequence[str], has_temperature: bool) -> Co
     unit, si = error_unit(cause.channels[0])
     own = [runs[r] for r in cause.run.tolist()]
     names = list(dict.fromkeys(own))
-    entry: CommonEntry = {
+    return {
         "kind": cause.kind,
         "label": label(cause),
         "channels": [CHANNELS[c] for c in cause.channels],
         "coherence": cause.coherence,
         "t_start_s": cause.start,
         "t_end_s": cause.end,
-        "curve": {"t_s": cause.t.tolist(), "y": (cause.course / si).tolist()},
+        "curve": {"t_s": cause.t.tolist(), "y": (cause.course / si).tolist(), "run": own if len(names) > 1 else None},
         "unit": unit,
         "sizes": [
             {
@@ -235,12 +235,8 @@ def _entry(cause: CommonCause, runs: Sequence[str], has_temperature: bool) -> Co
         ],
         "p": cause.p,
         "record": suspects(cause, has_temperature),
+        "run": names[0] if len(names) == 1 else None,
     }
-    if len(names) == 1:
-        entry["run"] = names[0]
-    else:
-        entry["curve"]["run"] = own
-    return entry
 
 
 def label(cause: CommonCause) -> str:

@@ -38,7 +38,7 @@ class ErrorFigure:
             "before": self.before, "after": self.after, "floor": self.floor,
             "before_x_floor": self.before / self.floor, "after_x_floor": self.after / self.floor,
             "ci95": list(self.ci95), "before_ci95": list(self.before_ci95), "floor_band95": list(self.floor_band95),
-            "n": self.n, "heldout": self.heldout,
+            "n": self.n, "heldout": self.heldout, "after_again": None,
         }  # fmt: skip
 
 

@@ -73,6 +73,7 @@ def _document(assessment: Assessment) -> TraceFindings:
         "status": statuses(assessment),
         "error": [figure.entry() for figure in assessment.errors],
         "limits": list(assessment.limits),
+        "carries_over": [],
         "seed": assessment.seed,
         "sentence": "",
     }
@@ -106,9 +107,7 @@ def _findings(assessment: Assessment) -> list[FindingEntry]:
     bands: list[tuple[Tone, FindingEntry, list[float]]] = []
     for f in assessment.findings:
         h = f.term.hypothesis
-        entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key), assessment.design.stack)
-        if (number := common_causes.number_of_step(assessment.common, h)) is not None:
-            entry["common"] = number
+        entry = _finding(f, assessment)
         if isinstance(h, Tone):
             band = next((known for known in bands if _same_band(known[0], h)), None)
             if band is not None:
@@ -130,35 +129,38 @@ def _label(h: Hypothesis, stack: Stack) -> str:
     return f"bias steps at {h.at - run.begins:.1f} s of {run.name}"
 
 
-def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntry:
+def _finding(f: Finding, assessment: Assessment) -> FindingEntry:
     h = f.term.hypothesis
     curve = curve_of(h, f.theta, f.covariance) if isinstance(h, Driver) else None
     return {
         "effect": h.effect,
-        "label": _label(h, stack),
+        "label": _label(h, assessment.design.stack),
         "channels": [CHANNELS[c] for c in f.channels],
         "params": _parameters(f),
         "shape": dict(h.shape),
         "score": f.score,
         "odds": f.odds,
         "gain": f.gain,
-        "heldout_gain": unseen_gain,
+        "heldout_gain": assessment.selection.unseen_gain.get(f.term.key),
         "share_of_excess": f.share,
         "driver_curve": curve,
         "proposed_form": None if curve is None else proposed_form(curve),
         "rivals": [_rival(r) for r in f.rivals],
         "include_as": "S" if isinstance(h, RunSpecific) else "A",
         "confirmed": f.confirmed,
+        "common": common_causes.number_of_step(assessment.common, h),
     }
 
 
 def _rival(r: Rival) -> RivalEntry:
     h = r.term.hypothesis
-    difference = r.score_difference
-    entry: RivalEntry = {"effect": h.effect, "label": h.label, "score_difference": difference, "odds": r.odds}
-    if r.weight is not None:
-        entry["weight"] = r.weight
-    return entry
+    return {
+        "effect": h.effect,
+        "label": h.label,
+        "score_difference": r.score_difference,
+        "odds": r.odds,
+        "weight": r.weight,
+    }
 
 
 def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
@@ -241,6 +243,7 @@ def _line(line: SpectralLine) -> LineEntry:
         "rms": float(line.rms[c]) / si,
         "unit": unit,
         "harmonics": list(line.harmonics),
+        "rivals": [],
     }
 
 
@@ -259,7 +262,7 @@ def _refuted(x: Refuted) -> RefutedEntry:
 
 def _weak(w: Weak, stack: Stack) -> WeakEntry:
     h = w.term.hypothesis
-    entry: WeakEntry = {
+    return {
         "effect": h.effect,
         "label": _label(h, stack),
         "channels": [CHANNELS[c] for c in h.channels],
@@ -268,29 +271,24 @@ def _weak(w: Weak, stack: Stack) -> WeakEntry:
         "guarded_score": w.guarded,
         "limit": None if w.limit is None else w.limit / h.parameters[0].si,
         "why": w.why,
+        "odds": w.odds,
     }
-    if w.odds is not None:
-        entry["odds"] = w.odds
-    return entry
 
 
 def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:
     unit, si = error_unit(c)
-    entry: DriftEntry = {
+    return {
         "channels": [CHANNELS[c]],
         "kind": drift.kind,
         "tau_s": None if drift.is_walk else drift.tau,
         "level": drift.level / si,
         "unit": f"{unit}/√s" if drift.is_walk else unit,
+        "common": common_causes.number_of_drift(assessment.common, c),
     }
-    if (number := common_causes.number_of_drift(assessment.common, c)) is not None:
-        entry["common"] = number
-    return entry
 
 
 def _remainder(x: RemainderEntry, assessment: Assessment) -> RemainderEntry:
-    number = common_causes.number_of_drift(assessment.common, CHANNELS.index(x["channel"]))
-    return x if number is None else {**x, "common": number}
+    return {**x, "common": common_causes.number_of_drift(assessment.common, CHANNELS.index(x["channel"]))}
 
 
 def curve_of(driver: Driver, theta: Array, covariance: Array) -> DriverCurveEntry | None:

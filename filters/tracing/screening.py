@@ -106,5 +106,5 @@ def _finding(effect: str, label: str, channels: list[str], params: list[Paramete
     return {
         "effect": effect, "label": label, "channels": channels, "params": params, "shape": {}, "score": score,
         "gain": score, "heldout_gain": None, "share_of_excess": None, "driver_curve": None, "proposed_form": None,
-        "rivals": [], "include_as": "N", "confirmed": None, "odds": odds_of(score),
+        "rivals": [], "include_as": "N", "confirmed": None, "odds": odds_of(score), "common": None,
     }  # fmt: skip

@@ -7,7 +7,7 @@ the separating experiment's profile as text. Figures that are not finite are Non
 """
 
 import math
-from typing import Annotated, Literal, NotRequired, TypeAlias, TypedDict
+from typing import Annotated, Literal, TypeAlias, TypedDict
 
 from filters.health.finding import HealthEntry
 
@@ -52,8 +52,8 @@ class RivalEntry(TypedDict):
     effect: str
     label: str
     score_difference: float
-    odds: NotRequired[float]
-    weight: NotRequired[float]
+    odds: float
+    weight: float | None
 
 
 class DriverCurveEntry(TypedDict):
@@ -79,7 +79,7 @@ class FindingEntry(TypedDict):
     params: list[ParameterEntry]
     shape: dict[str, float | str | list[float]]
     score: float
-    odds: NotRequired[float]
+    odds: float
     gain: float
     heldout_gain: float | None
     share_of_excess: float | None
@@ -88,7 +88,7 @@ class FindingEntry(TypedDict):
     rivals: list[RivalEntry]
     include_as: str
     confirmed: bool | None
-    common: NotRequired[int]
+    common: int | None
 
 
 class RefutedEntry(TypedDict):
@@ -114,7 +114,7 @@ class CommonCurve(TypedDict):
 
     t_s: list[float]
     y: list[float]
-    run: NotRequired[list[str]]
+    run: list[str] | None
 
 
 class CommonSize(TypedDict):
@@ -145,7 +145,7 @@ class CommonEntry(TypedDict):
     sizes: list[CommonSize]
     p: float
     record: list[str]
-    run: NotRequired[str]
+    run: str | None
 
 
 UntestableEntry = TypedDict("UntestableEntry", {"effect": str, "reason": str, "with": str | None, "rho": float | None})
@@ -171,7 +171,7 @@ class LineEntry(TypedDict):
     rms: float
     unit: str
     harmonics: list[int]
-    rivals: NotRequired[list[RivalEntry]]
+    rivals: list[RivalEntry]
 
 
 class NoiseLevelEntry(TypedDict):
@@ -193,7 +193,7 @@ class WeakEntry(TypedDict):
     guarded_score: float
     limit: float | None
     why: str
-    odds: NotRequired[float]  # of a slow effect beside drift, against drift alone
+    odds: float | None  # of a slow effect beside drift, against drift alone
 
 
 class DriftEntry(TypedDict):
@@ -204,7 +204,7 @@ class DriftEntry(TypedDict):
     tau_s: float | None
     level: float
     unit: str
-    common: NotRequired[int]
+    common: int | None
 
 
 class RemainderEntry(TypedDict):
@@ -214,7 +214,7 @@ class RemainderEntry(TypedDict):
     scale_s: float
     ratio: float | None
     p: float
-    common: NotRequired[int]
+    common: int | None
 
 
 class ErrorEntry(TypedDict):
@@ -237,7 +237,7 @@ class ErrorEntry(TypedDict):
     floor_band95: Ends
     n: int
     heldout: HeldOut
-    after_again: NotRequired[float]
+    after_again: float | None
 
 
 class CarryOverEntry(TypedDict):
@@ -324,8 +324,7 @@ class RunCurvesEntry(TypedDict):
 class RunEntry(TypedDict):
     """A log that was read; logs of the same `power_on` are parts of one run.
 
-    What came later into this edition of documents lacks in older ones: whose log it is, when it begins (UTC), and the
-    least and the greatest temperature in it.
+    `start_utc` is when it begins, "" where it does not say; `temperature_degc` the least and the greatest.
     """
 
     id: str
@@ -343,9 +342,9 @@ class RunEntry(TypedDict):
     begins_s: float
     history_known: bool
     log_sha256: str
-    identity: NotRequired[IdentityEntry]
-    start_utc: NotRequired[str]
-    temperature_degc: NotRequired[list[float] | None]
+    identity: IdentityEntry
+    start_utc: str
+    temperature_degc: list[float] | None
     assumed: list[str]  # of another program's log, in words
     health: list[HealthEntry]
 
@@ -369,7 +368,7 @@ class TraceFindings(TypedDict):
     status: dict[str, Status]
     error: list[ErrorEntry]
     limits: list[LimitEntry]
-    carries_over: NotRequired[list[CarryOverEntry]]
+    carries_over: list[CarryOverEntry]
     seed: int
     sentence: str
 
@@ -382,7 +381,8 @@ class TraceDocument(TraceFindings):
     separating_experiment: ExperimentEntry | None
     notes: list[str]
     library: str
-    source: NotRequired[str]
-    damage: NotRequired[list[str]]
-    effects_file: NotRequired[str]
-    curves: NotRequired[list[RunCurvesEntry]]
+    source: str
+    damage: list[str]
+    effects_file: str
+    curves: list[RunCurvesEntry]
+    diary: dict[str, object] | None  # of the investigation that made the runs, see `imutui investigate`

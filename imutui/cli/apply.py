@@ -34,6 +34,7 @@ def command(
     Example: imutui apply logs/sample.mcap --effects effects.toml -o corrected.mcap
     """
     from imutui import config
+    from imutui.document_shape import VERSION
     from imutui.jobs import apply as job
     from imutui.logbook import effects_file
 
@@ -56,7 +57,7 @@ def command(
     if made.other_unit:
         say(f"imutui: warning: {log}: {made.other_unit}.")
     document = {
-        "version": 1, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
+        "version": VERSION, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
         "set_aside": made.set_aside, "corrected": list(made.corrected), "left": list(made.left),
         "largest": made.largest, "damage": made.damage, "other_unit": made.other_unit,
         "assumed": list(made.assumed),

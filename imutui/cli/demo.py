@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -10,7 +10,7 @@ from imutui.cli.exit_codes import USAGE, fail
 from imutui.cli.options import Json, Rate
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import StateFields
+    from imutui.logbook.results import RunDocument, StateFields
 
 
 def command(
@@ -58,7 +58,7 @@ def command(
     )
     # the virtual unit stands there, whatever the user's configuration says of another place
     plan = replace(plan, gravity=None)
-    follow(plan, json=json, add=lambda document: document | {"seed": seed, "truth": truth(seed)})
+    follow(plan, json=json, add=lambda document: cast("RunDocument", {**document, "seed": seed, "truth": truth(seed)}))
 
 
 def truth(seed: int) -> "StateFields":

@@ -36,6 +36,7 @@ def command(
 
     Example: imutui devices --probe
     """
+    from imutui.document_shape import VERSION
     from imutui.session import client
 
     if output is not None:
@@ -49,7 +50,7 @@ def command(
         with ThreadPoolExecutor(max(1, len(found))) as pool:
             for entry, told in zip(found, pool.map(client.probe, [entry["port"] for entry in found]), strict=True):
                 entry.update(told)
-    answer({"version": 1, "ports": found, "acquisitions": running}, lambda: _text(found, running), json=json)
+    answer({"version": VERSION, "ports": found, "acquisitions": running}, lambda: _text(found, running), json=json)
     if output is not None:
         _write(output, [entry for entry in found if entry["answers"]], known, force)
     raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)

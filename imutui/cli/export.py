@@ -34,6 +34,7 @@ def command(
     Example: imutui export logs/sample.mcap -o sample.csv
     """
     from imutui import config
+    from imutui.document_shape import VERSION
     from imutui.jobs import export as job
 
     kind = form or output.suffix.lstrip(".").lower()
@@ -54,7 +55,7 @@ def command(
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
     reference = None if made.reference is None else str(made.reference)
     document = {
-        "version": 1, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
+        "version": VERSION, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
         "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
         "damage": made.damage, "assumed": list(made.assumed),
     }  # fmt: skip

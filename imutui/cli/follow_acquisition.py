@@ -27,7 +27,7 @@ from imutui.verdict import rules, sources
 from imutui.verdict.rules import SITE_NOT_STATED
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 _REFRESH_S = 0.25
 ENDED_EARLY = "ended before the first packet came: nothing was recorded"
@@ -41,9 +41,7 @@ class HungUpError(Exception):
     """This terminal went away; the acquisition goes on."""
 
 
-def follow(
-    plan: Plan, *, json: bool, add: "Callable[[ResultDocument], ResultDocument]" = lambda document: document
-) -> None:
+def follow(plan: Plan, *, json: bool, add: "Callable[[RunDocument], RunDocument]" = lambda document: document) -> None:
     """Start an acquisition, show it until it ends, print its result, and exit.
 
     `plan`: with `record` set.
@@ -70,7 +68,7 @@ def follow(
     result = add(result)
     document = result
     answer(document, lambda: replay_text.text(document, width()), json=json)
-    parts = result.get("parts", [])
+    parts = result["parts"]
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
     if connection.ended_by and not (interrupted or terminated.is_set() or connection.ended_by_itself):
@@ -112,11 +110,11 @@ def say_begun(plan: Plan, connection: Client) -> None:
     why = Timebase.now().why_moved()  # by the clock of this computer, as the acquisition has it
     if why:
         say(why)
-    if seen["filter"] is not None and not seen.get("site_stated", True):
+    if seen["filter"] is not None and not seen["site_stated"]:
         say(SITE_NOT_STATED)
 
 
-def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:
+def exit_code(plan: Plan, result: "RunDocument", connection: Client, terminated: bool) -> int:
     """Exit code of an acquisition that has ended well; says on stderr what is to be said of it."""
     if plan.unattended:
         # whoever starts it again after an error must not do so because a bias has not converged
@@ -129,10 +127,10 @@ def exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminat
     return code if asked else max([code, *(finding["exit_code"] for finding in connection.findings)])
 
 
-def verdict(result: "ResultDocument | None", connection: Client) -> int:
+def verdict(result: "RunDocument | None", connection: Client) -> int:
     """Exit code of an acquisition that was stopped, 0 or 1; says on stderr what it is for."""
     say_findings(connection)
-    parts = [] if result is None else result.get("parts", [])
+    parts = [] if result is None else result["parts"]
     if result is None:
         fine = True
     elif parts:
@@ -156,7 +154,7 @@ def _whose(connection: Client) -> str:
     return f"{connection.name}: " if batch_of(connection.name) else ""
 
 
-def _watch(connection: Client) -> "ResultDocument | None":
+def _watch(connection: Client) -> "RunDocument | None":
     """Show the acquisition until it ends; returns its result."""
     if not sys.stderr.isatty():
         return connection.wait()

@@ -47,7 +47,7 @@ from imutui.session.snapshot import NO_SERIES
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 _LOOK_S = 1.0
 
@@ -58,7 +58,7 @@ class End:
 
     name: str
     code: int
-    result: "ResultDocument | None" = None
+    result: "RunDocument | None" = None
     error: str | None = None
 
     def document(self) -> Mapping[str, object]:
@@ -74,7 +74,7 @@ class End:
         return "\n".join([*lines, *([f"    {result['log']}"] if result is not None else [])])
 
 
-def end_of(name: str, stopped: "tuple[ResultDocument | None, Client] | SessionError") -> End:
+def end_of(name: str, stopped: "tuple[RunDocument | None, Client] | SessionError") -> End:
     """End of an acquisition that was asked to stop."""
     if isinstance(stopped, SessionError):
         say(f"imutui: {name}: {stopped}")
@@ -153,7 +153,7 @@ class Follower:
                     self._join(Client(name))
                     say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")
 
-    def _ended(self, connection: Client, outcome: "ResultDocument | SessionError | OSError | None") -> None:
+    def _ended(self, connection: Client, outcome: "RunDocument | SessionError | OSError | None") -> None:
         name = connection.name
         del self._here[name]
         if isinstance(outcome, Exception):

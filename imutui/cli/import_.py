@@ -102,6 +102,7 @@ def command(
     from imutui import config
     from imutui.cli.each_log import progress
     from imutui.cli.session_options import session_from
+    from imutui.document_shape import VERSION
     from imutui.logbook import bag, import_reference, power_on
     from imutui.logbook.importing import recording as recordings
     from imutui.logbook.importing.table import Asked
@@ -181,7 +182,7 @@ def command(
     if moved:
         say(f"imutui: warning: {moved}. `touch` sets that time")
     document = {
-        "version": 1,
+        "version": VERSION,
         "log": str(output),
         "samples": recording.samples,
         "duration_s": recording.duration_s,

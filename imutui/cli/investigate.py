@@ -115,9 +115,9 @@ def command(
         "instrument.mount": mount,
         "instrument.gyro_sign": gyro_sign,
     }
-    asked = diary.document.setdefault("asked", {})
-    asked["flags"] = asked.get("flags", {}) | {key: value for key, value in given.items() if value is not None}
-    limits = asked["limits"] = limits or asked.get("limits", "")
+    asked = diary.document["asked"]
+    asked["flags"] |= {key: value for key, value in given.items() if value is not None}
+    limits = asked["limits"] = limits or asked["limits"]
     plan = _plan(diary, _name_of(output), speed)
     refuse_unasked(yes_move=yes_move)
     _end_left_behind(plan.name)
@@ -153,13 +153,13 @@ def _diary(
     speed: float,
 ) -> "tuple[Diary, float]":
     """The diary to go on with, or a new one, and how much faster time runs."""
-    from imutui.jobs.investigation_diary import AskedEntry, Diary
+    from imutui.jobs.investigation_diary import Diary
 
     if resume:
         diary = Diary.read(output)
         if diary.said:
             say(diary.said)
-        asked = diary.document.get("asked", AskedEntry())
+        asked = diary.document["asked"]
         if port is not None:
             asked["port"] = port
         if controller is not None:
@@ -171,14 +171,15 @@ def _diary(
         if switched:
             diary.document["power_on"] += 1
             diary.document["outcome"] = ""
-        return diary, asked.get("speed", 1.0)
+        return diary, asked["speed"]
     if port is None or controller is None or hours is None:
         raise fail(USAGE, "say which unit, which table, and for how long: --port, --controller, --hours.")
     if switched:
         raise fail(USAGE, "--switched belongs to --resume.")
     _refuse_files(output)
-    asked = AskedEntry(port=port, controller=controller, speed=speed, since_ns=time.monotonic_ns())
-    return Diary.begun(hours, output, asked), speed
+    diary = Diary.begun(hours, output)
+    diary.document["asked"] |= {"port": port, "controller": controller, "speed": speed, "since_ns": time.monotonic_ns()}
+    return diary, speed
 
 
 def _refuse_files(folder: Path) -> None:
@@ -214,25 +215,25 @@ def _plan(diary: "Diary", name: str, speed: float) -> "Plan":
     from imutui import config
     from imutui.cli.session_options import plan_from
 
-    asked = diary.document.get("asked", {})
+    asked = diary.document["asked"]
     flags: dict[str, float | str | int | None] = {
         "acquisition.rate_hz": RATE_HZ,
         "filter.name": "none",
-        **asked.get("flags", {}),
+        **asked["flags"],
     }
     return plan_from(
         config.load().with_flags(flags),
         None,
-        port=asked.get("port", ""),
+        port=asked["port"],
         instrument="",
         record=True,
         name=name,
-        controller=asked.get("controller", ""),
-        limits=asked.get("limits", ""),
+        controller=asked["controller"],
+        limits=asked["limits"],
         yes_move=True,
         needs_viewer=True,
         speed=speed,
-        since_ns=0 if speed == 1.0 else asked.get("since_ns", 0),
+        since_ns=0 if speed == 1.0 else asked["since_ns"],
     )
 
 

@@ -80,7 +80,7 @@ class Page:
 
     def seen(self, snapshot: "Snapshot", seconds: float) -> None:
         """Take how the acquisition of the motion is."""
-        recording, controller = snapshot["recording"], snapshot.get("controller")
+        recording, controller = snapshot["recording"], snapshot["controller"]
         parts = [] if recording is None else [f"{recording['seconds']:.0f} of about {seconds:.0f} s"]
         if controller is not None and controller["angles_deg"] is not None:
             moves = "TABLE MOVES" if controller["moves"] else "table stands"

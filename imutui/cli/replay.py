@@ -104,7 +104,7 @@ def command(
         else:
             documents.append(outcome)
             _tell(log, outcome)
-            fine = sources.of_document(outcome).passes and outcome["finished"] and "damage" not in outcome
+            fine = sources.of_document(outcome).passes and outcome["finished"] and outcome["damage"] is None
             code = max(code, FINE if fine else FINDINGS)
     if documents or (json and len(logs) > 1):
         told = map(partial(replay_text.text, width=width()), documents)
@@ -138,16 +138,16 @@ def _one(log: Path, reading: "Reading", wanted: dict[str, Any], show: Any = None
 
 def _tell(log: Path, document: "ResultDocument") -> None:
     say_assumed(log, document["assumed"])
-    if "damage" in document:
+    if document["damage"] is not None:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
         from imutui.command_line import command as command_of
 
         recover = command_of("recover", log, "-o", "FIXED.mcap")
         cure = f"`{recover}` makes a whole file of what can be read."
         say(f"imutui: {log}: {document['damage']}. {upto} {cure}")
-    if "effects_of_other_unit" in document:
+    if document["effects_of_other_unit"] is not None:
         say(f"imutui: warning: {log}: {document['effects_of_other_unit']}.")
-    if "position" in document.get("unobservable", []):
+    if "position" in document["unobservable"]:
         say(
             f"imutui: {log}: its reference knows the attitude only: attitude and gyro biases are estimated; position,"
             " velocity and accelerometer biases can't be, and are null"

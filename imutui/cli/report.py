@@ -22,7 +22,7 @@ from imutui.cli.options import Force, Json
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
 
-    from imutui.report.page import Result
+    from imutui.jobs.result_files import Result
 
 
 def command(
@@ -59,6 +59,7 @@ def command(
     """
     if output is None or not (results or batch):
         raise fail(USAGE, "what is asked for? Name results, or --batch NAME, and a folder with -o. imutui report -h")
+    from imutui.document_shape import VERSION
     from imutui.report import page
 
     if batch is not None:
@@ -75,7 +76,7 @@ def command(
     written, notes = write_page(output, documents, force=force)
     if json:
         files, folder = [path.name for path in written], str(output.resolve())
-        print_json({"version": 1, "folder": folder, "results": len(documents), "files": files, "notes": notes})
+        print_json({"version": VERSION, "folder": folder, "results": len(documents), "files": files, "notes": notes})
 
 
 def write_page(

@@ -154,8 +154,10 @@ def _steps(name: str, port: str | None) -> str:
 
 
 def _check(adapter: "UsbAdapter | None", name: str, *, json: bool) -> None:
+    from imutui.document_shape import VERSION
+
     found = {"unit": _checked_unit(), "rule": _checked_rule(adapter, name)}
-    answer({"version": 1, **found}, lambda: "\n".join(starmap(_told, found.items())), json=json)
+    answer({"version": VERSION, **found}, lambda: "\n".join(starmap(_told, found.items())), json=json)
     raise typer.Exit(FINDINGS if any(file["problems"] for file in found.values()) else FINE)
 
 

@@ -98,7 +98,7 @@ def _line(s: "Snapshot") -> str:
 
 
 def _doubled(s: "Snapshot") -> str:
-    return f", doubled packets {s.get('doubled_packets')}" if s.get("doubled_packets") else ""
+    return f", doubled packets {s['doubled_packets']}" if s["doubled_packets"] else ""
 
 
 def _more(s: "Snapshot") -> list[str]:

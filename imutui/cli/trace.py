@@ -96,8 +96,8 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> list[Path]:
         say(f"imutui: {output}: {names}")
     else:
         say(f"imutui: {output}: no effect; with it the filter is what it is without")
-    experiment = traced.document.get("separating_experiment")
-    if experiment and experiment.get("profile"):
+    experiment = traced.document["separating_experiment"]
+    if experiment is not None:
         beside = output.with_name("experiment.toml")
         there = " (replaced)" if beside.exists() else ""
         try:

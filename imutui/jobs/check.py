@@ -6,6 +6,7 @@ A finding is something that a calibration should not rest on unseen; a note is w
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from imutui.document_shape import VERSION
 from imutui.jobs import check_file
 from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, state_of
 from imutui.jobs.check_packets import PacketSteps
@@ -18,7 +19,6 @@ from imutui.logbook import audit, checksum_file, reader, scan
 from imutui.logbook.audit import Audit
 from imutui.logbook.reading import AS_STATED, Reading
 
-VERSION = 1
 _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits, Impossible)
 
 

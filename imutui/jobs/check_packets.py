@@ -65,7 +65,6 @@ class PacketSteps:
         keys = ("lost_packets", "bad_checksums", "doubled_packets")
         told = {key: integer(log.audit.diagnostics.get(key)) for key in keys}
         certain = told["lost_packets"]
-        # logs of before had no bounds
         most = max(certain, integer(log.audit.diagnostics.get("lost_packets_max")))
         lost, where = self._lost_packets(log)
         if lost or most:
@@ -107,9 +106,9 @@ class PacketSteps:
         period = self._mean_step()
         # what the file itself lost is told by the messages' numbers
         inside, flagged = table.codes & _IN_ORDER > 0, table.codes & _LOST_BEFORE > 0
-        # a line that sets the pace makes steps of one and of two periods of the unit's loop; and a recorder that bounds
-        # its losses flags them all, while its first stamps may still move
-        surely = _SURELY_MORE if "lost_packets_max" not in log.audit.diagnostics else 2.0 * _SURELY_MORE
+        # a line that sets the pace makes steps of one and of two periods of the unit's loop; and the recorder flags all
+        # losses, while its first stamps may still move
+        surely = 2.0 * _SURELY_MORE
         periods = np.rint(table.steps / max(period, 1.0))
         missing = np.where(inside & (flagged | (table.steps > surely * period)), periods - 1.0, 0.0)
         places = missing > 0

@@ -167,7 +167,7 @@ def of_trace(d: TraceDocument, courses: Mapping[str, DriverCourse]) -> tuple[Dri
 
 def _found(d: TraceDocument) -> list[_Found]:
     """Those of a trace's effects file that can be drawn: together, what follows the temperature's past on a channel."""
-    if not d.get("effects_file"):
+    if not d["effects_file"]:
         return []
     document = effects_file.parse(d["effects_file"].encode())
     known, si, at = [], np.ones(len(document.covariance())), 0
@@ -176,7 +176,7 @@ def _found(d: TraceDocument) -> list[_Found]:
         at += rows.size
         try:
             h = catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
-        except InputError:  # a process in time, or of another version
+        except InputError:  # a process in time
             continue
         if rows.size and len(h.channels) == 1 and (h.source == "temperature" or _drivers(h)):
             known.append((h, rows))
@@ -210,7 +210,7 @@ def _drivers(h: Hypothesis) -> tuple[str, ...]:
 
 
 def _cells(d: TraceDocument, channel: int) -> Iterator[_Cells]:
-    for run in d.get("curves", []):
+    for run in d["curves"]:
         if curves := run["channels"].get(CHANNELS[channel]):
             t, after = np.array(curves["residual"]["x"], float), np.array(curves["residual"]["after"], float)
             use = np.isfinite(after)

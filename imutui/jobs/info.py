@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
 from filters.errors import InputError
 from filters.imu import AxisMap
+from imutui.document_shape import VERSION
 from imutui.instrument.registry import of_model
 from imutui.jobs.documents import EventField, InfoDocument, QualityFields, SessionFields
 from imutui.jobs.quantities import utc_text
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from imutui.logbook.scan import Scan
 
 SUFFIX = ".mcap"
-VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,17 +8,16 @@ import contextlib
 import json
 import math
 from pathlib import Path
-from typing import Literal, NotRequired, TypedDict, cast
+from typing import Literal, TypedDict, cast
 
 from filters.errors import InputError
-from imutui import outside_file
-from imutui.jobs import document_shape
+from imutui import document_shape, outside_file
+from imutui.command_line import command
 from imutui.logbook import atomic_file
 
 DIARY = "diary.json"
 LAST_GOOD = "diary.before.json"
 """The diary as it was before it was last written."""
-VERSION = 1
 NOTHING = "nothing"  # in the place of an effect: that there is none
 _LIMIT = 16 * 2**20  # bytes of a diary
 
@@ -50,7 +49,7 @@ class RoundEntry(TypedDict):
     came: str  # what came of it, a sentence
 
 
-class AskedEntry(TypedDict, total=False):
+class AskedEntry(TypedDict):
     """With what an investigation was begun."""
 
     port: str
@@ -71,7 +70,7 @@ class DiaryDocument(TypedDict):
     outcome: Outcome  # empty while it goes on
     takes: list[str]  # what it would take to explain the rest, sentences
     rounds: list[RoundEntry]
-    asked: NotRequired[AskedEntry]
+    asked: AskedEntry
 
 
 class Diary:
@@ -82,7 +81,7 @@ class Diary:
         self._folder = folder
 
     @classmethod
-    def begun(cls, hours: float, folder: Path | None, asked: AskedEntry | None = None) -> "Diary":
+    def begun(cls, hours: float, folder: Path | None) -> "Diary":
         """A new one; raises InputError if the folder has one."""
         if folder is not None and ((folder / DIARY).exists() or (folder / LAST_GOOD).exists()):
             raise InputError(
@@ -90,8 +89,9 @@ class Diary:
             )
         return cls(
             {
-                "version": VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "", "takes": [],
-                "rounds": [], "asked": asked or AskedEntry(),
+                "version": document_shape.VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "",
+                "takes": [], "rounds": [],
+                "asked": {"port": "", "controller": "", "limits": "", "flags": {}, "speed": 1.0, "since_ns": 0},
             },
             folder,
         )  # fmt: skip
@@ -146,9 +146,14 @@ def _document(path: Path) -> DiaryDocument:
         document = outside_file.read_json(path, _LIMIT)
     except InputError as error:
         raise InputError(f"{path} is no diary: {error}.") from error
-    wrong = document_shape.problem(document, DiaryDocument, "diary")
-    if wrong or document["version"] != VERSION:
-        raise InputError(f"{path} is no diary of this edition: {wrong or 'another version'}.")
+    if wrong := document_shape.fault(document, DiaryDocument, "diary"):
+        asked = document.get("asked") if isinstance(document, dict) else None
+        port, url = (
+            str(asked.get(key) or name) if isinstance(asked, dict) else name
+            for key, name in (("port", "P"), ("controller", "URL"))
+        )
+        anew = command("investigate", "--port", port, "--controller", url, "--hours", "H", "-o", "DIR")
+        raise InputError(f"{path} is no diary of this imutui: {wrong}. `{anew}` begins anew.")
     made = cast("DiaryDocument", document)
     if not (0.0 < made["hours"] < math.inf and 0.0 <= made["spent_s"] < math.inf):
         raise InputError(f"{path} is no diary: `hours` is {made['hours']} and `spent_s` {made['spent_s']}.")

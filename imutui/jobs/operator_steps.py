@@ -15,10 +15,10 @@ from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
+from imutui.document_shape import VERSION
 from imutui.logbook import atomic_file, reference_file
 from imutui.logbook.reference_file import NamedProfile
 
-VERSION = 1
 _ACCELS = ("ax", "ay", "az")
 # what is told first is what matters most
 _WORDS = {

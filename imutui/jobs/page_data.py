@@ -7,7 +7,6 @@ did. What comes out must be the result; else there are no figures of it, and it 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from imutui.jobs.result_files import Result
 from imutui.logbook import effects_file, reader
 from imutui.logbook.reader import Log
 from imutui.logbook.reading import AS_STATED, Reading
-from imutui.logbook.results import EstimatePoints, ResultDocument
+from imutui.logbook.results import EstimatePoints, ResultDocument, RunDocument
 
 # -------------------------------------------------------------------------------------------------------- log quality
 # How whole the readings of a log are: gaps, readings that are none, losses, temperatures, what `check` finds.
@@ -113,37 +112,36 @@ def of_result(result: Result, progress: Callable[[str], None] = lambda text: Non
     `result`: of `result_files.read`.
     """
     if "findings" in result:
-        d = cast("TraceDocument", result)
-        text = d.get("effects_file", "")
-        return replace(_of_trace(d, progress), effects=text, terms=of_effects_file(text))
-    return replace(_of_replay(result, progress), terms=of_states(result.get("effects", [])))
+        text = result["effects_file"]
+        return replace(_of_trace(result, progress), effects=text, terms=of_effects_file(text))
+    return replace(_of_replay(result, progress), terms=of_states(result["effects"] if "final" in result else []))
 
 
-def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
-    asked = d.get("asked", {})
+def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
+    asked = d["asked"] if "final" in d else AS_STATED.document()
     path, without = Path(d["log"]), "biases and NIS over time, residual and Allan deviation are left out"
     progress(path.name)
     log, why = _log(path, d["log_sha256"], replace(Reading.of(asked), start=None, end=None))
     if log is None:
-        return LogData(effects=asked.get("effects", ""), missing=(f"{why}: {without}.",))
-    effects = asked.get("effects") or _attached(log) if d.get("effects") else ""
-    start, end = asked.get("start"), asked.get("end")
+        return LogData(effects=asked["effects"] or "", missing=(f"{why}: {without}.",))
+    effects = asked["effects"] or _attached(log) if "final" in d and d["effects"] else ""
+    start, end = asked["start"], asked["end"]
     made = LogData(quality=(quality_of(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
     if "final" not in d:
         return made
-    if "reference" in asked:
+    if asked["reference"] is not None:
         why = f"{path.name} was filtered with the reference of another file, which the result does not hold"
         return replace(made, missing=(f"{why}: {without}.",))
     courses: tuple[Course, ...] = ()
     missing: list[str] = []
     try:
-        again = replay.replay(path, Reading.of(asked), points=True)
-        if _same(again, d):
+        again = replay.replayed(path, Reading.of(asked), points=True)
+        if _same(again.result, d):
             courses = (_course(again, ""),)
         else:
             missing.append(
-                f"{path.name} comes out otherwise when it is filtered again ({again.get('library', '')}, the result is"
-                f" of {d.get('library') or 'an unknown version'}): biases and NIS over time are left out."
+                f"{path.name} comes out otherwise when it is filtered again ({again.result['library']}, the result is"
+                f" of {d['library']}): biases and NIS over time are left out."
             )
     except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
@@ -168,7 +166,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
             continue
         made.append(quality_of(log))
         at_hand = run, log
-        drivers[run["id"]] = driver_curves.course_of(log, run.get("begins_s", 0.0))
+        drivers[run["id"]] = driver_curves.course_of(log, run["begins_s"])
     if at_hand is None:
         return LogData(missing=tuple(missing))
     run, log = at_hand
@@ -181,7 +179,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         )
         told = residuals.of_log(path, Reading(overrides=overrides), None, None)
         levels = told.levels
-        courses, why = _without_and_with(path, overrides, d.get("effects_file"))
+        courses, why = _without_and_with(path, overrides, d["effects_file"])
         missing += [why] if why else []
     else:
         missing.append(
@@ -209,14 +207,15 @@ def _without_and_with(
     for name, content in contents:
         reading = Reading(overrides=overrides, effects=content)
         try:
-            made.append(_course(replay.replay(path, reading, points=True), name))
+            made.append(_course(replay.replayed(path, reading, points=True), name))
         except InputError as error:
             return made, f"{path.name} could not be filtered {name} ({error}): biases and NIS are left out."
     return made, ""
 
 
-def _course(d: ResultDocument, name: str) -> Course:
-    return Course(name, d["points"], d["nis"]["is_test"])
+def _course(found: replay.Replayed, name: str) -> Course:
+    assert found.points is not None
+    return Course(name, found.points, found.result["nis"]["is_test"])
 
 
 def _same(again: ResultDocument, d: ResultDocument) -> bool:

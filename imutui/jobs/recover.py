@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from filters.errors import InputError
+from imutui.document_shape import VERSION
 from imutui.jobs.check_context import cut_end, lossy, place, since, state_of
 from imutui.jobs.documents import DamageField, RecoverDocument
 from imutui.jobs.quantities import plural
@@ -17,7 +18,6 @@ from imutui.logbook.recover import RebuiltContent
 from imutui.logbook.scan import Scan
 from imutui.logbook.session_info import METADATA
 
-VERSION = 1
 _WRITTEN = 0.9
 _SHOWN = 20
 

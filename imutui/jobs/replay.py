@@ -37,7 +37,7 @@ from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reading import AS_STATED, Reading
-from imutui.logbook.results import ResultDocument
+from imutui.logbook.results import EstimatePoints, ResultDocument
 from imutui.logbook.session_info import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line, quoted
@@ -71,6 +71,7 @@ class Replayed:
     first_ns: int  # sampling instant of the first sample that was taken, UTC, ns
     # mean, least and greatest of the samples that were taken, degC; None if it is not known
     temperature: tuple[float, float, float] | None
+    points: EstimatePoints | None = None  # biases and NIS at instants, if they were asked for
 
 
 def replay(
@@ -102,7 +103,7 @@ def replayed(
     `speed`: times real time to pace the samples at; None goes as fast as it can.
     `output`: file of estimates to write.
     `course`: whether the result has the biases over time, for plots; not with an `output`, which has them.
-    `points`: whether the result has biases and NIS at instants, for figures.
+    `points`: whether biases and NIS at instants are returned, for figures.
     Raises UnreadableLogError if there is nothing to replay.
     Raises InputError if an override is not possible; the message names it.
     Raises DivergenceError if the filter broke down; the message names the sample.
@@ -162,34 +163,22 @@ def _replayed(
     first = None if reading.start is None else first_ns
     last = None if reading.end is None else first_ns + round(fed.seconds * 1e9)
     channels = channel_health.of_log(path, info, reading, first, last)
-    result = results.document(
-        estimator,
-        info,
-        path,
-        finished=log.finished,
-        lost_packets=int(log.diagnostics.get("lost_packets", "0")),
-        bad_checksums=int(log.diagnostics.get("bad_checksums", "0")),
-        filter_s=filter_s,
-        read_s=read_s,
-        log_sha256=log_sha256,
-        health=channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256),
-    )
+    found = channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256)
+    lost, bad = (int(log.diagnostics.get(key, "0")) for key in ("lost_packets", "bad_checksums"))
+    readings = results.of_readings(info, path, estimator.taken, (lost, bad), found, log_sha256, finished=log.finished)
+    result = results.document(readings, estimator, info, filter_s, read_s)
     result["assumed"] = list(log.assumed)
     if info.sampling in ("foreign", "imported"):
         result["rate_hz"] = info.rate_hz  # which gaps do not change
-    if log.damage:
-        result["damage"] = log.damage
-    if other := effects_file.of_other_unit(effects_of(log, reading), info):
-        result["effects_of_other_unit"] = other
+    result["damage"] = log.damage or None
+    result["effects_of_other_unit"] = effects_file.of_other_unit(effects_of(log, reading), info) or None
     if sink is not None:
         sink.finish(result)
     if course_of is not None:
         result["course"] = course_of.rows(result)
-    if points_of is not None:
-        result["points"] = points_of.points()
-    if asked := reading.document():
-        result["asked"] = asked
-    return Replayed(result, info, first_ns, temperature.figures())
+    result["asked"] = reading.document()
+    points_at = None if points_of is None else points_of.points()
+    return Replayed(result, info, first_ns, temperature.figures(), points_at)
 
 
 def _fed(path: Path, reading: Reading) -> Feed:

@@ -6,22 +6,17 @@ from typing import Any, TypeAlias, cast
 
 from filters.errors import InputError
 from filters.tracing.trace_document import TraceDocument
-from imutui import outside_file
-from imutui.jobs import document_shape, info
+from imutui import document_shape, outside_file
+from imutui.command_line import command
+from imutui.jobs import info
+from imutui.jobs.investigation_diary import DiaryDocument
 from imutui.logbook import added_notes, effects_file, reader
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.results import ResultDocument
+from imutui.logbook.results import ReadingsDocument, ResultDocument
 
-Result: TypeAlias = TraceDocument | ResultDocument
+Result: TypeAlias = TraceDocument | ResultDocument | ReadingsDocument
 
-VERSION = 1  # of results that this edition reads: both kinds
 LIMIT = 64 * 2**20  # longest file of results, bytes
-_FILTERED = (
-    "duration_s", "sd", "spread", "converged", "converged_s", "nis", "noise", "effects", "gaps", "rejected",
-    "reference", "mount", "accel_sign", "measurements", "seed", "config_sha256",
-)  # fmt: skip
-"""What a result has in which a filter ran."""
-_BIASES = ("gyro_bias", "accel_bias")
 
 
 def read(path: Path) -> list[Result]:
@@ -42,7 +37,7 @@ def read(path: Path) -> list[Result]:
         raise UnreadableLogError(f"{path} has no result in it. {how}")
     for document in found:
         if problem := _problem(document):
-            raise UnreadableLogError(f"{path} is no result of a trace or a replay: {problem}. {how}")
+            raise UnreadableLogError(f"{path} is no result of a trace or a replay: {problem}. {_anew(document) or how}")
     return cast("list[Result]", found)
 
 
@@ -60,12 +55,11 @@ def completed(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     notes: list[str] = []
     for result in results:
         if "findings" in result:
-            traced = cast("TraceDocument", result)
-            runs = [_noted(run, Path(run["log"])) for run in traced["runs"]]
-            made.append(cast("TraceDocument", {**traced, "runs": runs}))
+            runs = [_noted(run, Path(run["log"])) for run in result["runs"]]
+            made.append(cast("TraceDocument", {**result, "runs": runs}))
             continue
         path = Path(result["log"])
-        known, why = ({}, "") if "start_utc" in result else _of_log(path, result["log_sha256"])
+        known, why = _of_log(path, result["log_sha256"]) if result["start_utc"] is None else ({}, "")
         made.append(cast("ResultDocument", {**_noted(result, path), **known}))
         notes += [why] if why else []
     return made, notes
@@ -74,12 +68,11 @@ def completed(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
 def _noted(of: Mapping[str, Any], log: Path) -> dict[str, Any]:
     """A run or a result whose identity has the note and the operator that were added to its log later."""
     note, operator = added_notes.latest(added_notes.read_or_none(log))
-    identity = of.get("identity")
-    if identity is None or (note is None and operator is None):
+    if note is None and operator is None:
         return dict(of)
     said = {"note": note, "operator": operator}
     later = {key: f"{value or 'none'} (added later)" for key, value in said.items() if value is not None}
-    return {**of, "identity": {**identity, **later}}
+    return {**of, "identity": {**of["identity"], **later}}
 
 
 def _of_log(path: Path, sha256: str | None) -> tuple[dict[str, Any], str]:
@@ -103,14 +96,21 @@ def _problem(document: object) -> str:
     """What keeps a document from being a result; empty if it is one."""
     if not isinstance(document, dict):
         return "it is not an object"
-    if isinstance(version := document.get("version"), int) and version > VERSION:
-        return f"it is version {version}, of a newer imutui; this one reads version {VERSION}"
     if "findings" in document:
-        told = document_shape.problem(document, TraceDocument, "result")
+        told = document_shape.fault(document, TraceDocument, "result")
         told = told or ("" if document["runs"] else "`result.runs` is empty") or _nameless(document["runs"])
-        return told or _uneven(document) or _effects(document)
-    told = document_shape.problem(document, ResultDocument, "result")
-    return told or _nameless([document]) or _unfiltered(document)
+        return told or _uneven(document) or _effects(document) or _diary(document)
+    shape = ResultDocument if "final" in document else ReadingsDocument
+    return document_shape.fault(document, shape, "result") or _nameless([document])
+
+
+def _anew(document: Any) -> str:
+    """The command that makes a result of another version anew; empty where it names no logs."""
+    runs = document.get("runs", [document]) if isinstance(document, dict) else None
+    named = [run.get("log") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    logs = [Path(log) for log in named if isinstance(log, str) and log]
+    made = command("trace" if "runs" in document else "replay", *logs, "--json")
+    return f"`{made}` makes it anew." if logs else ""
 
 
 def _nameless(of_logs: list[dict[str, Any]]) -> str:
@@ -118,21 +118,17 @@ def _nameless(of_logs: list[dict[str, Any]]) -> str:
 
 
 def _effects(document: dict[str, Any]) -> str:
-    """What is wrong with its effects file, if it has one."""
+    """What is wrong with its effects file."""
     try:
-        effects_file.parse(document.get("effects_file", "version = 1").encode("utf-8", "replace"))
+        effects_file.parse(document["effects_file"].encode("utf-8", "replace"))
     except InputError as error:
         return f"`result.effects_file`: {error}"
     return ""
 
 
-def _unfiltered(document: dict[str, Any]) -> str:
-    """What lacks of a filter's result, if a filter ran."""
-    if "final" not in document:
-        return ""
-    lacking = [key for key in _FILTERED if key not in document]
-    lacking += [f"converged_s.{key}" for key in _BIASES if key not in document.get("converged_s", _BIASES)]
-    return f"`result.{lacking[0]}` is missing" if lacking else ""
+def _diary(document: dict[str, Any]) -> str:
+    """What is wrong with its diary, if it has one."""
+    return "" if document["diary"] is None else document_shape.fault(document["diary"], DiaryDocument, "diary")
 
 
 def _uneven(document: dict[str, Any]) -> str:
@@ -145,7 +141,7 @@ def _uneven(document: dict[str, Any]) -> str:
     ]
     curves += [
         (kind, channel[kind]["x"], [channel[kind]["before"], channel[kind]["after"]])
-        for run in document.get("curves", [])
+        for run in document["curves"]
         for channel in run["channels"].values()
         for kind in ("residual", "spectrum", "allan")
     ]

@@ -19,6 +19,7 @@ from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.run import Run
 from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
+from imutui.document_shape import VERSION
 from imutui.jobs import channel_health, power_ons, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
@@ -26,7 +27,6 @@ from imutui.logbook import effects_file, power_on
 from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.reference_file import to_toml
 
-VERSION = 1
 Progress = Callable[[float, str], None]
 _READING, _READING_LONG = 0.1, 0.9  # share of the time that it takes to read logs
 _MOST_POINTS = 12
@@ -194,9 +194,10 @@ def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> Trac
         "runs": runs_read,
         **{key: own[key] for key in first},
         "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
-        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence") if key in own},
+        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence")},
         "notes": notes,
         "library": f"imutui {imutui.__version__}",
+        "diary": None,
     }
     return cast("TraceDocument", _plain(document))
 

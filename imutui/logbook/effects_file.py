@@ -39,7 +39,7 @@ from filters.effects import plain_names
 from filters.effects.records import Included, State
 from filters.errors import InputError
 from filters.imu import CHANNELS
-from imutui import outside_file, plain_text, toml_text
+from imutui import document_shape, outside_file, plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
 from imutui.toml_text import Document, Table, tables_of
 
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 ATTACHMENT = "effects.toml"  # name under which the effects travel in a log
 MEDIA_TYPE = "application/toml"
 NONE = b""  # content that stands for no effects
-VERSION = 1
 MOST = 256  # effects, and states of all of them
 _KINDS = ("A", "N", "S", "P")
 _TOP = ("version", "source", "units", "effect", "correlation")
@@ -145,10 +144,8 @@ def parse(content: bytes) -> EffectsDocument:
         document = toml_text.parse(content)
     except InputError as error:
         raise InputError(f"an effects file is TOML, and this is not: {error}") from error
-    version = document.get("version")
-    if version != VERSION:
-        said = "has no `version`" if version is None else f"has `version` {version}"
-        raise InputError(f"the file {said}; this imutui reads version {VERSION}")
+    if wrong := document_shape.wrong_version(document):
+        raise InputError(f"{wrong}. `imutui trace LOG... -o effects.toml` makes it anew")
     Table(document, _TOP, "the file")
     effects = tuple(_effect(table, f"effect {k}") for k, table in enumerate(tables_of(document, "effect"), 1))
     p = sum(len(entry.states) for entry in effects)
@@ -234,7 +231,7 @@ def dumps(trace: "Trace", source: str, units: Sequence[str] = ()) -> str:
     `source`: where they come from, in words.
     `units`: whose they are, by `unit_of`.
     """
-    head = [f"version = {VERSION}", f"source = {toml_text.value(source)}"]
+    head = [f"version = {document_shape.VERSION}", f"source = {toml_text.value(source)}"]
     head += [f"units = {toml_text.value(list(units))}"] if units else []
     head += [f"correlation = {_matrix(trace.correlation)}"]
     return "\n".join([*head, *(line for effect in trace.included for line in _effect_lines(effect))]) + "\n"

@@ -38,7 +38,7 @@ class Preceding:
 
 
 def log_id(info: SessionInfo, sha256: str) -> str:
-    """Id of a log; of one that was written before logs had one, the beginning of its hash."""
+    """Id of a log; of another program's log, the beginning of its hash."""
     return info.log_id or sha256[:_ID]
 
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypedDict, cast
+from typing import TypedDict
 
 from imutui.logbook.reference_file import ReferenceFile
 
@@ -12,14 +12,14 @@ STAMPS = ("header", "log", "arrival")
 """Sources of a sample's time: the message's header, its log time, or instants fitted under its log times."""
 
 
-class ReadingFields(TypedDict, total=False):
+class ReadingFields(TypedDict):
     """A reading in documents: all that repeats it but the file of a reference, which is not kept."""
 
-    start: float
-    end: float
+    start: float | None
+    end: float | None
     overrides: dict[str, str | float]
-    effects: str  # text of the effects file; empty for none
-    reference: str  # SHA-256 of the reference's file
+    effects: str | None  # text of the effects file; empty for none, None for the log's own
+    reference: str | None  # SHA-256 of the reference's file
     topics: list[str]
     stamps: str
 
@@ -61,30 +61,28 @@ class Reading:
         return replace(self, overrides={**overrides, **self.overrides})
 
     def document(self) -> ReadingFields:
-        """Return what differs from the default."""
-        found = {
+        """Return the reading as documents have it."""
+        return {
             "start": self.start,
             "end": self.end,
-            "overrides": dict(sorted(self.overrides.items())) or None,
+            "overrides": dict(sorted(self.overrides.items())),
             "effects": None if self.effects is None else self.effects.decode("utf-8", "replace"),
             "reference": None if self.reference is None else hashlib.sha256(self.reference.content).hexdigest(),
-            "topics": list(self.topics) or None,
-            "stamps": self.stamps or None,
+            "topics": list(self.topics),
+            "stamps": self.stamps,
         }
-        return cast("ReadingFields", {key: value for key, value in found.items() if value is not None})
 
     @classmethod
     def of(cls, document: ReadingFields) -> "Reading":
         """Return the reading of a document, without the reference's file."""
-        effects = document.get("effects")
         return cls(
-            document.get("start"),
-            document.get("end"),
-            document.get("overrides", {}),
+            document["start"],
+            document["end"],
+            document["overrides"],
             None,
-            None if effects is None else effects.encode(),
-            tuple(document.get("topics", ())),
-            document.get("stamps", ""),
+            None if document["effects"] is None else document["effects"].encode(),
+            tuple(document["topics"]),
+            document["stamps"],
         )
 
 

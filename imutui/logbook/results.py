@@ -4,7 +4,7 @@ Also the one place where the filter's state leaves SI and body axes for the inst
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NotRequired, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Annotated, TypeAlias, TypedDict, final
 
 import numpy as np
 
@@ -14,17 +14,17 @@ from filters.health.finding import HealthEntry
 from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
+from imutui.document_shape import VERSION
 from imutui.estimate_history import HistoryRows
 from imutui.filter_snapshot import CauseSnapshot
 from imutui.logbook import departures
 from imutui.logbook.health import has_readings
-from imutui.logbook.reading import ReadingFields
+from imutui.logbook.reading import AS_STATED, ReadingFields
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
     from filters.kalman.runner import Estimator
 
-VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")
 PLACE = ("position", "velocity")  # what is not observable where only the attitude is known, beside biases
 _NAMES = tuple(f"{bias}_{axis}" for bias in _BIASES for axis in "xyz")
@@ -106,7 +106,7 @@ class NoiseFields(WhiteNoise):
 
     specification: WhiteNoise
     used: ProcessNoise
-    relative_sd: NotRequired[float | None]
+    relative_sd: float | None
     """Standard deviation of the measured ones, as a share of them; None where nothing was measured."""
 
 
@@ -152,11 +152,18 @@ class PartResult(TypedDict):
 
     log: str
     converged: bool
-    passes: NotRequired[bool]
+    passes: bool
 
 
-class ResultDocument(TypedDict):
-    """Result of a live run or a replay, as `--json` prints it. What is not required lacks where no filter ran."""
+class ConvergedFields(TypedDict):
+    """When each bias had converged, s since the first sample, instrument axes; None where it has not."""
+
+    accel_bias: Three
+    gyro_bias: Three
+
+
+class _RunFields(TypedDict):
+    """What is known of every run of samples, whether a filter ran or not."""
 
     version: int
     log: str
@@ -167,61 +174,76 @@ class ResultDocument(TypedDict):
     lost_packets: int
     bad_checksums: int
     alarms: list[str]
+    assumed: list[str]  # of another program's log, in words; empty for a log of imutui
     health: list[HealthEntry]
     """Faults of the channels, the worst first."""
     log_sha256: str | None
-    duration_s: NotRequired[float]
-    rate_hz: NotRequired[float | None]
-    reference: NotRequired[str]
-    accel_sign: NotRequired[int]
-    mount: NotRequired[str]
-    measurements: NotRequired[str]
-    seed: NotRequired[int | None]
-    unobservable: NotRequired[list[str]]
-    final: NotRequired[StateFields]
-    sd: NotRequired[SdFields]
-    site_stated: NotRequired[bool]
-    site_sd_mg: NotRequired[Annotated[list[float], 3]]
+    identity: IdentityEntry
+    library: str
+    # start_utc, temperature_degc: of the log, what `imutui report` fills in where the log is at hand; else None
+    start_utc: str | None
+    temperature_degc: list[float] | None
+    damage: str | None  # what is wrong with the file that was replayed, if anything
+    parts: list[PartResult]
+    """Of a live recording in several files: all of them, the last one's result being this. Else empty."""
+
+
+@final
+class ReadingsDocument(_RunFields):
+    """Result of a live run without a filter, as `--json` prints it."""
+
+
+@final
+class ResultDocument(_RunFields):
+    """Result of a live run or a replay in which a filter ran, as `--json` prints it."""
+
+    duration_s: float
+    rate_hz: float | None
+    reference: str
+    accel_sign: int
+    mount: str
+    measurements: str
+    seed: int | None
+    unobservable: list[str]
+    final: StateFields
+    sd: SdFields
+    site_stated: bool
+    site_sd_mg: Annotated[list[float], 3]
     """What an unstated site adds, in quadrature, to `sd` of the accelerometer biases, instrument axes."""
-    spread: NotRequired[SpreadFields | None]
-    converged: NotRequired[bool]
-    converged_s: NotRequired[dict[str, Three]]
-    nis: NotRequired[NisFields]
-    noise: NotRequired[NoiseFields]
-    effects: NotRequired[list[EffectField]]
-    history_known: NotRequired[bool]
+    spread: SpreadFields | None
+    converged: bool
+    converged_s: ConvergedFields
+    nis: NisFields
+    noise: NoiseFields
+    effects: list[EffectField]
+    history_known: bool
     """Whether the effects go on from what those of the file before remembered of temperature."""
-    gaps: NotRequired[list[GapField]]
-    rejected: NotRequired[int]
-    confounded: NotRequired[list[str]]
-    remainder: NotRequired[list[RemainderField]]
-    temperature_k_per_min: NotRequired[float | None]
-    held_since_s: NotRequired[float | None]
+    gaps: list[GapField]
+    rejected: int
+    confounded: list[str]
+    remainder: list[RemainderField]
+    temperature_k_per_min: float | None
+    held_since_s: float | None
     """When the reference ended: from then on biases are held, and navigation states are those of then."""
-    causes: NotRequired[list[CauseSnapshot]]
-    causes_gone: NotRequired[list[CauseSnapshot]]
+    causes: list[CauseSnapshot]
+    causes_gone: list[CauseSnapshot]
     """Of a unit at rest: effects that its residual showed while it was filtered."""
-    departure: NotRequired[str | None]
+    departure: str | None
     """With a table profile: where the readings depart from the model most certainly, in a sentence."""
-    filter_s: NotRequired[float]
-    read_s: NotRequired[float]
-    steps_per_s: NotRequired[float | None]
-    times_real_time: NotRequired[float | None]
-    config_sha256: NotRequired[str]
-    identity: NotRequired[IdentityEntry]
-    library: NotRequired[str]
-    start_utc: NotRequired[str]  # of the log, as are temperatures: what `imutui report` adds where the log is at hand
-    temperature_degc: NotRequired[list[float] | None]
-    damage: NotRequired[str]  # replays only: what is wrong with the file, if anything
-    effects_of_other_unit: NotRequired[str]  # replays only: whose effects they are, if not this unit's
-    parts: NotRequired[list[PartResult]]
-    """Live recordings in several files only: all of them, the last one's result being this."""
-    course: NotRequired[HistoryRows]
-    """Replays on the screen only: gyro biases in deg/s, then accelerometer biases in mg, over time."""
-    points: NotRequired[EstimatePoints]  # replays for a page only
-    assumed: list[str]  # of another program's log, in words; empty for a log of imutui
-    asked: NotRequired[ReadingFields]  # replays that differ from the recording only
-    truth: NotRequired[StateFields]  # the demo only: what the virtual instrument really has
+    filter_s: float
+    read_s: float
+    steps_per_s: float | None
+    times_real_time: float | None
+    config_sha256: str
+    effects_of_other_unit: str | None  # whose effects a replay took, if not this unit's
+    course: HistoryRows | None
+    """Of a replay on the screen: gyro biases in deg/s, then accelerometer biases in mg, over time."""
+    asked: ReadingFields  # how a replay read the log other than it states
+    truth: StateFields | None  # of the demo: what the virtual instrument really has
+
+
+RunDocument: TypeAlias = ResultDocument | ReadingsDocument
+"""Result of a run; a filter ran if it has `final`."""
 
 
 def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True) -> StateFields:
@@ -288,7 +310,7 @@ def seen_axes(estimator: "Estimator", axes: AxisMap) -> np.ndarray:
     return np.concatenate([axes.sd_to_instrument(part) for part in seen]) > 0.5
 
 
-def converged_since(estimator: "Estimator", axes: AxisMap, reads: np.ndarray) -> dict[str, list[float | None]]:
+def converged_since(estimator: "Estimator", axes: AxisMap, reads: np.ndarray) -> ConvergedFields:
     """Return when each bias was declared converged, s, instrument axes; None where it is not.
 
     `reads`: whether each channel measures anything, accelerometers then gyros, shape (6,).
@@ -297,34 +319,61 @@ def converged_since(estimator: "Estimator", axes: AxisMap, reads: np.ndarray) ->
     as_numbers = np.array(
         [-1.0 if s is None or not seen else s for s, seen in zip(since, estimator.observable, strict=True)]
     )
-    return {
-        name: [
+    accel, gyro = (
+        [
             float(s) if s >= 0.0 and ok else None
             for s, ok in zip(axes.sd_to_instrument(as_numbers[part]), reads[part], strict=True)
         ]
-        for name, part in zip(_BIASES, (slice(0, 3), slice(3, 6)), strict=True)
+        for part in (slice(0, 3), slice(3, 6))
+    )
+    return {"accel_bias": accel, "gyro_bias": gyro}
+
+
+def of_readings(
+    info: SessionInfo,
+    log: Path,
+    samples: int,
+    lost: tuple[int, int],
+    health: list[HealthEntry],
+    log_sha256: str | None,
+    *,
+    finished: bool = True,
+) -> ReadingsDocument:
+    """Result of a run without a filter, ready for JSON.
+
+    `lost`: lost packets and bad checksums, as the acquisition counted.
+    `health`: faults of the channels.
+    `finished`: whether the file has its footer.
+    """
+    return {
+        "version": VERSION,
+        "log": str(log.resolve()),
+        "kind": info.kind,
+        "filter": info.filter,
+        "samples": samples,
+        "finished": finished,
+        "lost_packets": lost[0],
+        "bad_checksums": lost[1],
+        "alarms": [],
+        "assumed": [],
+        "health": health,
+        "log_sha256": log_sha256,
+        "identity": info.identity(),
+        "library": f"imutui {imutui.__version__}",
+        "start_utc": None,
+        "temperature_degc": None,
+        "damage": None,
+        "parts": [],
     }
 
 
 def document(
-    estimator: "Estimator",
-    info: SessionInfo,
-    log: Path,
-    *,
-    finished: bool,
-    lost_packets: int,
-    bad_checksums: int,
-    filter_s: float,
-    read_s: float,
-    log_sha256: str,
-    health: list[HealthEntry],
+    readings: ReadingsDocument, estimator: "Estimator", info: SessionInfo, filter_s: float, read_s: float
 ) -> ResultDocument:
-    """Result of a run, ready for JSON (contract version 1).
+    """Result of a run with a filter, ready for JSON.
 
+    `readings`: its result without a filter; a channel that measures nothing by its `health` has no bias.
     `estimator`: after its last sample; it must have had one.
-    `finished`: whether the file has its footer.
-    `lost_packets`, `bad_checksums`: as the acquisition counted.
-    `health`: faults of the channels; a channel that measures nothing has no bias.
     `filter_s`, `read_s`: how long it took; only in these do live and replay differ.
     Raises ValueError if there was no sample.
     """
@@ -334,7 +383,7 @@ def document(
     if latest is None or estimator.reference is None:
         raise ValueError("`estimator` has had no sample")
     axes, g_unit = info.axes(), info.g_unit
-    reads, observable = has_readings(health), seen_axes(estimator, axes)
+    reads, observable = has_readings(readings["health"]), seen_axes(estimator, axes)
     seen = observable & reads
     nav, P = latest.belief.nav, latest.belief.P
     rest = estimator.first_rest
@@ -344,11 +393,9 @@ def document(
     unplaced = PLACE if isinstance(estimator.reference, Turning) else ()
     site_mg = site_sd_mg(estimator, info)
     return {
-        "version": VERSION,
-        "log": str(log.resolve()),
-        "kind": info.kind,
-        "filter": info.filter,
+        **readings,
         "samples": estimator.taken,
+        "alarms": estimator.alarms(),
         "duration_s": duration,
         "rate_hz": (estimator.taken - 1) / used if used > 0.0 else None,
         "reference": info.reference,
@@ -356,7 +403,6 @@ def document(
         "mount": info.mount,
         "measurements": info.measurements,
         "seed": info.seed if info.measurements == "drawn" else None,
-        "finished": finished,
         "unobservable": [*unplaced, *(name for name, s in zip(_NAMES, seen, strict=True) if not s)],
         "final": state_fields(nav, axes, g_unit, seen, placed=not unplaced),
         "sd": sd_fields(P, nav, axes, g_unit, seen, site_mg=site_mg, placed=not unplaced),
@@ -369,13 +415,8 @@ def document(
         "noise": noise_fields(estimator, axes, info.noise),
         "effects": effect_fields(estimator),
         "history_known": bool(info.memory),
-        "assumed": [],
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
-        "health": health,
-        "lost_packets": lost_packets,
-        "bad_checksums": bad_checksums,
         "rejected": estimator.rejected,
-        "alarms": estimator.alarms(),
         "confounded": estimator.confounded(),
         "remainder": remainder_fields(estimator, axes),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
@@ -387,10 +428,11 @@ def document(
         "read_s": read_s,
         "steps_per_s": estimator.nis_count / filter_s if filter_s > 0.0 else None,
         "times_real_time": duration / filter_s if filter_s > 0.0 else None,
-        "log_sha256": log_sha256,
         "config_sha256": info.config_sha256(),
-        "identity": info.identity(),
-        "library": f"imutui {imutui.__version__}",
+        "effects_of_other_unit": None,
+        "course": None,
+        "asked": AS_STATED.document(),
+        "truth": None,
     }
 
 

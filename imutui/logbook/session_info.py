@@ -97,7 +97,7 @@ class SessionInfo:
     # the effects file that was taken out of it
     corrected_from_sha256: str = ""
     applied_effects_sha256: str = ""
-    log_id: str = ""  # of the log; "" in logs that were written before they had one
+    log_id: str = ""  # of the log; "" of other programs' logs
     power_on: str = ""  # which power-on it is a part of: the id of its first log
     part: int = 1  # which part, from 1
     # continues, continues_id, continues_sha256: name, id and hash of the log that it goes on from; "" if it begins a

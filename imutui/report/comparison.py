@@ -7,7 +7,7 @@ and none where they are of the same readings.
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from filters.channels import CHANNELS
 from filters.tracing.trace_document import TraceDocument
@@ -22,11 +22,10 @@ from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.result_files import Result
 
-Result: TypeAlias = "TraceDocument | ResultDocument"
 
-
-def article(results: Sequence[Result], logs: Sequence[LogData]) -> Article | None:
+def article(results: "Sequence[Result]", logs: Sequence[LogData]) -> Article | None:
     """What is said of results beside each other; None where no two are of one kind."""
     sections: list[Section] = []
     facts: list[LogFacts] = []
@@ -114,9 +113,9 @@ def _run_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
     headings = ("Samples", "Seconds", "Lost", "Gaps", "Outliers", "Alarms", "Converged, s")
     rows = []
     for d, name in zip(documents, names, strict=True):
-        since = [t for times in d["converged_s"].values() for t in times if t is not None]
+        since = [bias.converged_s for bias in sources.biases(d) if bias.converged_s is not None]
         counts = (d["lost_packets"], len(d["gaps"]), d["rejected"], len(d["alarms"]))
-        seconds = NOTHING if d["duration_s"] is None else f"{d['duration_s']:.1f}"
+        seconds = f"{d['duration_s']:.1f}"
         last = f"{max(since):.1f}" if since else NOTHING
         rows.append((name.mark, str(d["samples"]), seconds, *map(str, counts), last))
     columns = (Column("Result", "code"), *(Column(heading, "number") for heading in headings))
@@ -209,7 +208,7 @@ def _specified(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
 
 
 def _traces(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> Iterator[Section]:
-    more = [(d.get("sentence") or NOTHING,) for d in documents]
+    more = [(d["sentence"] or NOTHING,) for d in documents]
     told = [
         f"{b.letter} is the same result as {a.letter}, given twice."
         if d == e

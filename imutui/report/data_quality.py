@@ -12,7 +12,7 @@ from imutui.report.numbers import duration
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
 TITLE = "Data quality"
 TRACE_LEAST_S, TRACE_GOOD_S = 5.0, 1800.0
@@ -20,7 +20,7 @@ _NOISE_SHARE = 0.1
 _SHORT_NOISE_S = 10.0
 
 
-def of_replay(d: "ResultDocument", log: LogData) -> Section:
+def of_replay(d: "RunDocument", log: LogData) -> Section:
     """Of a replay."""
     blocks: list[Block] = [_logs(log.quality) if log.quality else _counted(d)]
     blocks += _findings(log.quality)
@@ -34,7 +34,7 @@ def of_trace(d: TraceDocument, log: LogData) -> Section:
     """Of a trace."""
     blocks: list[Block] = [_logs(log.quality)] if log.quality else []
     blocks += _findings(log.quality)
-    powered = {run.get("power_on", run["id"]) for run in d["runs"]}
+    powered = {run["power_on"] for run in d["runs"]}
     needs = [
         (f"Tracing {run['id']}", f"{duration(TRACE_LEAST_S)}; {duration(TRACE_GOOD_S)} with the unit warming up",
          duration(run["seconds"]), _enough(run["seconds"], TRACE_GOOD_S))
@@ -67,10 +67,12 @@ def _logs(every: Sequence[Quality]) -> Table:
     return Table(columns, rows, caption)
 
 
-def _counted(d: "ResultDocument") -> Table:
+def _counted(d: "RunDocument") -> Table:
     """What a result itself says of its log."""
-    longest = max((gap["seconds"] for gap in d.get("gaps", [])), default=0.0)
-    gaps = f"{len(d['gaps'])}" + (f", longest {longest:.3g} s" if longest else "") if "gaps" in d else NOT_STATED
+    gaps = NOT_STATED
+    if "final" in d:
+        longest = max((gap["seconds"] for gap in d["gaps"]), default=0.0)
+        gaps = f"{len(d['gaps'])}" + (f", longest {longest:.3g} s" if longest else "")
     rows = (
         ("Gaps", gaps),
         ("Lost packets", str(d["lost_packets"])),
@@ -96,7 +98,7 @@ def _findings(every: Sequence[Quality]) -> Iterator[Block]:
         yield Paragraph("`imutui check` finds nothing wrong with " + ("it." if len(every) == 1 else "them."))
 
 
-def _replay_needs(d: "ResultDocument") -> Iterator[tuple[str, str, str, str]]:
+def _replay_needs(d: "RunDocument") -> Iterator[tuple[str, str, str, str]]:
     if "final" not in d:
         return
     seconds = d["duration_s"]
@@ -106,7 +108,7 @@ def _replay_needs(d: "ResultDocument") -> Iterator[tuple[str, str, str, str]]:
         yield "Convergence of all biases", f"{max(settled):.0f} s", duration(seconds), "yes"
     elif since:
         yield "Convergence of all biases", f"more than {duration(seconds)}", duration(seconds), "no"
-    relative = d["noise"].get("relative_sd")
+    relative = d["noise"]["relative_sd"]
     if relative:
         least = max(_SHORT_NOISE_S, seconds * (relative / _NOISE_SHARE) ** 2)
         yield "White noise to 10 %", duration(least), duration(seconds), _enough(seconds, least)

@@ -46,8 +46,8 @@ def _replay(d: "ResultDocument", log: LogData) -> Iterator[Block]:
         yield Paragraph(f"The bias of {', '.join(hidden)} was not observable: a zero stands in its place.")
     yield from _code(made)
     name = PurePath(d["log"]).name
-    yield from _yaml(log, d.get("rate_hz"), d.get("duration_s"), name)
-    yield from _toml(log, bool(d["effects"]), "the log is not at hand, and the result names the states only.")
+    yield from _yaml(log, d["rate_hz"], d["duration_s"], name)
+    yield from _toml(log, has_states=bool(d["effects"]))
 
 
 def of_trace(d: TraceDocument, log: LogData) -> Section:
@@ -58,7 +58,7 @@ def of_trace(d: TraceDocument, log: LogData) -> Section:
 def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
     run = d["runs"][-1]
     made = linear_correction.of_terms([0.0] * 6, log.terms)
-    yield _facts(made, run.get("accel_sign"), run.get("mount"))
+    yield _facts(made, run["accel_sign"], run["mount"])
     if not made.bias.any():
         yield Paragraph(
             f"Constant biases differ from one power-on to the next, so that zeros stand in their place: `"
@@ -72,8 +72,7 @@ def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
             f" foretold of the next: {named}."
         )
     yield from _yaml(log, run["rate_hz"], run["seconds"], log.levels_of)
-    old = "the result is of an older imutui. `imutui trace` with the same logs and `-o effects.toml` writes it."
-    yield from _toml(log, "effects_file" not in d, old)
+    yield from _toml(log, has_states=False)
 
 
 def _facts(made: LinearCorrection, sign: int | None, mount: str | None) -> Facts:
@@ -119,14 +118,14 @@ def _yaml(log: LogData, rate_hz: float | None, seconds: float | None, name: str)
         yield Items(made.lacks)
 
 
-def _toml(log: LogData, is_missing: bool, why: str) -> Iterator[Block]:
+def _toml(log: LogData, *, has_states: bool) -> Iterator[Block]:
     yield Subheading(f"`{EFFECTS_FILE}` for `imutui record`, `imutui replay` and `imutui apply`")
     if log.effects:
         lines = log.effects.count("\n")
         long = f"The file has {lines} lines; it lies beside this page."
         yield Code(log.effects, long if lines > _MOST_LINES else "")
-    elif is_missing:
-        yield Paragraph(f"It cannot be shown: {why}")
+    elif has_states:
+        yield Paragraph("It cannot be shown: the log is not at hand, and the result names the states only.")
     else:
         yield Paragraph("There is none: no effect joined the filter.")
 

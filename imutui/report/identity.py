@@ -10,7 +10,7 @@ from imutui.report.blocks import Column, Facts, Section, Table
 from imutui.report.numbers import ORIGIN, duration
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
 NOT_STATED = "not stated"
 ORIGINS = {
@@ -44,23 +44,24 @@ class LogFacts:
     start_utc: str | None
     temperature_degc: Sequence[float] | None
     sha256: str | None
-    identity: IdentityEntry | None
+    identity: IdentityEntry
 
 
 def of_run(run: RunEntry) -> LogFacts:
     """Facts of a log that was traced."""
-    role = "held out" if run.get("heldout") else "fitted"
+    role = "held out" if run["heldout"] else "fitted"
     return LogFacts(
-        run.get("log", ""), role, run["kind"], run.get("source", ""), run["seconds"], run["rate_hz"],
-        run.get("start_utc"), run.get("temperature_degc"), run.get("log_sha256"), run.get("identity"),
+        run["log"], role, run["kind"], run["source"], run["seconds"], run["rate_hz"],
+        run["start_utc"], run["temperature_degc"], run["log_sha256"], run["identity"],
     )  # fmt: skip
 
 
-def of_result(d: "ResultDocument") -> LogFacts:
-    """Facts of a log that was filtered."""
+def of_result(d: "RunDocument") -> LogFacts:
+    """Facts of a log that was filtered, or only recorded."""
+    seconds, rate_hz = (d["duration_s"], d["rate_hz"]) if "final" in d else (None, None)
     return LogFacts(
-        d["log"], "filtered", d["kind"], "", d.get("duration_s"), d.get("rate_hz"), d.get("start_utc"),
-        d.get("temperature_degc"), d["log_sha256"], d.get("identity"),
+        d["log"], "filtered", d["kind"], "", seconds, rate_hz, d["start_utc"],
+        d["temperature_degc"], d["log_sha256"], d["identity"],
     )  # fmt: skip
 
 
@@ -80,7 +81,7 @@ def section(logs: Sequence[LogFacts], library: str) -> Section:
         ("Temperature in the case", _temperatures(logs)),
         ("Readings", _readings(logs)),
         ("Recorded with", _stated(_all(logs, "software"))),
-        ("Computed with", library or NOT_STATED),
+        ("Computed with", library),
     ]
     notes = [f"{_name(log)}: {note}" for log in logs if (note := _text(log, "note"))]
     rows.append(("Notes", "; ".join(notes) or NOT_STATED))
@@ -115,8 +116,8 @@ def _name(log: LogFacts) -> str:
 
 
 def _text(log: LogFacts, key: str) -> str:
-    said: Mapping[str, object] = log.identity or {}
-    value = str(said.get(key, "")).strip()
+    said: Mapping[str, object] = log.identity
+    value = str(said[key]).strip()
     return "" if value.lower() in _UNKNOWN else value
 
 

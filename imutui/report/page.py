@@ -11,11 +11,12 @@ import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any
 
 from filters.errors import InputError
-from filters.tracing.trace_document import CommonEntry, TraceDocument
+from filters.tracing.trace_document import CommonEntry
 from imutui import outside_file
+from imutui.document_shape import VERSION
 from imutui.jobs.page_data import LogData
 from imutui.logbook import atomic_file, json_text
 from imutui.plain_text import in_line
@@ -23,11 +24,10 @@ from imutui.report import comparison, figures, how_to_apply, html, replay_report
 from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Subheading, Table
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.result_files import Result
 
 INDEX, RESULT, REPORT, PRINT = "index.html", "result.json", "report.json", "report.pdf"
 NAMES = (INDEX, REPORT, RESULT, PRINT)  # what every page has; the last where a browser is at hand
-VERSION = 1  # of the JSON
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _LIMIT = 2**26
 _FIGURE = re.compile(
@@ -38,14 +38,12 @@ _BESIDE = re.compile(r"(?:\d+-)?(?:effects\.toml|imu\.yaml|experiment\.toml|comm
 _LONGEST_S = 120.0
 _WORDS = 160
 
-Result: TypeAlias = "TraceDocument | ResultDocument"
-
 
 @dataclass(frozen=True, slots=True)
 class Story:
     """A result with what its logs add to it."""
 
-    result: Result
+    result: "Result"
     log: LogData = field(default_factory=LogData)  # what its logs add; nothing where they are not at hand
 
 
@@ -144,27 +142,27 @@ def _earlier_figures(path: Path) -> list[str]:
 
 def _article(story: Story) -> Article:
     if "findings" in story.result:
-        return trace_report.article(cast("TraceDocument", story.result), story.log)
+        return trace_report.article(story.result, story.log)
     return replay_report.article(story.result, story.log)
 
 
-def _beside(article: Article, result: Any) -> dict[str, str]:
+def _beside(article: Article, result: "Result") -> dict[str, str]:
     """Texts of the files of a result by name: how to apply it, courses of common causes, the separating experiment."""
     made: dict[str, str] = {}
     for section in article.sections:
         if section.title == how_to_apply.TITLE:
             made |= how_to_apply.files(section.blocks)
-    made |= {trace_tables.common_file(n): course(entry) for n, entry in enumerate(result.get("common", []), 1)}
-    experiment = result.get("separating_experiment")
-    if experiment and experiment.get("profile"):
-        made[trace_report.EXPERIMENT] = experiment["profile"]
+    if "findings" in result:
+        made |= {trace_tables.common_file(n): course(entry) for n, entry in enumerate(result["common"], 1)}
+        if result["separating_experiment"] is not None:
+            made[trace_report.EXPERIMENT] = result["separating_experiment"]["profile"]
     return made
 
 
 def course(entry: CommonEntry) -> str:
     """CSV of a common cause's course: s since the start of the run, value in the unit of the leading channel."""
     curve = entry["curve"]
-    runs = curve.get("run")
+    runs = curve["run"]
     head = "t_s,value" + (",run" if runs else "")
     lines = [f"{t:.3f},{y:.9g}" for t, y in zip(curve["t_s"], curve["y"], strict=True)]
     if runs:

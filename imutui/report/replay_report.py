@@ -30,18 +30,18 @@ from imutui.verdict.sources import ResultBias
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import ResultDocument, RunDocument
 
 
 _SQRT_HOUR = 60.0
 NO_DATA = LogData()
 
 
-def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
+def article(d: "RunDocument", log: LogData = NO_DATA) -> Article:
     """All that is said of a result."""
     logs = [identity.of_result(d)]
     kind = identity.kind_of(logs)
-    made = [identity.section(logs, d.get("library", "")), Section("Verdict", tuple(_verdict(d)))]
+    made = [identity.section(logs, d["library"]), Section("Verdict", tuple(_verdict(d)))]
     if "final" in d:
         made += [
             Section("What to do", (Items(tuple(after_replay(d)), numbered=True),)),
@@ -62,7 +62,7 @@ _MEANING = (
 )
 
 
-def _verdict(d: "ResultDocument") -> Iterator[Block]:
+def _verdict(d: "RunDocument") -> Iterator[Block]:
     if "final" not in d:
         yield Paragraph(f"No filter ran over these {d['samples']} samples, so there is nothing to judge.")
         return
@@ -71,13 +71,13 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
     if d["alarms"]:
         yield Paragraph("ALARM: readings and model contradict each other.")
         yield Items(tuple(d["alarms"]))
-    if not d.get("site_stated", True):
+    if not d["site_stated"]:
         yield Paragraph(f"{SITE_NOT_STATED[:1].upper()}{SITE_NOT_STATED[1:]}.")
-    if "damage" in d:
+    if d["damage"] is not None:
         yield Paragraph(f"The file is damaged: {d['damage']}. This is the result of the part before the damage.")
     elif not d["finished"]:
         yield Paragraph("The file is unfinished. This is the result of all up to its last flush.")
-    if d.get("confounded"):
+    if d["confounded"]:
         yield Paragraph("This motion does not tell apart:")
         yield Items(tuple(d["confounded"]))
 
@@ -85,7 +85,7 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
 def _biases(d: "ResultDocument") -> Table:
     columns = (Column("Bias"), Column("Before: the bias", "number"), Column("After: 3 sd", "number"),
                Column("Mean ± sd after convergence", "number"), Column("Converged"))  # fmt: skip
-    rows, spread = [], d.get("spread")
+    rows, spread = [], d["spread"]
     for b in sources.biases(d):
         if b.value is None or b.sd is None:
             rows.append((b.name, NOTHING, NOTHING, NOTHING, why_unseen(d, b.channel)))
@@ -100,7 +100,7 @@ def _biases(d: "ResultDocument") -> Table:
 
 def _figures(d: "ResultDocument", log: LogData) -> Iterator[Block]:
     for course in log.courses:
-        yield filter_figures.biases(course, d.get("rate_hz"), "convergence")
+        yield filter_figures.biases(course, d["rate_hz"], "convergence")
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield _figure(d)
@@ -157,12 +157,12 @@ def _method(d: "ResultDocument", log: LogData) -> Iterator[Block]:
 
 
 def _asked(d: "ResultDocument") -> str:
-    asked = d.get("asked", {})
-    told = [f"{key} {asked[key]:g} s" for key in ("start", "end") if key in asked]
-    told += [f"{key} {value}" for key, value in asked.get("overrides", {}).items()]
-    if "reference" in asked:
+    asked = d["asked"]
+    told = [f"{key} {asked[key]:g} s" for key in ("start", "end") if asked[key] is not None]
+    told += [f"{key} {value}" for key, value in asked["overrides"].items()]
+    if asked["reference"] is not None:
         told.append(f"a reference from a file with SHA-256 {asked['reference']}")
-    if "effects" in asked:
+    if asked["effects"] is not None:
         told.append("an effects file of its own" if asked["effects"] else "no effects")
     return ", ".join(told) or "nothing"
 
@@ -190,7 +190,7 @@ def after_replay(d: "ResultDocument") -> list[str]:
     log = PurePath(PurePath(d["log"]).name)
     recover, trace = command("recover", log, "-o", "WHOLE.mcap"), command("trace", log)
     told = []
-    if "damage" in d:
+    if d["damage"] is not None:
         told.append(f"The file is damaged. `{recover}` makes a whole file of what can be read.")
     found = sources.of_document(d)
     if found.level == "bad":
@@ -207,12 +207,12 @@ def after_replay(d: "ResultDocument") -> list[str]:
             "Do not use a bias that has not converged: record longer, with the unit warmed up. A bias that keeps moving"
             f" follows something; `{trace}` looks for what it is."
         )
-    if hidden := ", ".join(d.get("unobservable", [])).replace("_bias", " bias").replace("_", " "):
+    if hidden := ", ".join(d["unobservable"]).replace("_bias", " bias").replace("_", " "):
         told.append(
             f"To see {hidden} as well, record on a table whose attitude"
             " is known (`--reference level`, or a table profile)."
         )
-    told += [f"{sentence}: another motion tells them apart." for sentence in d.get("confounded", [])]
+    told += [f"{sentence}: another motion tells them apart." for sentence in d["confounded"]]
     if d["lost_packets"] or d["bad_checksums"]:
         told.append(
             f"{d['lost_packets']} packets were lost and {d['bad_checksums']} had bad checksums: look at cable, adapter"

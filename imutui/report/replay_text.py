@@ -11,12 +11,12 @@ from imutui.verdict import sources
 from imutui.verdict.rules import SITE_NOT_STATED
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import ResultDocument, RunDocument
 
 DIGITS = {"deg/s": 4, "mg": 3}  # of biases in tables, by their unit
 
 
-def text(d: "ResultDocument", width: int) -> str:
+def text(d: "RunDocument", width: int) -> str:
     """A result as lines of at most so many characters: verdict, biases, noise, what was lost, what contradicts."""
     if "final" not in d:
         said = [f"{d['log']}: {d['samples']} samples, no filter"]
@@ -32,7 +32,7 @@ def text(d: "ResultDocument", width: int) -> str:
 
 
 def _biases(d: "ResultDocument") -> Table:
-    truth = d.get("truth")
+    truth = d["truth"]
     columns = (Column("bias"), Column("estimate", "number"), Column("± 3 sd", "number"), Column("unit"),
                Column("converged"), *([Column("truth", "number")] if truth else []))  # fmt: skip
     rows = []
@@ -68,7 +68,7 @@ def nis(d: "ResultDocument") -> str:
 
 def noise(d: "ResultDocument") -> str:
     """White noise measured on the log, beside what the data sheet states, and how sure that is."""
-    of, sure = d["noise"], numbers.noise_certainty(d["noise"].get("relative_sd"))
+    of, sure = d["noise"], numbers.noise_certainty(d["noise"]["relative_sd"])
     if sure is None:
         return numbers.TOO_SHORT
     gyro, accel = sources.noise_stated(d)
@@ -88,7 +88,7 @@ def _data(d: "ResultDocument") -> list[str]:
         white = f"gyro {_triple(used['gyro_arw_deg_sqrt_h'])} deg/√h"
         white += f", accel {_triple(used['accel_vrw_mps_sqrt_h'])} m/s/√h"
         out.append(f"noise used, by Allan deviation: {white}; drift of the biases: {walk}")
-    if not d.get("site_stated", True):
+    if not d["site_stated"]:
         out.append(SITE_NOT_STATED)
     if d["rejected"]:
         out.append(f"{d['rejected']} updates left out as outliers")
@@ -99,7 +99,7 @@ def _data(d: "ResultDocument") -> list[str]:
         out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
     # names of states are channels, effect, parameter, unit
     remembers = any({"hysteresis", "thermal_lag"} & {*effect["name"].split()} for effect in d["effects"])
-    if d.get("history_known") is False and remembers:
+    if remembers and not d["history_known"]:
         out.append(
             "effects of this filter remember temperature, and what came before this log is not known: they begin as if"
             " it had rested, and biases do not compare with those of another log"

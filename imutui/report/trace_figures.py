@@ -42,7 +42,7 @@ _NOT_CHANGING = " Where rate or force changed much within the time that a point 
 
 def error_figure(d: TraceDocument) -> Figure | None:
     """Error of 10 s means over its floor, before and after, with intervals; None without any."""
-    errors = [e for e in d.get("error", []) if e["metric"] == "e10" and e["floor"] and e["after"] is not None]
+    errors = [e for e in d["error"] if e["metric"] == "e10" and e["floor"] and e["after"] is not None]
     if not errors:
         return None
     return Figure(
@@ -56,7 +56,7 @@ def error_figure(d: TraceDocument) -> Figure | None:
 
 def figures(d: TraceDocument) -> list[Figure]:
     """All other figures."""
-    return [*_drivers(d), *_commons(d), *(f for run in d.get("curves", []) for f in _of_run(run, d))]
+    return [*_drivers(d), *_commons(d), *(f for run in d["curves"] for f in _of_run(run, d))]
 
 
 def of_log(curves: Mapping[str, ChannelCurvesEntry], spec: ImuSpec) -> list[Figure]:
@@ -92,7 +92,7 @@ def _of_run(run: RunCurvesEntry, d: TraceDocument) -> Iterator[Figure]:
     if number < len(d["curves"]):
         return
     bridged = _BRIDGED if any(c["bridged"] for c in run["channels"].values()) else ""
-    unit = d["runs"][0].get("identity")
+    unit = d["runs"][0]["identity"]
     spec = specification.of_model(unit["instrument"] if unit else "")
     yield Figure(
         "allan",
@@ -144,11 +144,11 @@ def _errors(ax: "Axes", errors: Sequence[ErrorEntry]) -> None:
     seen: list[float] = [1.0]
     for k, e in enumerate(errors):
         floor = e["floor"] or 1.0
-        band = _over(e.get("floor_band95"), floor)
+        band = _over(e["floor_band95"], floor)
         ax.fill_between([k - 0.42, k + 0.42], band[0] or 1.0, band[1] or 1.0, color=FLOOR, alpha=0.35, lw=0)
         for at, value, interval, color, marker in (
-            (k - 0.13, e["before"], e.get("before_ci95"), BEFORE, "s"),
-            (k + 0.13, e["after"], e.get("ci95"), AFTER, "o"),
+            (k - 0.13, e["before"], e["before_ci95"], BEFORE, "s"),
+            (k + 0.13, e["after"], e["ci95"], AFTER, "o"),
         ):
             if value is None:
                 continue
@@ -169,7 +169,7 @@ def _over(interval: Sequence[float | None] | None, floor: float) -> tuple[float 
 
 
 def _drivers(d: TraceDocument) -> Iterator[Figure]:
-    curves = [(f, curve) for f in d.get("findings", []) if (curve := f.get("driver_curve"))]
+    curves = [(f, curve) for f in d["findings"] if (curve := f["driver_curve"])]
     for n, (finding, curve) in enumerate(curves, 1):
         yield Figure(
             f"driver-{n}",
@@ -182,12 +182,12 @@ def _drivers(d: TraceDocument) -> Iterator[Figure]:
 
 def _driver(ax: "Axes", finding: FindingEntry, curve: DriverCurveEntry) -> None:
     x, y = np.asarray(curve["x"], float), np.asarray(curve["y"], float)
-    sd = np.asarray(curve["sd"], float) if curve.get("sd") else np.zeros(x.size)
+    sd = np.asarray(curve["sd"], float) if curve["sd"] else np.zeros(x.size)
     ax.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=AFTER, alpha=0.25, lw=0)
     ax.plot(x, y, color=AFTER, lw=1.2, marker="o" if x.size < _FEW_POINTS else None, ms=3)
     ax.axhline(0.0, color=INK, lw=0.5)
     driver = curve["driver"].replace("_", " ")
-    axes.name(ax, _with_unit(driver, curve.get("unit")), _with_unit(" ".join(finding["channels"]), curve.get("y_unit")))
+    axes.name(ax, _with_unit(driver, curve["unit"]), _with_unit(" ".join(finding["channels"]), curve["y_unit"]))
 
 
 def of_drivers(curves: Sequence[DriverCurve]) -> list[Figure]:
@@ -231,7 +231,7 @@ def _curve(ax: "Axes", c: DriverCurve) -> None:
 
 
 def _commons(d: TraceDocument) -> Iterator[Figure]:
-    for n, entry in enumerate(d.get("common", []), 1):
+    for n, entry in enumerate(d["common"], 1):
         yield Figure(
             f"common-{n}",
             f"{' '.join(entry['channels'])} {entry['label']}",
@@ -242,7 +242,7 @@ def _commons(d: TraceDocument) -> Iterator[Figure]:
 
 def _common(ax: "Axes", entry: CommonEntry) -> None:
     t, y = np.asarray(entry["curve"]["t_s"], float), np.asarray(entry["curve"]["y"], float)
-    of_run = entry["curve"].get("run") or [entry.get("run", "")] * t.size
+    of_run = entry["curve"]["run"] or [entry["run"] or ""] * t.size
     for run, style in zip(dict.fromkeys(of_run), ("-", "--", "-.", ":") * len(of_run), strict=False):
         own = np.array([name == run for name in of_run])
         ax.plot(t[own], y[own], lw=1.1, ls=style, color=AFTER, label=axes.plain(f"run {run}"))

@@ -63,26 +63,26 @@ def glance(d: TraceDocument) -> Table:
     actions = _actions(d, TERMINAL)
     rows = [
         (channel, *_ratios(_error(d, channel)), _cause(d, channel), _how_sure(d, channel), _next(d, channel, actions))
-        for channel in CHANNELS if channel in d.get("status", {})
+        for channel in CHANNELS if channel in d["status"]
     ]  # fmt: skip
     rows += [
         ("all", *_ratios(e), METRICS[e["metric"]], NOTHING, NOTHING)
-        for e in d.get("error", []) if e["metric"] in ("gravity_norm", "gravity_direction")
+        for e in d["error"] if e["metric"] in ("gravity_norm", "gravity_direction")
     ]  # fmt: skip
-    held = [f"run {run['id']}" for run in d["runs"] if run.get("heldout")]
+    held = [f"run {run['id']}" for run in d["runs"] if run["heldout"]]
     where = f"on {held[0]}, to which nothing was fitted" if held else "within the run, by folds"
     return Table(columns, tuple(rows), f"Error of 10 s means before → after, {where}. {_BAR}")
 
 
 def _error(d: TraceDocument, channel: str) -> ErrorEntry | None:
-    return next((e for e in d.get("error", []) if e["metric"] == "e10" and e.get("channel") == channel), None)
+    return next((e for e in d["error"] if e["metric"] == "e10" and e["channel"] == channel), None)
 
 
 def _ratios(e: ErrorEntry | None) -> tuple[str, str]:
     """Both ratios to the floor, and their bar."""
-    if e is None or e.get("after") is None:
+    if e is None or e["after"] is None:
         return NOTHING, ""
-    before, after = e.get("before_x_floor"), e.get("after_x_floor")
+    before, after = e["before_x_floor"], e["after_x_floor"]
     told = [times_floor(x) for x in (before, after)]
     return (told[0] if told[0] == told[1] else " → ".join(told)), bar(before, after)
 
@@ -106,28 +106,28 @@ def _on(entries: Iterable[T], channel: str) -> list[T]:
 
 def _cause(d: TraceDocument, channel: str) -> str:
     """The leading cause in a few words, and how many more there are; what is only suspected comes last."""
-    found = _on(d.get("findings", []), channel)
+    found = _on(d["findings"], channel)
     # what lasts, and is confirmed, leads
-    found.sort(key=lambda f: (f.get("confirmed") is False, f["include_as"] == "N", f["effect"] in OF_ONE_RUN))
-    lasting = [_short(f) for f in found if f.get("confirmed") is not False]
-    doubtful = [_short(f) for f in found if f.get("confirmed") is False]
-    names = lasting + [plain_names.short(x["kind"]) for x in _on(d.get("drift", []), channel)]
-    names += [f"line {x['hz']:.4g} Hz" for x in _on(d.get("lines", []), channel)] + doubtful
-    names += [plain_names.short(x["effect"]) for x in _on([*d.get("refuted", []), *d.get("integrity", [])], channel)]
-    names += ["uneven noise" for _ in _on(d.get("noise_level", []), channel)]
+    found.sort(key=lambda f: (f["confirmed"] is False, f["include_as"] == "N", f["effect"] in OF_ONE_RUN))
+    lasting = [_short(f) for f in found if f["confirmed"] is not False]
+    doubtful = [_short(f) for f in found if f["confirmed"] is False]
+    names = lasting + [plain_names.short(x["kind"]) for x in _on(d["drift"], channel)]
+    names += [f"line {x['hz']:.4g} Hz" for x in _on(d["lines"], channel)] + doubtful
+    names += [plain_names.short(x["effect"]) for x in _on([*d["refuted"], *d["integrity"]], channel)]
+    names += ["uneven noise" for _ in _on(d["noise_level"], channel)]
     names = list(dict.fromkeys(names)) or ["nothing"]
     return names[0] + (f" + {len(names) - 1}" if len(names) > 1 else "")
 
 
 def _short(f: FindingEntry) -> str:
-    hz = next((p["value"] for p in f.get("params", []) if p["name"] == "frequency"), None)
+    hz = next((p["value"] for p in f["params"] if p["name"] == "frequency"), None)
     return plain_names.short(f["effect"]) + (f" {hz:.3g} Hz" if hz is not None else "")
 
 
 def _how_sure(d: TraceDocument, channel: str) -> str:
     words = [status_words(d["status"][channel])]
-    words += ["not confirmed"] if any(f.get("confirmed") is False for f in _on(d.get("findings", []), channel)) else []
-    words += ["refuted"] if _on(d.get("refuted", []), channel) else []
+    words += ["not confirmed"] if any(f["confirmed"] is False for f in _on(d["findings"], channel)) else []
+    words += ["refuted"] if _on(d["refuted"], channel) else []
     return ", ".join(words)
 
 
@@ -148,18 +148,18 @@ def to_do(d: TraceDocument, places: Places) -> Table:
 
 def _actions(d: TraceDocument, places: Places) -> list[_Action]:
     """What to do, in the order in which to do it."""
-    found = d.get("findings", [])
-    held = [f for f in found if f.get("confirmed") is not False and f["include_as"] != "N"]
-    doubtful = [*(f for f in found if f.get("confirmed") is False), *d.get("refuted", [])]
-    common, drift = d.get("common", []), [entry for entry in d.get("drift", []) if "common" not in entry]
-    again = [e for e in d.get("carries_over", []) if e["measure_again"]]
+    found = d["findings"]
+    held = [f for f in found if f["confirmed"] is not False and f["include_as"] != "N"]
+    doubtful = [*(f for f in found if f["confirmed"] is False), *d["refuted"]]
+    common, drift = d["common"], [entry for entry in d["drift"] if entry["common"] is None]
+    again = [e for e in d["carries_over"] if e["measure_again"]]
     kinds = dict.fromkeys(plain_names.short(e["effect"]) for e in again)
-    times = [tau for entry in drift if (tau := entry.get("tau_s"))]
-    once = len({run.get("power_on", run["id"]) for run in d["runs"]}) < 2
+    times = [tau for entry in drift if (tau := entry["tau_s"])]
+    once = len({run["power_on"] for run in d["runs"]}) < 2
     record = ", ".join(dict.fromkeys(what for entry in common for what in entry["record"]))
     within = f", within {duration(min(times))}" if times else ""
     every = [
-        ("check wiring", d.get("integrity", []), "look at cable, connector and supply before the next recording"),
+        ("check wiring", d["integrity"], "look at cable, connector and supply before the next recording"),
         _separate(d, places),
         ("use effects", [f for f in held if f["effect"] not in OF_ONE_RUN],
          f"{places.effects}; `record`, `replay` and `apply` take them with `--effects effects.toml`"),
@@ -169,7 +169,7 @@ def _actions(d: TraceDocument, places: Places) -> list[_Action]:
         ("see what was", [f for f in held if f["effect"] in OF_ONE_RUN],
          "look for what happened then; it is in no effects file, for it says nothing of the next run"),
         ("log more", common, f"record {record} beside the readings: these channels move together"),
-        ("vary the run", [{"channels": [c]} for c, s in d.get("status", {}).items() if s in ("unexplained", "partial")],
+        ("vary the run", [{"channels": [c]} for c, s in d["status"].items() if s in ("unexplained", "partial")],
          "something is left: record a run in which something else changes, and trace it with these"),
         ("estimate often", drift, f"take the bias at rest again{within}; the effects file has the filter expect it"),
         ("record again", [*held, *drift] if once else [],
@@ -184,14 +184,14 @@ def _actions(d: TraceDocument, places: Places) -> list[_Action]:
 
 
 def _separate(d: TraceDocument, places: Places) -> tuple[str, list[FindingEntry], str]:
-    made = d.get("separating_experiment")
+    made = d["separating_experiment"]
     if not made:
         return "", [], ""
     a, b = made["a"], made["b"]
-    pairs = [f for f in d.get("findings", []) if {a, b} <= {f["effect"], *(r["effect"] for r in f["rivals"])}]
-    pairs = pairs or d.get("findings", [])
+    pairs = [f for f in d["findings"] if {a, b} <= {f["effect"], *(r["effect"] for r in f["rivals"])}]
+    pairs = pairs or d["findings"]
     what = f"{plain_names.short(a)} or {plain_names.short(b)}?"
-    motion = made.get("motion") or f"a run of {duration(made['duration_s'])}"
+    motion = made["motion"]
     if made["d_expected"] < SEPARATES:
         return "stays open", pairs, f"{what} {motion}"
     apart = f"{made['d_expected']:.0f} sd apart are expected, {SEPARATES:.0f} are enough"

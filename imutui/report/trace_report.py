@@ -25,7 +25,7 @@ from imutui.report.trace_glance import Places
 
 EXPERIMENT = "experiment.toml"
 _PLACES = Places(
-    "`imutui trace` with the same logs and `-o effects.toml` writes them",
+    "`effects.toml` beside this page has them",
     f"Its profile is `{EXPERIMENT}`; its text stands at the end of this page",
     "beside this page",
 )
@@ -36,23 +36,21 @@ def article(d: TraceDocument, log: LogData = NO_DATA) -> Article:
     """All that is said of a trace."""
     logs = [identity.of_run(run) for run in d["runs"]]
     kind = identity.kind_of(logs)
-    has_file = bool(d.get("effects_file"))
-    places = replace(_PLACES, effects="`effects.toml` beside this page has them") if has_file else _PLACES
-    glance, *tables, notes = trace_tables.sections(d, places)
-    damage = [Paragraph(f"Damaged: {sentence}") for sentence in d.get("damage", [])]
+    glance, *tables, notes = trace_tables.sections(d, _PLACES)
+    damage = [Paragraph(f"Damaged: {sentence}") for sentence in d["damage"]]
     error = trace_figures.error_figure(d)
     made = [
         replace(glance, blocks=(*glance.blocks, *damage)),
         *tables,
         Section("Figures", (*([error] if error else []), *_figures(d, log))),
-        identity.section(logs, str(d.get("library", ""))),
+        identity.section(logs, d["library"]),
         how_to_apply.of_trace(d, log),
         data_quality.of_trace(d, log),
         Section("Method and provenance", tuple(_method(d))),
         notes,
-        Section("Diary", tuple(_diary(cast("DiaryDocument | None", d.get("diary"))))),
+        Section("Diary", tuple(_diary(cast("DiaryDocument | None", d["diary"])))),
     ]
-    title = d.get("source") or "trace of " + ", ".join(run["id"] for run in d["runs"])
+    title = d["source"]
     sections = tuple(section for section in made if section.blocks)
     return Article(title[:1].upper() + title[1:], kind, identity.ORIGINS[kind], sections)
 
@@ -65,15 +63,10 @@ def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield from (Paragraph(sentence) for sentence in log.missing)
-    if all(run.get("reference") == "turned" for run in d["runs"]):
+    if all(run["reference"] == "turned" for run in d["runs"]):
         yield Paragraph(
             "There is no residual over time: of a unit that was turned by hand the motion between rests is not known."
             " The errors above are those of its rests and turns."
-        )
-    elif not d.get("curves"):
-        yield Paragraph(
-            "This result has no curves of the residual: it was made by an older imutui. `imutui trace` with the same"
-            " logs makes them."
         )
 
 
@@ -85,21 +78,17 @@ def _method(d: TraceDocument) -> Iterator[Block]:
         " deviation. All values are in the unit's own axes and sign: corrected reading = reading − effect."
     )
     runs = d["runs"]
-    references = ", ".join(sorted({run["reference"] for run in runs if "reference" in run})) or identity.NOT_STATED
-    signs = ", ".join(sorted({f"{run['accel_sign']:+d}" for run in runs if "accel_sign" in run}))
-    mounts = ", ".join(sorted({run["mount"] for run in runs if "mount" in run}))
     rows = (
-        ("Reference", references),
-        ("Accelerometer sign", signs or identity.NOT_STATED),
-        ("Mounting (table x, y, z)", mounts or identity.NOT_STATED),
-        ("Seed of everything random", str(d.get("seed", identity.NOT_STATED))),
-        ("Result document", f"version {d.get('version', identity.NOT_STATED)}, beside this page as `result.json`"),
+        ("Reference", ", ".join(sorted({run["reference"] for run in runs}))),
+        ("Accelerometer sign", ", ".join(sorted({f"{run['accel_sign']:+d}" for run in runs}))),
+        ("Mounting (table x, y, z)", ", ".join(sorted({run["mount"] for run in runs}))),
+        ("Seed of everything random", str(d["seed"])),
+        ("Result document", f"version {d['version']}, beside this page as `result.json`"),
     )
     yield Facts(rows)
-    experiment = d.get("separating_experiment")
-    if experiment and experiment.get("profile"):
+    if d["separating_experiment"] is not None:
         yield Subheading(f"`{EXPERIMENT}`, the motion that would tell the causes apart")
-        yield Code(experiment["profile"])
+        yield Code(d["separating_experiment"]["profile"])
 
 
 _OUTCOMES = {

@@ -51,10 +51,10 @@ def headline(d: TraceDocument, source: str) -> list[str]:
     words = ", ".join(readings(kind) for kind in sorted({run["kind"] for run in runs}))
     rates = sorted({round(run["rate_hz"], 2) for run in runs})
     rate = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g}"
-    references = ", ".join(sorted({run["reference"] for run in runs if "reference" in run}))
+    references = ", ".join(sorted({run["reference"] for run in runs}))
     total = duration(sum(run["seconds"] for run in runs))
     size = f"{len(runs)} run{'s' if len(runs) > 1 else ''}, {total} at {rate} Hz, {words}"
-    return [source, size + (f", reference {references}" if references else "")]
+    return [source, f"{size}, reference {references}"]
 
 
 def text(
@@ -71,7 +71,7 @@ def text(
 def sections(d: TraceDocument, places: Places) -> list[Section]:
     """All that is said of a trace: the answer at a glance, what to do, causes, errors, limits, notes."""
     shown = [
-        Section("Channels", (trace_glance.glance(d), *map(Paragraph, filter(None, [d.get("sentence")])))),
+        Section("Channels", (trace_glance.glance(d), Paragraph(d["sentence"]))),
         Section("What to do", (trace_glance.to_do(d, places),)),
         Section("Causes, their parameters and rivals", tuple(_filled(_causes(d, places)))),
         Section("Weak, and not used", tuple(_filled(_weak(d)))),
@@ -79,7 +79,7 @@ def sections(d: TraceDocument, places: Places) -> list[Section]:
         Section("What carries over to the next power-on", tuple(_filled(_carries_over(d)))),
         Section("Asked about", tuple(_filled(_limits(d)))),
         Section("These logs cannot show", tuple(_filled(_untestable(d)))),
-        Section("Notes", (Items((held_out(d), *map(_sentence, d.get("notes", [])))),)),
+        Section("Notes", (Items((held_out(d), *map(_sentence, d["notes"]))),)),
     ]
     return [section for section in shown if section.blocks]
 
@@ -91,7 +91,7 @@ def _filled(table: Table) -> Iterator[Block]:
 
 def held_out(d: TraceDocument) -> str:
     """How error before and after was measured."""
-    held = [run["id"] for run in d["runs"] if run.get("heldout")]
+    held = [run["id"] for run in d["runs"] if run["heldout"]]
     if held:
         return f"Errors before and after are those of run {held[0]}, to which nothing was fitted."
     return (
@@ -111,8 +111,8 @@ def _causes(d: TraceDocument, places: Places) -> Table:
     groups = [*_findings(d), *_refuted(d), *_common(d, places), *_beside(d), *_remainder(d)]
     order = {channel: n for n, channel in enumerate(CHANNELS)}
     groups.sort(key=lambda rows: order.get(rows[0][0].split(" ")[0], len(order)))
-    averaged = any(p["name"] == "carried_over" for f in d.get("findings", []) for p in f["params"])
-    by_hand = all(run.get("reference") == "turned" for run in d["runs"])
+    averaged = any(p["name"] == "carried_over" for f in d["findings"] for p in f["params"])
+    by_hand = all(run["reference"] == "turned" for run in d["runs"])
     caption = (_RULE_BY_HAND if by_hand else _RULE) + (f" {_AVERAGED}" if averaged else "")
     columns = (
         Column("Channel", "code"),
@@ -123,37 +123,33 @@ def _causes(d: TraceDocument, places: Places) -> Table:
 
 
 def _findings(d: TraceDocument) -> Iterator[list[Row]]:
-    for f in d.get("findings", []):
+    for f in d["findings"]:
         told = [_fits(f["score"])]
-        if (known := f.get("odds")) is not None and known < _CERTAIN:
-            told.append(odds(known))
-        confirmed = f.get("confirmed")
-        if (
-            (explained := f.get("share_of_excess")) is not None
-            and confirmed is not False
-            and f["effect"] not in OF_ONE_RUN
-        ):
-            told.append(f"explains {share(explained)}")
+        if f["odds"] < _CERTAIN:
+            told.append(odds(f["odds"]))
+        confirmed = f["confirmed"]
+        if f["share_of_excess"] is not None and confirmed is not False and f["effect"] not in OF_ONE_RUN:
+            told.append(f"explains {share(f['share_of_excess'])}")
         if confirmed is not None:
             told.append("confirmed" if confirmed else "NOT confirmed, not used")
-        told += [f"form {f['proposed_form']}"] if f.get("proposed_form") else []
-        told += [f"of common cause {f['common'] + 1}"] if "common" in f else []
-        parameters = _parameters(f.get("params", []))
+        told += [f"form {f['proposed_form']}"] if f["proposed_form"] else []
+        told += [f"of common cause {f['common'] + 1}"] if f["common"] is not None else []
+        parameters = _parameters(f["params"])
         if len(parameters) == 1:
             told = [f"{parameters.pop()[2]}; {told[0]}", *told[1:]]
         rows = [(" ".join(f["channels"]), plain_names.named(f["label"], f["effect"]), ", ".join(told))]
-        yield rows + parameters + _rivals(f.get("rivals", []))
+        yield rows + parameters + _rivals(f["rivals"])
 
 
 def _parameters(params: Sequence[ParameterEntry]) -> list[Row]:
     """Each with its standard deviation; of the points of a free curve the largest, of power-ons all."""
-    points = [p for p in params if p.get("sd") is not None]
+    points = [p for p in params if p["sd"] is not None]
     words = {p["name"].split(" ")[0] for p in points}
     curve = words == {"at"} or len(words) == len(points)
     if curve and len(points) > _FEW and len({p["unit"] for p in points}) == 1:
         largest = max(points, key=lambda p: abs(p["value"]))
         return [("", "", f"{_value(largest)} {largest['name']}, the largest of {len(points)} points")]
-    shown = [p for p in params if p.get("sd") is not None or p["name"] not in _IN_LABEL]
+    shown = [p for p in params if p["sd"] is not None or p["name"] not in _IN_LABEL]
     return [("", plain_names.parameter(p["name"]), _value(p)) for p in shown]
 
 
@@ -161,16 +157,15 @@ def _value(p: ParameterEntry) -> str:
     if p["name"] == "weight":
         return share(p["value"])
     unit = "" if p["unit"] == "1" else p["unit"]
-    odd = ", implausibly large for this physics" if p.get("plausible") is False else ""
-    return plus_minus(p["value"], p.get("sd"), unit) + odd
+    odd = ", implausibly large for this physics" if not p["plausible"] else ""
+    return plus_minus(p["value"], p["sd"], unit) + odd
 
 
 def _rivals(rivals: Sequence[RivalEntry]) -> list[Row]:
     made = []
     for r in rivals:
-        label = plain_names.named(str(r.get("label", plain_names.effect(r["effect"]))), r["effect"])
-        told = _fits(r["score_difference"]) if r.get("score_difference") is not None else ""
-        made.append(("", f"or: {label}", told if r.get("weight") is None else f"weight {share(r['weight'])}"))
+        told = _fits(r["score_difference"]) if r["weight"] is None else f"weight {share(r['weight'])}"
+        made.append(("", f"or: {plain_names.named(r['label'], r['effect'])}", told))
     return made
 
 
@@ -180,14 +175,14 @@ def _fits(score: float) -> str:
 
 
 def _refuted(d: TraceDocument) -> Iterator[list[Row]]:
-    for x in d.get("refuted", []):
+    for x in d["refuted"]:
         errors = f"error {x['after_with']:.3g} {x['unit']} with all that was fitted, {x['after_without']:.3g} without"
         yield [(" ".join(x["channels"]), plain_names.named(x["label"], x["effect"]), f"REFUTED, not used: {errors}")]
 
 
 def _common(d: TraceDocument, places: Places) -> Iterator[list[Row]]:
-    for number, entry in enumerate(d.get("common", []), 1):
-        where = f" of run {entry['run']}" if entry.get("run") else ""
+    for number, entry in enumerate(d["common"], 1):
+        where = f" of run {entry['run']}" if entry["run"] else ""
         when = f"{entry['t_start_s']:.0f} to {entry['t_end_s']:.0f} s{where}"
         told = f"not in this log; coherence {entry['coherence']:.2f}; course in {common_file(number)}, {places.course}"
         yield [
@@ -203,28 +198,25 @@ def common_file(number: int) -> str:
 
 def _beside(d: TraceDocument) -> Iterator[list[Row]]:
     """Drift, lines, noise that changes, faults of the data."""
-    for x in d.get("drift", []):
-        over = f" over {duration(tau)}" if (tau := x.get("tau_s")) else ""
+    for x in d["drift"]:
+        over = f" over {duration(tau)}" if (tau := x["tau_s"]) else ""
         told = f"{x['level']:.3g} {x['unit']}{over}; nothing logged explains it"
         yield [(" ".join(x["channels"]), plain_names.short(x["kind"]), told)]
-    for line in d.get("lines", []):
-        width = f", {line['width_hz']:.2g} Hz wide" if line.get("width_hz") else ""
+    for line in d["lines"]:
+        width = f", {line['width_hz']:.2g} Hz wide" if line["width_hz"] else ""
         told = f"{line['rms']:.3g} {line['unit']} rms"
         yield [
             (" ".join(line["channels"]), f"line at {line['hz']:.4g} Hz{width}", told),
-            *_rivals(line.get("rivals", [])),
+            *_rivals(line["rivals"]),
         ]
-    for level in d.get("noise_level", []):
+    for level in d["noise_level"]:
         driver = plain_names.named(plain_names.driver(level["driver"]), level["driver"])
-        by = f"by up to {level['ratio']:.2f} ×" if level.get("ratio") is not None else ""
+        by = f"by up to {level['ratio']:.2f} ×" if level["ratio"] is not None else ""
         yield [(" ".join(level["channels"]), f"noise changes with {driver}", by)]
-    for fault in d.get("integrity", []):
-        where = fault.get("where")
-        text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
-        count = "" if not (n := fault.get("count")) else "once, " if n == 1 else f"{n} times, "
-        yield [
-            (" ".join(fault["channels"]), _plain(fault["effect"]), f"{count}set aside" + (f": {text}" if text else ""))
-        ]
+    for fault in d["integrity"]:
+        count = "" if not (n := fault["count"]) else "once, " if n == 1 else f"{n} times, "
+        where = f": {fault['where']}" if fault["where"] else ""
+        yield [(" ".join(fault["channels"]), _plain(fault["effect"]), f"{count}set aside{where}")]
 
 
 def _carries_over(d: TraceDocument) -> Table:
@@ -235,7 +227,7 @@ def _carries_over(d: TraceDocument) -> Table:
     )  # fmt: skip
     said: dict[bool | None, str] = {True: "must measure it again", False: "has the same"}
     rows = []
-    for e in d.get("carries_over", []):
+    for e in d["carries_over"]:
         sd, ends = e["session_sd"], e["session_ci95"]
         unit = "" if e["unit"] == "1" else f" {e['unit']}"
         differs = "not known" if sd is None else f"{sd:.2g}{unit}"
@@ -248,7 +240,7 @@ def _carries_over(d: TraceDocument) -> Table:
 def _remainder(d: TraceDocument) -> Iterator[list[Row]]:
     """Of each channel the scale on which most is left, or is missing."""
     for channel in CHANNELS:
-        own = [(ratio, e["scale_s"]) for e in d.get("remainder", [])
+        own = [(ratio, e["scale_s"]) for e in d["remainder"]
                if e["channel"] == channel and (ratio := e["ratio"]) is not None]  # fmt: skip
         if own:
             ratio, scale_s = max(own, key=lambda one: abs(one[0] - 1.0))
@@ -260,15 +252,15 @@ def _remainder(d: TraceDocument) -> Iterator[list[Row]]:
 
 def _weak(d: TraceDocument) -> Table:
     rows = []
-    for x in sorted(d.get("weak", []), key=lambda x: (CHANNELS.index(x["channels"][0]), -x["score"])):
-        parameters = _parameters(x.get("params", []))
+    for x in sorted(d["weak"], key=lambda x: (CHANNELS.index(x["channels"][0]), -x["score"])):
+        parameters = _parameters(x["params"])
         sizes = [value if len(parameters) == 1 else f"{name} {value}" for _, name, value in parameters]
-        known = f", {odds(x['odds'])}" if "odds" in x else ""
-        told = [f"{_fits(x['score'])}{known}" + (f": {x['why']}" if x.get("why") else "")]
-        if x.get("limit") is not None and x.get("params"):
+        known = "" if x["odds"] is None else f", {odds(x['odds'])}"
+        told = [f"{_fits(x['score'])}{known}" + (f": {x['why']}" if x["why"] else "")]
+        if x["limit"] is not None and x["params"]:
             unit = x["params"][0]["unit"].removeprefix("1")
             told.append(f"{x['limit']:.2g} {unit}".rstrip() + " would be used")
-        label = plain_names.named(x.get("label") or plain_names.effect(x["effect"]), x["effect"])
+        label = plain_names.named(x["label"], x["effect"])
         rows.append((" ".join(x["channels"]), label, ", ".join(sizes) or NOTHING, "; ".join(told)))
     return Table(
         (Column("Channel", "code"), Column("Cause"), Column("Size ± sd"), Column("Why it is not used")), tuple(rows)
@@ -277,16 +269,16 @@ def _weak(d: TraceDocument) -> Table:
 
 def _errors(d: TraceDocument) -> Table:
     """Every figure of error: before, after with its interval, floor."""
-    every = [e for e in d.get("error", []) if e.get("after") is not None]
+    every = [e for e in d["error"] if e["after"] is not None]
     order = list(dict.fromkeys(e["metric"] for e in every))
     rows = tuple(
         (
             trace_glance.METRICS.get(e["metric"], e["metric"]),
-            e.get("channel") or "all",
-            three_digits(e.get("before")),
+            e["channel"] or "all",
+            three_digits(e["before"]),
             three_digits(e["after"]),
-            " to ".join(map(three_digits, e.get("ci95") or ())),
-            three_digits(e.get("floor")),
+            " to ".join(map(three_digits, e["ci95"])),
+            three_digits(e["floor"]),
             "" if e["unit"] == "1" else e["unit"],
             str(e["n"]),
         )
@@ -298,7 +290,7 @@ def _errors(d: TraceDocument) -> Table:
 
 
 def _limits(d: TraceDocument) -> Table:
-    rows = ((" ".join(x["channels"]), _plain(x["effect"]), x["text"]) for x in d.get("limits", []))
+    rows = ((" ".join(x["channels"]), _plain(x["effect"]), x["text"]) for x in d["limits"])
     return Table((Column("Channel", "code"), Column("Effect"), Column("Smallest that would show")), tuple(rows))
 
 
@@ -306,10 +298,10 @@ def _untestable(d: TraceDocument) -> Table:
     """Grouped by reason, each effect once."""
     reasons = {"equals_bias": "would look like a constant bias", "no_excitation": "nothing here excites it"}
     groups: dict[str, dict[str, None]] = {reason: {} for reason in reasons.values()}
-    for x in d.get("untestable", []):
+    for x in d["untestable"]:
         why = reasons.get(x["reason"], x["reason"])
         if x["reason"] == "collinear_with":
-            why = f"looks like {plain_names.short(str(x.get('with') or ''))}"
+            why = f"looks like {plain_names.short(str(x['with']))}"
         groups.setdefault(why, {})[plain_names.short(x["effect"])] = None
     rows = tuple((", ".join(effects), why) for why, effects in groups.items() if effects)
     return Table((Column("Effects"), Column("Why")), rows)

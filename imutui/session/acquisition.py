@@ -50,7 +50,7 @@ from imutui.session.watches import (
 
 if TYPE_CHECKING:
     from filters.health.finding import HealthEntry
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 
 class Acquisition:
@@ -383,7 +383,7 @@ class Acquisition:
         assert self.recorder.recording is not None
         return str(self.recorder.recording.writer.path)
 
-    def stop_recording(self, who: str = "") -> "ResultDocument":
+    def stop_recording(self, who: str = "") -> "RunDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
 
         `who`: who asked for it, for an event at the end of the file.
@@ -452,7 +452,7 @@ class Acquisition:
         if self.zeroing is not None:
             raise InputError("the unit is zeroing its rate sensors; wait until it is done")
 
-    def _end_recording(self) -> "ResultDocument":
+    def _end_recording(self) -> "RunDocument":
         """Finish the recording; the acquisition goes on without one."""
         self._use(self._clock.release())
         result = self.recorder.end_recording()

@@ -13,6 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 
+from imutui import document_shape
 from imutui.command_line import command, joined
 from imutui.estimate_history import HistorySnapshot
 from imutui.session import end_report, ipc, lifecycle, preloaded
@@ -23,7 +24,7 @@ from imutui.session.requests import CHANGES, EndFinding, FilterChanges, Reply, R
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 _REPLY_S = 5.0
 _STOP_S = 60.0
@@ -48,10 +49,6 @@ class SessionConnectingError(SessionError):
     """The acquisition process lives but does not talk to viewers yet, or no more."""
 
 
-class SessionRefusalError(SessionError):
-    """The acquisition cannot do what was asked; one that an older version started may not know the request."""
-
-
 class Client:
     """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply."""
 
@@ -70,18 +67,12 @@ class Client:
         """State for a screen; `series` holds the packets from number `since` on."""
         return self._ask({"ask": "snapshot", "since": since})["snapshot"]
 
-    def history(self, wish: HistoryWish) -> HistorySnapshot | None:
-        """What a viewer that has `wish` lacks of the run's past, a piece of it; None from one that keeps none."""
-        try:
-            return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
-        except SessionRefusalError:
-            return None
+    def history(self, wish: HistoryWish) -> HistorySnapshot:
+        """What a viewer that has `wish` lacks of the run's past, a piece of it."""
+        return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
 
     def statistics(self, channel: int) -> StatisticsSnapshot:
-        """Allan deviation, spectrum and histogram of a channel, 0 to 6, over all packets since they were begun.
-
-        Raises SessionRefusalError of an acquisition that an older version started, which keeps none.
-        """
+        """Allan deviation, spectrum and histogram of a channel, 0 to 6, over all packets since they were begun."""
         return self._ask({"ask": "statistics", "channel": channel})["statistics"]
 
     def begin_statistics(self) -> None:
@@ -128,13 +119,13 @@ class Client:
         wish = wish or RecordingWish()
         self._ask({"ask": "guide", "do": do, "wish": asdict(wish), "yes_move": yes_move})
 
-    def stop_recording(self) -> "ResultDocument":
+    def stop_recording(self) -> "RunDocument":
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
         result = self._ask_separately({"ask": "stop_recording"}, _STOP_S)["result"]
         assert result is not None
         return result
 
-    def stop(self, by: str | None = None) -> "ResultDocument | None":
+    def stop(self, by: str | None = None) -> "RunDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
 
         `by`: what asks for it, such as "Ctrl+C in imutui record"; None for this program. Who runs it is added.
@@ -142,7 +133,7 @@ class Client:
         """
         return self._ending({"ask": "stop", "by": by or _this_program()}, _STOP_S)
 
-    def wait(self, timeout: float | None = None) -> "ResultDocument | None":
+    def wait(self, timeout: float | None = None) -> "RunDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
         return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
 
@@ -164,16 +155,16 @@ class Client:
                 said = f'the acquisition "{self.name}" has not answered for {timeout:.0f} s; it may still do what was'
                 raise SessionError(f"{said} asked. `imutui status` shows how it is.") from error
 
-    def _ending(self, request: Request, timeout: float | None) -> "ResultDocument | None":
+    def _ending(self, request: Request, timeout: float | None) -> "RunDocument | None":
         reply = self._ask_separately(request, timeout)
-        if reply.get("runs"):
+        if "runs" in reply:
             raise TimeoutError
         self._await_exit()
         if reply["error"] is not None:
             raise SessionError(reply["error"], reply["exit_code"])
         self.findings = reply["findings"]
         self.ended_by_itself = reply["by_itself"]
-        self.ended_by = reply.get("ended_by", "")
+        self.ended_by = reply["ended_by"]
         return reply["result"]
 
     def _await_exit(self) -> None:
@@ -397,6 +388,7 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
         # the acquisition gives up before the viewer does, and says whether the request is still carried out
         request = {**request, "patience_s": min(_PATIENCE_S, _PATIENCE_SHARE * timeout)}
     try:
+        pid = ipc.peer_of(connection)[1]
         connection.settimeout(timeout)
         with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
             connection.sendall(json.dumps(request).encode() + b"\n")
@@ -411,8 +403,13 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
     except OSError as error:
         raise SessionGoneError(_ended_message(name)) from error
     reply = json.loads(data)
+    if wrong := document_shape.wrong_version(reply):
+        raise SessionError(
+            f'another version of imutui runs the acquisition "{name}": of its reply, {wrong}. `kill {pid}` ends it and'
+            " finishes its file; `imutui record` or `imutui` then starts it anew."
+        )
     if not reply["ok"]:
-        raise SessionRefusalError(reply["error"])
+        raise SessionError(reply["error"])
     answer: Reply = reply
     return answer
 

@@ -12,14 +12,15 @@ import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
+from imutui import document_shape
 from imutui.logbook import atomic_file, file_lock
 from imutui.session import ipc
 from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
     from imutui.session.preloaded import Forked
     from imutui.session.requests import EndFinding
 
@@ -31,12 +32,13 @@ _SUFFIX = ".ended"
 class EndReport(TypedDict):
     """The end of the acquisition process `pid`; `utc` as in a snapshot, `ended_by` in words, empty if nobody asked."""
 
+    version: int
     pid: int
     utc: str
     ended_by: str
     error: str | None
     findings: "list[EndFinding]"
-    result: "ResultDocument | None"
+    result: "RunDocument | None"
 
 
 def write(
@@ -44,10 +46,11 @@ def write(
     ended_by: str,
     error: str | None,
     findings: "Sequence[EndFinding]" = (),
-    result: "ResultDocument | None" = None,
+    result: "RunDocument | None" = None,
 ) -> None:
     """Leave the report of the acquisition of that name, which this process is, if the disk takes it."""
     report: EndReport = {
+        "version": document_shape.VERSION,
         "pid": os.getpid(),
         "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "ended_by": ended_by,
@@ -82,10 +85,7 @@ def _read(path: Path) -> EndReport | None:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
         return None
-    if not isinstance(found, dict) or not EndReport.__annotations__.keys() <= found.keys():
-        return None
-    report: EndReport = {**found}  # type: ignore[typeddict-item]
-    return report
+    return None if document_shape.wrong_version(found) else cast("EndReport", found)
 
 
 _GRACE_S = 10.0

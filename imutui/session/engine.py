@@ -41,7 +41,7 @@ from imutui.session.table_turner import TableTurner
 from imutui.session.watches import FoxgloveFollower
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 _FIRST_PACKET_S = 3.0
 _READER_END_S = 0.5
@@ -109,7 +109,7 @@ class Engine:
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 
     @property
-    def result(self) -> "ResultDocument | None":
+    def result(self) -> "RunDocument | None":
         """Result of the last recording; to be asked for after the end."""
         return self._acquisition.recorder.result
 

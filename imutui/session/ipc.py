@@ -27,6 +27,7 @@ import platformdirs
 
 from filters.errors import InputError
 from imutui import defects
+from imutui.document_shape import VERSION
 from imutui.outside_file import can_be_written
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
@@ -273,7 +274,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
                 del self._reserved[connection]
                 self._reserved[connection] = None
         try:
-            answer, peer = self._answer_briefly if reserved else self.answer, _peer(connection)
+            answer, peer = self._answer_briefly if reserved else self.answer, peer_of(connection)
             yield lambda request: answer({**request, "peer": peer})
         finally:
             with self.idle:
@@ -296,7 +297,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether whoever connects is heard: this user or root, and not one too many."""
         del client_address
-        if _peer(request)[0] not in (0, os.getuid()):
+        if peer_of(request)[0] not in (0, os.getuid()):
             _refuse(request, "this acquisition belongs to another user")
             return False
         with self.idle:
@@ -379,7 +380,7 @@ def _finite(text: str) -> float:
 
 
 def _line(reply: Reply | Refusal) -> bytes:
-    return json.dumps(reply).encode() + b"\n"
+    return json.dumps({"version": VERSION, **reply}).encode() + b"\n"
 
 
 def _refuse(connection: socket.socket, error: str) -> None:
@@ -388,7 +389,7 @@ def _refuse(connection: socket.socket, error: str) -> None:
         connection.send(_line({"ok": False, "error": error}), socket.MSG_DONTWAIT)
 
 
-def _peer(connection: socket.socket) -> tuple[int, int]:
+def peer_of(connection: socket.socket) -> tuple[int, int]:
     """User id and process id at the other end of a Unix socket, as the kernel knows them."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     pid, uid, _ = struct.unpack("3i", credentials)

@@ -27,7 +27,7 @@ from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 
 # the packet that completes the last period may be on its way
@@ -100,7 +100,7 @@ class Recorder:
     ) -> None:
         self._take(plan, info)
         self._instrument = INSTRUMENTS[plan.instrument]
-        self.result: ResultDocument | None = None  # of the last recording that was finished
+        self.result: RunDocument | None = None  # of the last recording that was finished
         self.recording: Recording | None = None
         self.duration = Duration(plan.duration_s)
         self.events = EventLog(timebase)
@@ -281,7 +281,7 @@ class Recorder:
         why = "" if vanished is None else f": {vanished.words}"
         self.event("acquisition", f"part {recording.part}, continues {before}{why}")
 
-    def _finish_file(self, recording: Recording, following: Path | None = None) -> "ResultDocument":
+    def _finish_file(self, recording: Recording, following: Path | None = None) -> "RunDocument":
         """Finish the present file, and say so if it is not where it was made; `following` is the next one, if any."""
         vanished = recording.look()
         goes_on = None if following is None else f"continued in {following.name}"
@@ -305,7 +305,7 @@ class Recorder:
             error, live.defect = live.defect, None
             raise error
 
-    def end_recording(self) -> "ResultDocument":
+    def end_recording(self) -> "RunDocument":
         """Finish the recording; the run of samples, its filter included, goes on without a file.
 
         Raises InputError if nothing is being recorded.

@@ -24,7 +24,7 @@ from imutui.session.sample_pipeline import SamplePipeline
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import PartResult, ResultDocument
+    from imutui.logbook.results import PartResult, RunDocument
 
 
 _MB = 1_000_000
@@ -121,7 +121,7 @@ class Recording:
         operator = self.info.operator if operator is None else operator
         self.info = replace(self.info, note=note, operator=operator)
 
-    def finish_file(self, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+    def finish_file(self, pipeline: SamplePipeline, now_ns: int) -> "RunDocument":
         """Finish the present file; returns its result, with all parts so far if there are several. Raises OSError.
 
         One that is lost is given up: its result says that it is not finished, and it is no part.
@@ -141,14 +141,14 @@ class Recording:
         memory = "" if pipeline.filter is None else pipeline.filter.memory()
         self._next_info = previous_log.told(replace(following, memory=memory), None)
         if result["finished"]:
-            passes = sources.of_document(result).passes
-            self._finished.append({"log": result["log"], "converged": result.get("converged", True), "passes": passes})
+            passes, converged = sources.of_document(result).passes, "final" not in result or result["converged"]
+            self._finished.append({"log": result["log"], "converged": converged, "passes": passes})
             if len(self._finished) > 1:
                 result["parts"] = list(self._finished)
         return result
 
 
-def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "RunDocument":
     """Filter what still waits, finish the file and return its result; the pipeline goes on without a file.
 
     Raises OSError if the disk does not take the end; the file then ends with its last flush.
@@ -158,7 +158,7 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     return close_file(writer, pipeline, now_ns)
 
 
-def close_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+def close_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "RunDocument":
     """Finish the file with what was used so far, and return its result. Raises OSError as `finish_file` does."""
     document = result_document(pipeline, writer.path, None)
     # of its result the file keeps all, and the verdict on it in a word
@@ -168,7 +168,7 @@ def close_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Res
     return result_document(pipeline, writer.path, writer.sha256)
 
 
-def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "RunDocument":
     """Result of a run of samples whose file is lost."""
     pipeline.release_file()
     pipeline.use_waiting(now_ns)
@@ -178,44 +178,19 @@ def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Resu
     return result
 
 
-def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "ResultDocument":
+def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "RunDocument":
     """Result of a run of samples after its last one; `log_sha256` is None before the file is finished."""
     # loads statistics: not before a recording ends
     from imutui.logbook import results
 
     info, counters, live = pipeline.info, pipeline.counters, pipeline.filter
-    failure = None if live is None else live.failure
-    if live is None or live.estimator is None or live.estimator.latest is None:
-        return {
-            "version": results.VERSION,
-            "log": str(path.resolve()),
-            "kind": info.kind,
-            "filter": info.filter,
-            "samples": pipeline.samples,
-            "finished": True,
-            "lost_packets": counters.lost_packets,
-            "bad_checksums": counters.bad_checksums,
-            "alarms": [] if failure is None else [failure],
-            "assumed": [],
-            "health": pipeline.health(final=True),
-            "log_sha256": log_sha256,
-        }
-    document = results.document(
-        live.estimator,
-        info,
-        path,
-        finished=True,
-        lost_packets=counters.lost_packets,
-        bad_checksums=counters.bad_checksums,
-        filter_s=live.seconds,
-        read_s=0.0,
-        log_sha256=log_sha256 or "",
-        health=pipeline.health(final=True),
-    )
-    document["log_sha256"] = log_sha256
-    if failure is not None:
-        document["alarms"].append(failure)
-    return document
+    lost, health = (counters.lost_packets, counters.bad_checksums), pipeline.health(final=True)
+    result: RunDocument = results.of_readings(info, path, pipeline.samples, lost, health, log_sha256)
+    if live is not None and live.estimator is not None and live.estimator.latest is not None:
+        result = results.document(result, live.estimator, info, live.seconds, 0.0)
+    if live is not None and live.failure is not None:
+        result["alarms"].append(live.failure)
+    return result
 
 
 def _open(path: Path, info: SessionInfo, plan: Plan, *, overwrite: bool) -> LogWriter:

@@ -18,7 +18,7 @@ from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import ResultDocument
+    from imutui.logbook.results import RunDocument
 
 LONGEST_WAIT_S = 86400.0
 CHANGES = ("begin_statistics", "mark", "record", "describe", "configure", "zero", "guide", "stop_recording")
@@ -82,7 +82,7 @@ class Reply(TypedDict, total=False):
     path: str  # record: of the file that has begun
     said: str  # zero: what came of it
     profile: ProfileDescription | None  # profile: what the reference comes from; None if from no table profile
-    result: "ResultDocument | None"  # stop_recording, stop, wait: of the last recording
+    result: "RunDocument | None"  # stop_recording, stop, wait: of the last recording
     error: str | None  # stop, wait: why the acquisition failed, if it did
     exit_code: int  # stop, wait: of the acquisition's process
     findings: list[EndFinding]  # stop, wait: what must be said of one that did not fail

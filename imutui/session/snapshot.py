@@ -4,7 +4,7 @@ Records only, as they travel over the socket (JSON objects); `observe` fills the
 biases and channels in the instrument's own axes and sign. None stands for what is not known, or not there.
 """
 
-from typing import Literal, NotRequired, TypedDict
+from typing import Literal, TypedDict
 
 from filters.health.finding import HealthEntry
 from imutui.filter_snapshot import FilterSnapshot
@@ -83,7 +83,7 @@ class GuideSnapshot(TypedDict):
     left_s: float | None
     begun: list[float | None]
     # for how long a virtual unit of its own turns still to where the operator sent it; None of others
-    turns_s: NotRequired[float | None]
+    turns_s: float | None
 
 
 class ControllerSnapshot(TypedDict):
@@ -103,7 +103,7 @@ class ControllerSnapshot(TypedDict):
     age_s: float | None
     moves: bool
     error: str
-    investigates: NotRequired[bool]
+    investigates: bool
 
 
 class ChannelSnapshot(TypedDict):
@@ -137,18 +137,18 @@ class Snapshot(TypedDict):
     """
 
     name: str
-    batch: NotRequired[str]
+    batch: str
     pid: int
-    owner: NotRequired[str]
+    owner: str
     state: SessionState
     error: str | None
     findings: list[str]
-    ended_by: NotRequired[str]
+    ended_by: str
     instrument: str
     serial_number: str
     firmware: str
     kind: str
-    site_stated: NotRequired[bool]
+    site_stated: bool
     port: str
     baud: int
     rate_hz: float
@@ -160,8 +160,8 @@ class Snapshot(TypedDict):
     lost_packets_max: int
     bad_checksums: int
     discarded_bytes: int
-    doubled_packets: NotRequired[int]
-    status: NotRequired[str]
+    doubled_packets: int
+    status: str
     advice: LineAdvice
     silent_s: float | None
     zeroing: bool
@@ -174,7 +174,7 @@ class Snapshot(TypedDict):
     place: str
     table: str
     note: str
-    next_note: NotRequired[str]
+    next_note: str
     rotate_minutes: float
     rotate_mb: float
     free_bytes: int | None
@@ -182,9 +182,9 @@ class Snapshot(TypedDict):
     marks: list[MarkLine]
     reference: ReferenceSnapshot
     effects: list[str]
-    ends_unwatched_s: NotRequired[float | None]
+    ends_unwatched_s: float | None
     guide: GuideSnapshot | None
-    controller: NotRequired[ControllerSnapshot | None]
+    controller: ControllerSnapshot | None
     channels: list[ChannelSnapshot]
     statistics_s: float
     health: list[HealthEntry]
@@ -211,7 +211,7 @@ class ProfileDescription(TypedDict):
 
     name: str
     # what its file says at the top: what it is for, what else is to be done; an older one tells nothing
-    about: NotRequired[list[str]]
+    about: list[str]
     align: str
     segments: list[SegmentDescription]
 
@@ -287,7 +287,7 @@ class StatisticsSnapshot(TypedDict):
     stretches: int
     period_s: float | None
     white: float | None
-    white_of: NotRequired[str]
+    white_of: str
     bandwidth_hz: float | None
     allan: AllanSnapshot | None
     spectrum: SpectrumSnapshot | None

@@ -27,9 +27,9 @@ from imutui.tui.pages.record import text
 from imutui.tui.recording import RecordingControl
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
-TellFinished = Callable[[RecordingSnapshot, "ResultDocument"], None]
+TellFinished = Callable[[RecordingSnapshot, "RunDocument"], None]
 
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
@@ -388,7 +388,7 @@ class Leaving:
         finally:
             self._connector.release()
             connection.over()
-        done = [messages.finished(recording, result)] if recording else []
-        self._recorder.tell_page(text.finished(recording, result) if recording else [])
+        done = [] if recording is None or result is None else [messages.finished(result)]
+        self._recorder.tell_page([] if recording is None or result is None else text.finished(recording, result))
         context.say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None

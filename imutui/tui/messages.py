@@ -1,16 +1,16 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imutui.command_line import command
 from imutui.session.client import EndReport, SessionError
-from imutui.session.snapshot import RecordingSnapshot, Snapshot
+from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
 from imutui.verdict.rules import STEADY_K_PER_MIN
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
 TREND_KNOWN_S = 30.0
 """Time until the filter knows how the temperature changes."""
@@ -47,13 +47,13 @@ def lost(now: Snapshot) -> str:
 
 def silence(snapshot: Snapshot) -> str | None:
     """Warning about a line that fell silent or is gone, or None."""
-    away = snapshot.get("reconnecting")
-    if snapshot.get("state") == "running" and away is not None:
+    away = snapshot["reconnecting"]
+    if snapshot["state"] == "running" and away is not None:
         return f"RECONNECTING for {away['seconds']:.0f} s: the acquisition waits for {away['waits_for']}"
-    silent, rate = snapshot.get("silent_s"), snapshot.get("rate_hz")
+    silent, rate = snapshot["silent_s"], snapshot["rate_hz"]
     # Streaming instruments send at their own, full rate whatever output rate was asked.
-    limit = silence_limit_s(None if snapshot.get("sampling") == "stream" else rate)
-    if snapshot.get("state") != "running" or silent is None or silent <= limit:
+    limit = silence_limit_s(None if snapshot["sampling"] == "stream" else rate)
+    if snapshot["state"] != "running" or silent is None or silent <= limit:
         return None
     advice = snapshot["advice"]["silence"]
     return f"NO DATA for {silent:.1f} s: {advice}{'' if advice.endswith('?') else '.'} The acquisition keeps listening."
@@ -61,20 +61,20 @@ def silence(snapshot: Snapshot) -> str | None:
 
 def table_moves(snapshot: Snapshot | None) -> bool:
     """Whether the table turns under command, or is about to."""
-    table = snapshot.get("controller") if snapshot else None
+    table = snapshot["controller"] if snapshot else None
     return table is not None and table["moves"]
 
 
 def table_is_commanded(snapshot: Snapshot | None) -> bool:
     """True if it moves, or goes through a profile and may begin to turn any time: Esc stops it then."""
-    guide = snapshot["guide"] if snapshot and snapshot.get("controller") else None
+    guide = snapshot["guide"] if snapshot and snapshot["controller"] else None
     return table_moves(snapshot) or (guide is not None and guide["state"] in ("go", "hold"))
 
 
 def investigates(snapshot: Snapshot | None) -> bool:
     """True if `imutui investigate` has the acquisition: it records, marks and ends by itself."""
-    table = snapshot.get("controller") if snapshot else None
-    return table is not None and table.get("investigates", False)
+    table = snapshot["controller"] if snapshot else None
+    return table is not None and table["investigates"]
 
 
 def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None = None) -> str:
@@ -86,7 +86,7 @@ def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None
     said = [_why_ended(snapshot, error, report)]
     said += [finding["text"] for finding in report["findings"]] if report else []
     if recording and report and report["result"] is not None:
-        said.append(finished(recording, report["result"]))
+        said.append(finished(report["result"]))
     elif recording and error == KILLED:
         path = recording["path"]
         said.append(f"It was recording to {path}: that file is not finished. On 6 Logs, v recovers what it holds.")
@@ -97,7 +97,7 @@ def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None
 
 def _why_ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None) -> str:
     failure = report["error"] if report else snapshot["error"] if snapshot else None
-    by = report["ended_by"] if report else snapshot.get("ended_by", "") if snapshot else ""
+    by = report["ended_by"] if report else snapshot["ended_by"] if snapshot else ""
     if failure:
         return failure
     at = f" at {formatting.utc_time(report['utc'])} UTC" if report else ""
@@ -106,25 +106,19 @@ def _why_ended(snapshot: Snapshot | None, error: str | None, report: EndReport |
     return error or "It ended by itself, without an error."
 
 
-def finished(recording: RecordingSnapshot | None, result: "ResultDocument | None") -> str:
+def finished(result: "RunDocument") -> str:
     """Which file is finished, how much is in it, and what the filter made of it."""
-    found: Any = result or {}
-    samples = found.get("samples", recording["samples"] if recording else None)
-    much = f", {formatting.plural(samples, 'sample')}" if isinstance(samples, int) else ""
-    path = found.get("log") or (recording["path"] if recording else None)
-    lines = [f"finished {path or 'the file'}{much}"]
-    biases = ", ".join(f"{name} {values}" for name, values in final_biases(found))
-    return "\n".join([*lines, *([biases] if biases else [])])
+    biases = ", ".join(f"{name} {values}" for name, values in final_biases(result))
+    said = f"finished {result['log']}, {formatting.plural(result['samples'], 'sample')}"
+    return f"{said}\n{biases}" if biases else said
 
 
-def final_biases(result: Any) -> list[tuple[str, str]]:
-    """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
-    final = result.get("final") or {}
-    found = (
-        ("gyro bias", final.get("gyro_bias_dps"), "deg/s"),
-        ("accel bias", final.get("accel_bias_mg"), "mg"),
-    )
-    return [(name, _triple(values, unit)) for name, values, unit in found if values]
+def final_biases(result: "RunDocument") -> list[tuple[str, str]]:
+    """The biases of a result by kind: name, and three values with their unit; empty if no filter ran."""
+    if "final" not in result:
+        return []
+    gyro, accel = result["final"]["gyro_bias_dps"], result["final"]["accel_bias_mg"]
+    return [("gyro bias", _triple(gyro, "deg/s")), ("accel bias", _triple(accel, "mg"))]
 
 
 def _triple(values: list[float | None], unit: str) -> str:
@@ -171,7 +165,7 @@ def of_several(done: str, replies: Mapping[str, object]) -> tuple[str, str]:
 
 def until(snapshot: Snapshot | None) -> str:
     """How long an acquisition goes on that nobody looks at; empty if for ever."""
-    seconds = snapshot.get("ends_unwatched_s") if snapshot else None
+    seconds = snapshot["ends_unwatched_s"] if snapshot else None
     return "" if seconds is None else f" for {seconds:g} s: a virtual unit ends with its last viewer"
 
 

@@ -17,7 +17,7 @@ from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog, nothing_to_mar
 from imutui.tui.pages.record import text
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
 _NOTE_HINT = (
     "Enter records, with or without a note; it can be changed while the recording runs: n on page 3. Esc: not yet."
@@ -113,7 +113,7 @@ class RecordingControl:
         result = await in_thread(client.stop_recording)
         self.tell_page(text.finished(recording, result))
         shown = context.front is not None and context.front is context.record_page
-        context.say("the file is finished" if shown else messages.finished(recording, result), "good")
+        context.say("the file is finished" if shown else messages.finished(result), "good")
         path = None if recording is None else recording["path"]
         self._shall_see(lambda: context.recording is None or context.recording["path"] != path)
 
@@ -141,7 +141,7 @@ class RecordingControl:
             self._context.record_page.begun()
         self.tell_page([])
 
-    def tell_finished(self, recording: RecordingSnapshot, result: "ResultDocument") -> None:
+    def tell_finished(self, recording: RecordingSnapshot, result: "RunDocument") -> None:
         """A recording was finished by somebody else."""
         self.tell_page(text.finished(recording, result))
 

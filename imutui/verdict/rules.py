@@ -319,7 +319,7 @@ def tolerance(unit: str) -> float:
 
 def filter_sd3(bias: BiasSnapshot) -> float | None:
     """Return three standard deviations as the filter has them, by which convergence is judged: without the site's."""
-    sd3, of_site = bias["sd3"], bias.get("site_sd3", 0.0)
+    sd3, of_site = bias["sd3"], bias["site_sd3"]
     return sd3 if sd3 is None else math.sqrt(max(sd3**2 - of_site**2, 0.0))
 
 
@@ -472,7 +472,7 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
 def _site(biases: Sequence[BiasSnapshot]) -> Check | None:
     """Return which ± are wide because the site is not stated; it decides nothing, since the filter is as good."""
     least = 3.0 * ACCEL_TOLERANCE_MG
-    wide = [bias["name"] for bias in biases if bias["observable"] and bias.get("site_sd3", 0.0) > least]
+    wide = [bias["name"] for bias in biases if bias["observable"] and bias["site_sd3"] > least]
     if not wide:
         return None
     said = f"the ± of {' and '.join(wide)} is wide, as the site is not stated: --site LAT,LON,H"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from filters import specification
 from filters.channels import DPS, MG
-from filters.specification import IMU400CD_200, ImuSpec
+from filters.specification import ImuSpec
 from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, channel, judge
 
 if TYPE_CHECKING:
@@ -13,32 +13,29 @@ if TYPE_CHECKING:
 
     from filters.health.finding import HealthEntry
     from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
-    from imutui.logbook.results import NoiseFields, ResultDocument, SdFields, StateFields
+    from imutui.logbook.results import NoiseFields, ResultDocument, RunDocument, SdFields, StateFields
 
 _AT_REST = ("level", "gravity")
 _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
 
 
-def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = None) -> Standing:
-    """Standing of a running filter.
-
-    `slope_k_per_min`: of the temperature as the viewer sees it, for an acquisition that does not tell its own.
-    """
+def of_snapshot(estimates: "FilterSnapshot") -> Standing:
+    """Standing of a running filter."""
     return Standing(
         t=estimates["t"],
         biases=estimates["biases"],
         nis=estimates["nis"],
         remainder=estimates["remainder"],
-        noise=estimates.get("noise"),
+        noise=estimates["noise"],
         alarms=estimates["alarms"],
         confounded=estimates["confounded"],
-        slope_k_per_min=estimates.get("temperature_k_per_min", slope_k_per_min),
-        departure=estimates.get("departure"),
-        causes=estimates.get("causes", ()),
-        held_since=estimates.get("held_since"),
+        slope_k_per_min=estimates["temperature_k_per_min"],
+        departure=estimates["departure"],
+        causes=estimates["causes"],
+        held_since=estimates["held_since"],
         failure=estimates["failure"],
         waiting=estimates["waiting"],
-        limits_of=estimates.get("limits_of", IMU400CD_200.source),
+        limits_of=estimates["limits_of"],
     )
 
 
@@ -68,23 +65,23 @@ def _of_bias(standing: Standing, bias: "BiasSnapshot", health: "Sequence[HealthE
     return found if bias["observable"] or found.level == "bad" else replace(found, level="none")
 
 
-def of_document(d: "ResultDocument") -> Verdict:
-    """The verdict on a live run that is over, or on a replay; a document of an older version lacks some of it."""
+def of_document(d: "RunDocument") -> Verdict:
+    """The verdict on a live run that is over, or on a replay."""
     if "final" not in d:
-        return judge(None, d["health"]) if d["health"] else _unfiltered(d.get("alarms", []))
+        return judge(None, d["health"]) if d["health"] else _unfiltered(d["alarms"])
     return judge(
         Standing(
             t=d["duration_s"],
             biases=_snapshots(d),
             nis=d["nis"],
-            remainder=d.get("remainder", ()),
-            noise=noisiest(d["noise"], d["reference"]) if "noise" in d else None,
+            remainder=d["remainder"],
+            noise=noisiest(d["noise"], d["reference"]),
             alarms=d["alarms"],
-            confounded=d.get("confounded", ()),
-            slope_k_per_min=d.get("temperature_k_per_min"),
-            departure=d.get("departure"),
-            causes=d.get("causes", ()),
-            held_since=d.get("held_since_s"),
+            confounded=d["confounded"],
+            slope_k_per_min=d["temperature_k_per_min"],
+            departure=d["departure"],
+            causes=d["causes"],
+            held_since=d["held_since_s"],
             over=True,
             limits_of=specification_of(d).source,
         ),
@@ -94,8 +91,7 @@ def of_document(d: "ResultDocument") -> Verdict:
 
 def specification_of(d: "ResultDocument") -> ImuSpec:
     """Return the specification of the unit that a result is of; `NOT_KNOWN` of one that its log does not state."""
-    identity = d.get("identity")
-    return specification.of_model("" if identity is None else identity["instrument"])
+    return specification.of_model(d["identity"]["instrument"])
 
 
 def noise_stated(d: "ResultDocument") -> tuple[str, str]:
@@ -113,9 +109,8 @@ def noisiest(noise: "NoiseFields", reference: str) -> "NoiseSnapshot | None":
 
     Of a kind its quietest channel counts: what moves one channel alone is an effect, and no noise of the unit.
     """
-    # results of before lack some of it
-    relative_sd, used = noise.get("relative_sd"), noise.get("used")
-    if reference not in _AT_REST or relative_sd is None or used is None:
+    relative_sd, used = noise["relative_sd"], noise["used"]
+    if reference not in _AT_REST or relative_sd is None:
         return None
     kinds = {
         "gyros": (noise["gyro_arw_deg_sqrt_h"], used["gyro_arw_deg_sqrt_h"]),
@@ -164,18 +159,21 @@ class ResultBias(NamedTuple):
 
 def biases(d: "ResultDocument") -> list[ResultBias]:
     """Biases of gyros, then accelerometers, of a result in which a filter ran."""
-    kinds: tuple[tuple[str, str, Literal["gyro_bias_dps", "accel_bias_mg"]], ...]
-    kinds = (("gyro", "deg/s", "gyro_bias_dps"), ("accel", "mg", "accel_bias_mg"))
+    since = d["converged_s"]
+    kinds: tuple[tuple[str, str, Literal["gyro_bias_dps", "accel_bias_mg"], list[float | None]], ...]
+    kinds = (
+        ("gyro", "deg/s", "gyro_bias_dps", since["gyro_bias"]),
+        ("accel", "mg", "accel_bias_mg", since["accel_bias"]),
+    )
     return [
-        ResultBias(f"{axis} {kind}", f"{kind[0]}{axis}", unit, d["final"][key][i], d["sd"][key][i],
-                   d["converged_s"][f"{kind}_bias"][i], key, i)
-        for kind, unit, key in kinds for i, axis in enumerate("xyz")
+        ResultBias(f"{axis} {kind}", f"{kind[0]}{axis}", unit, d["final"][key][i], d["sd"][key][i], times[i], key, i)
+        for kind, unit, key, times in kinds for i, axis in enumerate("xyz")
     ]  # fmt: skip
 
 
 def _snapshots(d: "ResultDocument") -> "list[BiasSnapshot]":
     limits = bias_limits(specification_of(d))
-    site = {"gyro_bias_dps": (0.0,) * 3, "accel_bias_mg": d.get("site_sd_mg", (0.0,) * 3)}
+    site = {"gyro_bias_dps": (0.0,) * 3, "accel_bias_mg": d["site_sd_mg"]}
     return [
         {"name": b.name, "value": b.value, "sd3": None if b.sd is None else 3.0 * b.sd,
          "site_sd3": 3.0 * site[b.key][b.place], "unit": b.unit,
@@ -184,7 +182,7 @@ def _snapshots(d: "ResultDocument") -> "list[BiasSnapshot]":
     ]  # fmt: skip
 
 
-def headline(d: "ResultDocument") -> str:
+def headline(d: "RunDocument") -> str:
     """The verdict on a result in a line, for the head of a page: word, whether it converged, of what part, the file.
 
     "Converged" stands above nothing that is RED, and above a damaged file only with the part that could be read.
@@ -196,19 +194,19 @@ def headline(d: "ResultDocument") -> str:
     if found.level != "bad" and "final" in d:
         settled = all(check.level == "good" for check in found.checks if check.name == "converged")
         said += ", converged" if settled else ", NOT converged"
-    if "damage" in d:
+    if d["damage"] is not None and "final" in d:
         said += f" in the {d['duration_s']:.1f} s of it that can be read"
     return f"{said}: {d['log']}"
 
 
-def reasons(d: "ResultDocument") -> str:
+def reasons(d: "RunDocument") -> str:
     """Why the verdict on a result is what it is, and what to do: a sentence for below its headline."""
     found = of_document(d)
     todo = found.todo_at_length.replace(TRACE_KEY, "`imutui trace` looks for the cause")
     return found.followed_by(todo)
 
 
-def hence(d: "ResultDocument") -> str:
+def hence(d: "RunDocument") -> str:
     """Why a command that ends with this result exits with 1: the verdict's word and reason."""
     found = of_document(d)
     return f"{found.word}: {found.reason}"

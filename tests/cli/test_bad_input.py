@@ -442,7 +442,7 @@ REFUSED = {
         "--effects missing.toml": (2, "missing.toml: No such file"),
         "--effects folder": (2, "folder: Is a directory"),
         "--effects kept": (2, "this is not"),
-        "--effects newer.toml": (2, "reads version 1"),
+        "--effects newer.toml": (2, "its version is 2, not 1", "imutui trace LOG... -o effects.toml"),
         "--effects gremlins.toml": (2, "gremlins"),
     },
     "import": {
@@ -492,7 +492,7 @@ REFUSED = {
         "good.mcap -o kept/out.mcap": (5, "kept", "folder"),
         "good.mcap --effects missing.toml": (2, "--effects missing.toml", "No such file", "imutui trace"),
         "good.mcap --effects kept": (2, "--effects kept", "this is not"),
-        "good.mcap --effects newer.toml": (2, "--effects newer.toml", "`version` 2", "version 1"),
+        "good.mcap --effects newer.toml": (2, "--effects newer.toml", "its version is 2, not 1"),
         "good.mcap --effects gremlins.toml -o out.mcap": (2, "good.mcap", "gremlins", "--effects none"),
     },
     "virtual --while-stdin": {

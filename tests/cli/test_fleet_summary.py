@@ -12,7 +12,7 @@ from helpers.commands import imutui
 def written(rows: list[dict[str, Any]]) -> str:
     """Name of a campaign's folder with these rows, here."""
     Path("results").mkdir()
-    Path("results/results.json").write_text(json.dumps({"rows": rows}))
+    Path("results/results.json").write_text(json.dumps(fleets.results(*rows)))
     return "results"
 
 

@@ -72,7 +72,7 @@ def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:
         assert t.size == pytest.approx(20.0 * seconds, abs=10)
         assert log.info.kind == "simulated"
     peak = reader.read(logs[0])
-    assert peak.seconds()[np.argmax(peak.temperature_degc)] == pytest.approx(50.0, abs=1.5)
+    assert peak.seconds()[np.argmax(peak.samples.degc)] == pytest.approx(50.0, abs=1.5)
 
 
 def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -> None:

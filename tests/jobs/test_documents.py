@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 from helpers.paths import SAMPLE
 
-from imutui.jobs import check, document_shape, documents, info, recover
+from imutui import document_shape
+from imutui.jobs import check, documents, info, recover
 from imutui.logbook import results
 
 

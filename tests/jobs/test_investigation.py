@@ -163,6 +163,17 @@ def test_a_folder_is_of_one_investigation(tmp_path: Path) -> None:
         Diary.read(tmp_path)
 
 
+def test_a_diary_of_another_version_is_refused_with_the_command_that_begins_anew(tmp_path: Path) -> None:
+    diary = Diary.begun(1.0, tmp_path)
+    diary.document["asked"] |= {"port": "/dev/ttyUSB0", "controller": "acutrol://table:9000"}
+    diary.document["version"] = 0
+    diary.save()
+    with pytest.raises(InputError, match="its version is 0, not 1") as told:
+        Diary.read(tmp_path)
+    anew = "imutui investigate --port /dev/ttyUSB0 --controller acutrol://table:9000 --hours H -o DIR"
+    assert f"`{anew}` begins anew" in str(told.value)
+
+
 @pytest.mark.parametrize("text", ["[]", "{", '{"version": 1, "hours": "two"}'])
 def test_a_diary_that_is_none_is_refused_in_words(tmp_path: Path, text: str) -> None:
     """Whatever the file holds, it is told that it is no diary."""

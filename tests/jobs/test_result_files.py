@@ -44,7 +44,7 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
         "`result.error[0].before` is not a number",
     ),
     "lack": (lambda d: {key: value for key, value in d.items() if key != "weak"}, "`result.weak` is missing"),
-    "other": (lambda d: {"name": "x"}, "`result.version` is missing"),
+    "other": (lambda d: {"name": "x"}, "it states no version"),
 }
 
 
@@ -54,7 +54,22 @@ def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, case: str) 
     with pytest.raises(UnreadableLogError) as told:
         result_files.read(written(tmp_path, change(traces.whole_document())))
     assert said in str(told.value)
-    assert "imutui trace LOG... --json" in str(told.value)
+    assert "`imutui trace " in str(told.value)
+
+
+@pytest.mark.parametrize("version", [0, 2, None, True, "1"])
+def test_a_result_of_another_version_is_refused_with_the_command_that_makes_it_anew(
+    tmp_path: Path, version: object
+) -> None:
+    replay, trace = json.loads(REPLAY.read_text()), traces.whole_document()
+    for document, anew in (
+        (replay, "imutui replay /data/sample.mcap --json"),
+        (trace, "imutui trace /data/a.mcap /data/b.mcap --json"),
+    ):
+        said = "its version is" if version is not None else "it states no version"
+        with pytest.raises(UnreadableLogError, match=said) as told:
+            result_files.read(written(tmp_path, {**document, "version": version}))
+        assert str(told.value).endswith(f"`{anew}` makes it anew.")
 
 
 def test_a_log_says_when_and_how_warm_only_if_it_is_the_one(tmp_path: Path) -> None:
@@ -68,5 +83,5 @@ def test_a_log_says_when_and_how_warm_only_if_it_is_the_one(tmp_path: Path) -> N
     assert notes == []
     for changed, said in (({"log_sha256": "0" * 64}, "not the file"), ({"log": str(tmp_path / "b")}, "is not there")):
         (same,), (note,) = result_files.completed([{**result, **changed}])
-        assert "start_utc" not in same
+        assert same["start_utc"] is None
         assert said in note

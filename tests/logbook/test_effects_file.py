@@ -70,8 +70,8 @@ def test_an_effects_file_is_read_as_it_stands() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("version = 1", "version = 2", "`version` 2; this imutui reads version 1"),
-        ("version = 1", "", "has no `version`"),
+        ("version = 1", "version = 2", "its version is 2, not 1. `imutui trace LOG... -o effects.toml` makes it anew"),
+        ("version = 1", "", "it states no version"),
         ("version = 1", "version 1", "this is not"),
         ("source =", "sources =", "`sources` is unknown in the file; known: version"),
         ('channels = ["gy"]', 'channels = ["wy"]', r'effect 1 \("thermal_lin"\): `channels` is'),

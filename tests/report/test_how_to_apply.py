@@ -22,7 +22,7 @@ from imutui.jobs.residuals import NoiseLevel
 from imutui.logbook import effects_file
 from imutui.logbook.session_info import SessionInfo
 from imutui.report import how_to_apply
-from imutui.report.blocks import Code, Items, Paragraph
+from imutui.report.blocks import Code, Items
 
 INCLUDED = (
     Included("thermal_lin", ("gy",), "A", {}, (State("k", "deg/s/K", 0.02, 0.001),)),
@@ -178,5 +178,3 @@ def test_files_of_the_section_lie_beside_the_page() -> None:
     assert effects_file.parse(files["effects.toml"].encode()).effects == INCLUDED
     assert any(isinstance(block, Code) and block.folded for block in section.blocks)
     assert any(isinstance(block, Items) for block in section.blocks)
-    old = how_to_apply.of_trace(traces.whole_document(), LogData())  # type: ignore[arg-type]
-    assert any(isinstance(block, Paragraph) and "older imutui" in block.text for block in old.blocks)

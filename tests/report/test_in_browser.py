@@ -22,7 +22,7 @@ def of_results() -> Page:
     six = [[0.1] * 6] * 3
     points: Any = {"t": [0.0, 1.0, 5.0], "bias": six, "sd": six, "nis": [None, 1.0, 8.0], "dof": [9.0] * 3}
     log = LogData(courses=(Course("with it", points, is_test=True),), effects="# effects\n" * 60, missing=("a" * 90,))
-    stories = [page.Story({**traces.document(), "runs": [run, run], "curves": curves}, log)]
+    stories = [page.Story(traces.of_two_runs(runs=[run, run], curves=curves), log)]
     return page.page([*stories, *(page.Story(traces.replayed(kind=kind)) for kind in ("simulated", "measured"))])
 
 

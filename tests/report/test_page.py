@@ -104,12 +104,13 @@ def test_a_page_has_the_sections_of_a_report_in_order() -> None:
 
 
 def test_what_is_unknown_of_a_unit_is_not_stated() -> None:
-    bare = identity.section([identity.of_run(RUN)], "")
+    bare = identity.section([identity.of_run(RUN)], "imutui 2")
     (facts, files) = bare.blocks
     assert dict(facts.rows) == {
         "Readings": "SIMULATED",
+        "Computed with": "imutui 2",
         "Not stated": "unit, serial number, firmware, operator, turn table, place, recorded, temperature in the case,"
-        " recorded with, computed with, notes",
+        " recorded with, notes",
     }
     assert files.rows[0][-1] == "not stated"
     known = {

@@ -210,7 +210,8 @@ def test_what_would_separate_is_said_as_an_operator_does_it(motion: str, d: floa
 
 
 def test_a_clean_unit_needs_nothing_and_one_power_on_no_more_than_another() -> None:
-    clean = {**traces.nothing().document, "runs": [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]}
+    runs = [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]
+    clean = document(**traces.nothing().document, runs=runs, separating_experiment=None)
     assert [row[0] for row in tables(clean)["What to do"].rows] == ["nothing"]
     assert {row[1:] for row in tables(clean)["Channels"].rows} == {("–", "", "nothing", "clean", "nothing")}
     assert tables(document(runs=[RUN]))["What to do"].rows[-1][0] == "record again"

@@ -144,7 +144,7 @@ def test_each_file_alone_replays_to_its_live_result(files: list[tuple[Path, dict
         assert untimed(replay(path, Reading())) == untimed(live)
     assert [live["history_known"] for _, live in files] == [False, True, True]
     # only a recording in several files tells its parts
-    assert [len(live.get("parts", [])) for _, live in files] == [0, 2, 3]
+    assert [len(live["parts"]) for _, live in files] == [0, 2, 3]
     for part, (path, live) in zip(files[2][1]["parts"], files, strict=True):
         assert part == {"log": str(path), "converged": live["converged"], "passes": sources.of_document(live).passes}
 

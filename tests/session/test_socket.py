@@ -21,7 +21,6 @@ from imutui.session import __main__ as process
 from imutui.session import client, ipc
 from imutui.session.client import SessionError
 from imutui.session.ipc import NameTakenError
-from imutui.session.plan import HistoryWish
 from imutui.session.requests import Reply, Request
 from imutui.tui.pages.connect import text
 
@@ -78,7 +77,7 @@ def test_every_request_has_its_reply(server: ipc.Server, kind: str) -> None:
     reply = ask(HOSTILE[kind])
     assert reply["ok"] is False
     assert 0 < len(reply["error"]) < 1000
-    assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
+    assert ask(b'{"ask": "mark"}') == {"version": 1, "ok": True, "said": "here"}
     wait_until(lambda: not server.busy and not server.viewers)
     assert reply["error"].startswith("a defect of imutui, ") == (kind == "a failure"), "nor is it the request's fault"
     assert ('with the field "ask"' in reply["error"]) == (kind in ("a list", "a text", "nothing"))
@@ -115,7 +114,7 @@ def test_whoever_asks_for_something_brief_is_heard_however_many_idle_ones_there_
     with full(server) as viewers, ExitStack() as others:
         more = [others.enter_context(ipc.connect("asked", 60.0)) for _ in range(idle)]
         for _ in range(3):
-            assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
+            assert ask(b'{"ask": "mark"}') == {"version": 1, "ok": True, "said": "here"}
         assert exchange(viewers[-1], b'{"ask": "mark"}')["ok"]
         if idle >= ipc.RESERVED:
             with more[0].makefile("rb") as replies:
@@ -151,7 +150,7 @@ def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.Monke
     with ipc.connect("asked", 60.0) as connection:
         assert exchange(connection, b'{"ask": "mark"}')["ok"]
     stranger: Callable[[socket.socket], tuple[int, int]] = lambda connection: (4242, 1)  # noqa: E731
-    monkeypatch.setattr(ipc, "_peer", stranger)
+    monkeypatch.setattr(ipc, "peer_of", stranger)
     with ipc.connect("asked", 60.0) as connection:
         assert "another user" in json.loads(connection.recv(1 << 12))["error"]
 
@@ -169,7 +168,7 @@ def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Serve
     lock = ipc.lock("asked")
     with full(server):
         assert client.attach("asked").pid == 1
-        with pytest.raises(client.SessionRefusalError, match="viewers are connected already"):
+        with pytest.raises(SessionError, match="viewers are connected already"):
             client.attach("asked", stays=True)
     os.close(lock)
 
@@ -201,14 +200,15 @@ def test_a_field_that_does_not_fit_is_named(request_: dict[str, Any], words: str
     assert len(reply["error"]) < 500
 
 
-def test_an_acquisition_that_keeps_no_history_is_no_error(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that an older version started does not know the request; a viewer then goes by what it sees itself."""
-    monkeypatch.setattr(client.Client, "snapshot", lambda self, since: {"pid": 1})
-    asked = client.Client("asked")
-    assert asked.history(HistoryWish()) is None
-    with pytest.raises(client.SessionRefusalError, match="no such request"):
-        asked.statistics(0)
-    asked.close()
+@pytest.mark.parametrize("version", [0, 2, None])
+def test_an_acquisition_of_another_version_is_refused_with_the_command_that_ends_it(
+    server: ipc.Server, monkeypatch: pytest.MonkeyPatch, version: int | None
+) -> None:
+    monkeypatch.setattr(ipc, "VERSION", version)
+    said = "it states no version" if version is None else f"its version is {version}, not 1"
+    with pytest.raises(SessionError, match=said) as told:
+        client.Client("asked")
+    assert f"`kill {os.getpid()}` ends it and finishes its file" in str(told.value)
 
 
 # Where acquisitions are looked for: shells of one user on one machine need not have the same environment

@@ -4,7 +4,7 @@ import time
 from typing import Any, cast
 
 import pytest
-from helpers.fake_client import PATH, FakeClient, acquisition
+from helpers.fake_client import PATH, FakeClient, acquisition, result
 from helpers.pilot import SMALLEST, opened
 
 from imutui.session.client import SessionError
@@ -276,7 +276,7 @@ async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_st
         await see("→ ● REC | filter")
         see.client.report = {
             "pid": see.client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
-            "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
+            "error": None, "findings": [], "result": result(),
         }  # fmt: skip
         see.client.gone = "the acquisition has ended"
         await see(f"→ It was ended at 10:43:07 UTC by the command imutui stop, ana | finished {PATH}")
@@ -299,7 +299,7 @@ async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
         await see("5 → 23 s left")
         client.report = {
             "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
-            "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
+            "error": None, "findings": [], "result": result(),
         }  # fmt: skip
         client.gone = "the acquisition has ended"
         await see("→ It was ended at 10:43:07 UTC")

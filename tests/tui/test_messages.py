@@ -1,7 +1,10 @@
 """States said in words."""
 
 import pytest
+from helpers.fake_client import FakeClient
+from helpers.shapes import whole
 
+from imutui.logbook.results import ResultDocument
 from imutui.session.client import SessionError
 from imutui.session.plan import of_model
 from imutui.tui import messages
@@ -12,8 +15,7 @@ from imutui.tui.pages.live.page import first_span
 
 def test_silence_is_judged_by_the_packet_rate() -> None:
     """Ten seconds are silence for a stream, and normal for one poll in ten seconds."""
-    silent = {"state": "running", "silent_s": 10.0, "rate_hz": 0.1, "sampling": "stream"}
-    silent["advice"] = {"silence": "check power and cable"}
+    silent = {**FakeClient().snapshot(), "silent_s": 10.0, "rate_hz": 0.1}
     assert "NO DATA for 10.0 s: check power and cable." in str(messages.silence(silent))
     assert messages.silence({**silent, "sampling": "polled"}) is None
     assert messages.silence({**silent, "sampling": "polled", "silent_s": 31.0}) is not None
@@ -34,7 +36,7 @@ def test_who_begins_a_file_is_told_of_the_profile_that_the_filter_goes_by() -> N
 
 def test_a_finished_file_is_named_with_its_biases() -> None:
     final = {"gyro_bias_dps": [0.1, None, -0.2], "accel_bias_mg": [1.0, 2.0, 3.0]}
-    said = messages.finished(None, {"log": "/logs/x.mcap", "samples": 246, "final": final})
+    said = messages.finished(whole(ResultDocument, log="/logs/x.mcap", samples=246, final=final))
     assert said == (
         "finished /logs/x.mcap, 246 samples\ngyro bias 0.1000 – -0.2000 deg/s, accel bias 1.00 2.00 3.00 mg"
     )

@@ -102,7 +102,6 @@ def settling(seconds: float) -> FilterSnapshot:
         assert bias["sd3"] is not None
         bias["value"] += (-1) ** k * 0.3 * bias["sd3"] / seconds**0.5
         bias["sd3"] *= (_STEP_S * _STEPS / seconds) ** 0.5
-    del told["rejected"]  # type: ignore[misc]  # the pictures were taken of an acquisition that did not count them
     return told
 
 

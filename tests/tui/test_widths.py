@@ -9,7 +9,9 @@ import pytest
 from helpers import traces
 from helpers.fake_client import FakeClient, acquisition, bias, estimates
 from helpers.pilot import opened
+from helpers.shapes import whole
 
+from imutui.logbook.results import ResultDocument
 from imutui.report import plain, trace_tables, wrapping
 from imutui.report.blocks import Table
 from imutui.tui.connection.model import ConnectionModel
@@ -54,7 +56,7 @@ def test_no_paragraph_of_a_dialog_ends_in_a_word_alone() -> None:
 
 
 def test_no_sentence_of_a_trace_ends_in_a_word_alone() -> None:
-    document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    document = traces.of_two_runs(runs=[{**traces.RUN, "seconds": 90.0}])
     made = trace_tables.sections(document, trace_tables.TERMINAL)
     said = [replace(s, blocks=tuple(b for b in s.blocks if not isinstance(b, Table))) for s in made]
     for width in range(56, 200, 3):
@@ -73,7 +75,7 @@ def test_text_in_columns_goes_on_under_its_column() -> None:
 
 def test_biases_of_a_finished_file_stand_apart_from_their_names() -> None:
     final = {"gyro_bias_dps": [-3.16, 0.0, 0.0], "accel_bias_mg": [-3.16, 0.0, 0.0]}
-    rows = record_text.finished(None, {"final": final})  # type: ignore[typeddict-item]
+    rows = record_text.finished(None, whole(ResultDocument, final=final, converged=True))
     assert [name for name, _ in rows if len(name) > 8] == []
     assert rows[-1] == ("accel", "bias -3.16 0.00 0.00 mg")
 

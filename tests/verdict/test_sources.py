@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.fake_client import bias, estimates
+from helpers.shapes import whole
 
 from filters import specification
 from filters.kalman.consistency import ConvergenceMonitor
 from filters.kalman.temperature_trend import TemperatureTrend
+from imutui.logbook.results import ResultDocument
 from imutui.verdict import rules, sources
 
 AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
@@ -40,8 +42,8 @@ def document(of: Any, **changes: Any) -> Any:
     made |= {
         key: copy.deepcopy(of[key]) for key in ("nis", "alarms", "confounded", "remainder", "temperature_k_per_min")
     }
-    made |= {"departure": of.get("departure"), "causes": of.get("causes", [])}
-    return {**made, "health": [], "duration_s": 61.0, "samples": 1220, **changes}
+    made |= {"departure": of["departure"], "causes": of["causes"]}
+    return whole(ResultDocument, made, **{"duration_s": 61.0, "samples": 1220, **changes})
 
 
 def unsettled() -> Any:

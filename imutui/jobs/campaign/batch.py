@@ -18,6 +18,7 @@ import numpy as np
 import imutui
 from filters.channels import CHANNELS
 from filters.types import Array
+from imutui.document_shape import VERSION
 from imutui.jobs.campaign import common_errors, summary, unit_at_rest
 from imutui.jobs.campaign.common_errors import CommonField
 from imutui.jobs.campaign.log_list import LogList
@@ -28,7 +29,6 @@ from imutui.logbook import summary as log_summary
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import Reading
 
-VERSION = 1
 _OVERLAP_S = 1.0  # time that two recordings have in common before they are of two units
 _WORST = ("RED", "AMBER", "OFF", "GREEN")
 _TILTS = ("tilt", "gravity")
@@ -153,7 +153,7 @@ def _by_unit(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def _name(row: Row) -> str:
     """Name of a unit in its batch and its serial number; name of the log where that states neither."""
-    return " ".join(dict.fromkeys(filter(None, (row.get("unit"), row["serial_number"])))) or Path(row["log"]).stem
+    return " ".join(dict.fromkeys(filter(None, (row["unit"], row["serial_number"])))) or Path(row["log"]).stem
 
 
 def _overlap(a: Row, b: Row) -> bool:
@@ -239,7 +239,7 @@ def _unit(
     moved = any(is_the_tables(common[number]) and common[number]["kind"] not in _TILTS for number in own)
     made: UnitField = {
         "name": name,
-        "unit": rows[0].get("unit") or "",
+        "unit": rows[0]["unit"] or "",
         "serial_number": rows[0]["serial_number"],
         "instrument": rows[0]["instrument"],
         "kind": rows[0]["kind"],  # type: ignore[typeddict-item]

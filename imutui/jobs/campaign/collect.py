@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TypedDict
 
 from filters.errors import InputError
+from imutui.document_shape import VERSION
 from imutui.jobs.campaign import log_list, stored_rows
 from imutui.jobs.campaign.results_folder import ResultsFolder
-from imutui.jobs.campaign.rows import TIMINGS, VERSION, HeadFields, Row, is_fine
+from imutui.jobs.campaign.rows import TIMINGS, HeadFields, Row, is_fine
 from imutui.jobs.campaign.stored_rows import Part
 from imutui.jobs.quantities import plural, that_many
 
@@ -88,11 +89,12 @@ def _comparable(row: Row) -> dict[str, object]:
 def _check_settings(first: Part, other: Part) -> None:
     if first.head["settings_sha256"] == other.head["settings_sha256"]:
         return
-    a, b = dict(first.head["settings"]), dict(other.head["settings"])
-    key = next((key for key in a if a[key] != b.get(key)), "settings")
+    a, b = ({**part.head["settings"], **part.head["settings"]["reading"]} for part in (first, other))
+    del a["reading"], b["reading"]
+    key = next((key for key in a if a[key] != b[key]), "settings")
     raise InputError(
-        f"{first.folder} and {other.folder} are results of different settings, {key} {json.dumps(a.get(key))} and"
-        f" {json.dumps(b.get(key))}: rows of both do not belong into one table. Run the campaign of one of them again"
+        f"{first.folder} and {other.folder} are results of different settings, {key} {json.dumps(a[key])} and"
+        f" {json.dumps(b[key])}: rows of both do not belong into one table. Run the campaign of one of them again"
         " with the other's settings."
     )
 

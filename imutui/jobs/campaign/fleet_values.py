@@ -69,15 +69,15 @@ def _value(row: Row, axis: int, gyro: bool) -> BiasValue | None:
     sd = (sds["gyro_bias_dps"] if gyro else sds["accel_bias_mg"])[axis]
     if value is None or sd is None or sd <= 0.0:
         return None
-    found = row.get("converged_s")
+    found = row["converged_s"]
     since = None if found is None else (found["gyro_bias"] if gyro else found["accel_bias"])[axis]
-    site_sd = 0.0 if gyro else (row.get("site_sd_mg") or (0.0,) * 3)[axis]
+    site_sd = 0.0 if gyro else (row["site_sd_mg"] or (0.0,) * 3)[axis]
     return BiasValue(row, value, sd, since is not None, min(site_sd, _MOST_OF_SITE * sd))
 
 
 def power_on(row: Row) -> str:
     """Id of a row's power-on; a log that states none is one of its own."""
-    return row.get("power_on") or f"log {row['log']}"
+    return row["power_on"] or f"log {row['log']}"
 
 
 def months(start_utc: str | None) -> float | None:

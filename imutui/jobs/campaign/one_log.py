@@ -137,8 +137,6 @@ def error_row(task: Task, error: str, *, retry: bool) -> Row:
 
     `retry`: whether another try may do, though nothing about the log has changed.
     """
-    traced = ("findings", "trace_error")
-    keys = [key for key in Row.__annotations__ if key not in traced] + [*traced] * task.settings.trace
     known = {
         "log": task.log,
         "error": error,
@@ -152,7 +150,7 @@ def error_row(task: Task, error: str, *, retry: bool) -> Row:
         "wall_s": 0.0,
         "versions": versions(),
     }
-    return cast("Row", dict.fromkeys(keys) | known)
+    return cast("Row", dict.fromkeys(Row.__annotations__) | known)
 
 
 def _row(task: Task, found: Replayed) -> Row:
@@ -171,7 +169,7 @@ def _row(task: Task, found: Replayed) -> Row:
         "power_on": power_on.power_on_id(info, d["log_sha256"] or ""),
         "temperature_degc": found.temperature and dict(zip(("mean", "min", "max"), found.temperature, strict=True)),
         "nis": {key: same["nis"][key] for key in NisField.__annotations__},
-        "noise": {key: same["noise"].get(key) for key in NoiseField.__annotations__},
+        "noise": {key: same["noise"][key] for key in NoiseField.__annotations__},
         "gaps": {"count": len(d["gaps"]), "seconds": sum(gap["seconds"] for gap in d["gaps"])},
         "verdict": {name: getattr(verdict, name) for name in VerdictField.__annotations__},
     }

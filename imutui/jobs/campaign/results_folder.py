@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import NoneType, TracebackType, UnionType
-from typing import IO, Any, NamedTuple, NotRequired, Self, cast, get_args, get_origin, get_type_hints, is_typeddict
+from typing import IO, Any, NamedTuple, Self, cast, get_args, get_origin, get_type_hints, is_typeddict
 
 from filters.errors import InputError
 from imutui.jobs.campaign import rows
@@ -282,9 +282,9 @@ def _columns(shape: Any, before: str) -> Iterator[Column]:
 
 
 def _cells(shape: Any, values: Any, before: str) -> Iterator[tuple[str, object]]:
-    """Name and content of the cells of a row, or of a part of it; what it does not have is left out."""
+    """Name and content of the cells of a row, or of a part of it; what is not known is left out."""
     for key, hint in get_type_hints(shape).items():
-        own, name, value = _plain(hint), before + key, values.get(key)
+        own, name, value = _plain(hint), before + key, values[key]
         if value is None:
             continue
         if is_typeddict(own):
@@ -300,9 +300,7 @@ def _cells(shape: Any, values: Any, before: str) -> Iterator[tuple[str, object]]
 
 
 def _plain(hint: Any) -> Any:
-    """A type without "or None" and "not required"."""
-    if get_origin(hint) is NotRequired:
-        hint = get_args(hint)[0]
+    """A type without "or None"."""
     if get_origin(hint) is UnionType:
         hint = next(each for each in get_args(hint) if each is not NoneType)
     return hint

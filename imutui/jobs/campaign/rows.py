@@ -5,13 +5,12 @@ run, give rows that are equal in all fields but `TIMINGS`.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, NotRequired, TypedDict
+from typing import Annotated, TypedDict
 
 from filters.health.finding import HealthEntry
 from imutui.logbook.reading import ReadingFields
-from imutui.logbook.results import SdFields, SpreadFields, StateFields, Three, WhiteNoise
+from imutui.logbook.results import ConvergedFields, SdFields, SpreadFields, StateFields, WhiteNoise
 
-VERSION = 1
 TIMINGS = ("wall_s", "filter_s", "read_s", "log_mtime_ns", "versions")
 """Fields of a row that depend on where and when it was made, or where the log lay."""
 
@@ -44,13 +43,6 @@ class GapsField(TypedDict):
 
     count: int
     seconds: float
-
-
-class ConvergedField(TypedDict):
-    """When each bias had converged, s since the first sample, instrument axes; None where it has not."""
-
-    accel_bias: Three
-    gyro_bias: Three
 
 
 class VerdictField(TypedDict):
@@ -122,11 +114,11 @@ class Row(TypedDict):
     unobservable: list[str]
     final: StateFields | None
     sd: SdFields | None
-    site_sd_mg: NotRequired[Annotated[list[float], 3] | None]
+    site_sd_mg: Annotated[list[float], 3] | None
     """Part of the accelerometers' `sd`, in quadrature, that comes from an unstated site."""
     spread: SpreadFields | None
     converged: bool | None
-    converged_s: ConvergedField | None
+    converged_s: ConvergedFields | None
     nis: NisField | None
     noise: NoiseField | None
     gaps: GapsField | None
@@ -136,10 +128,10 @@ class Row(TypedDict):
     health: list[HealthEntry]
     verdict: VerdictField | None
     # batch, unit: which batch its unit was recorded in, and the unit's name there; None for none
-    batch: NotRequired[str | None]
-    unit: NotRequired[str | None]
-    findings: NotRequired[list[FindingField] | None]  # with a trace only; None where the log cannot be traced
-    trace_error: NotRequired[str | None]  # with a trace only: why the log could not be traced
+    batch: str | None
+    unit: str | None
+    findings: list[FindingField] | None  # of a trace; None without one, or where the log cannot be traced
+    trace_error: str | None  # why the log could not be traced, where that was asked
     wall_s: float
     filter_s: float | None
     read_s: float | None
@@ -148,7 +140,7 @@ class Row(TypedDict):
 
 def is_fine(row: Row) -> bool:
     """Whether `imutui replay`, and `imutui trace` where it was asked for, would end with 0 on this log."""
-    whole = row["finished"] is True and row["damage"] is None and row.get("trace_error") is None
+    whole = row["finished"] is True and row["damage"] is None and row["trace_error"] is None
     return row["error"] is None and whole and row["verdict"] is not None and row["verdict"]["passes"]
 
 
@@ -160,12 +152,12 @@ def told_apart(rows: Sequence[Row]) -> list[Row]:
     """
     names: dict[tuple[str, str], set[str]] = {}
     for row in rows:
-        if row.get("batch") and row.get("unit"):
-            names.setdefault((row.get("serial_number") or "", row["batch"] or ""), set()).add(row["unit"] or "")
+        if row["batch"] and row["unit"]:
+            names.setdefault((row["serial_number"], row["batch"]), set()).add(row["unit"])
     shared = {serial for (serial, _), units in names.items() if serial and len(units) > 1}
     return [
         {**row, "serial_number": f"{row['serial_number']} {row['batch']}:{row['unit']}"}
-        if row.get("serial_number") in shared and row.get("batch") and row.get("unit")
+        if row["serial_number"] in shared and row["batch"] and row["unit"]
         else row
         for row in rows
     ]

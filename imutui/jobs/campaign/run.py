@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypedDict
 
+from imutui.document_shape import VERSION
 from imutui.jobs.campaign.log_list import LogList, Shard
 from imutui.jobs.campaign.one_log import Settings, Task
 from imutui.jobs.campaign.results_folder import Known, ResultsFolder
-from imutui.jobs.campaign.rows import VERSION, HeadFields, Row
+from imutui.jobs.campaign.rows import HeadFields, Row
 from imutui.logbook.reading import digest
 
 _SHOWN = 3

@@ -1,22 +1,20 @@
 """Rows of a campaign from a folder of results: from its journal, `rows.jsonl`, or from `results.json`; looked at.
 
-A journal is read a row at a time; of one that this program wrote here, a run looks only for what it lacks. A summary
-takes rows of another version too, and with them a `results.json` by itself.
+A journal is read a row at a time; of one that this program wrote here, a run looks only for what it lacks.
 """
 
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, NotRequired, TypedDict, cast
+from typing import Any, NamedTuple, cast
 
 from filters.errors import InputError
-from imutui import outside_file
-from imutui.jobs import document_shape
+from imutui import document_shape, outside_file
+from imutui.command_line import command
 from imutui.jobs.campaign import rows
-from imutui.jobs.campaign.rows import ConvergedField, FindingField, HeadFields, NoiseField, Row, TemperatureField
+from imutui.jobs.campaign.rows import HeadFields, Row
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.results import BiasFields
 
 JOURNAL, DOCUMENT = "rows.jsonl", "results.json"
 LONGEST_ROW = 4 * 2**20  # longest line of a journal, bytes: a trace's findings of one log are some kilobytes
@@ -95,80 +93,64 @@ _HOW = "Name a folder that `imutui campaign ... -o RESULTS` made."
 
 def of_document(path: Path) -> Part:
     """Results of a `results.json`, whole; raises UnreadableLogError if it is none."""
-    content = _content(path)
-    if told := document_shape.problem(content, rows.ResultsDocument, "results"):
-        raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
-    return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
-
-
-def _content(path: Path) -> Any:
-    """What a `results.json` holds; raises UnreadableLogError if it cannot be read, or is no JSON."""
     try:
-        return outside_file.read_json(path, LONGEST_DOCUMENT)
+        content = outside_file.read_json(path, LONGEST_DOCUMENT)
     except OSError as error:
         raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
     except InputError as error:
         raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
+    if told := document_shape.fault(content, rows.ResultsDocument, "results"):
+        raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_anew(content, path.parent)}")
+    return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
 
 
 def lines(
-    journal: Path, look: Callable[[bytes], dict[str, Any] | None]
+    journal: Path, look: Callable[[dict[str, Any]], dict[str, Any] | None]
 ) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
-    """Place, length and record of each line; None for one that is neither row nor head."""
+    """Place, length and record of each line; None for one that is neither row nor head.
+
+    Raises UnreadableLogError if a run of another version wrote it.
+    """
     with outside_file.opened(journal) as stream:
         offset = 0
         while line := stream.readline(LONGEST_ROW):
-            yield offset, len(line.rstrip(b"\n")), look(line)
+            record = _object(line)
+            if "root" in record and (told := document_shape.wrong_version(record)):
+                raise UnreadableLogError(f"{journal}: {told}. {_anew(record, journal.parent)}")
+            yield offset, len(line.rstrip(b"\n")), look(record)
             offset += len(line)
 
 
-def _record(line: bytes) -> dict[str, Any] | None:
-    """A line of a journal from anywhere, looked at to its last field."""
-    record = own_record(line)
-    if record is None:
-        return None
+def _anew(head: object, folder: Path) -> str:
+    """The command that makes results of another version anew, as far as they say of which logs they are."""
+    root = head.get("root") if isinstance(head, dict) else None
+    if not isinstance(root, str):
+        return _HOW
+    return f"`{command('campaign', Path(root), '-o', folder.with_name(f'{folder.name}-anew'))}` makes them anew."
+
+
+def _object(line: bytes) -> dict[str, Any]:
+    """The record of a line; empty if it is cut, or no JSON of an object."""
+    try:
+        record = json.loads(line) if line.endswith(b"\n") else {}
+    except (ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _record(record: dict[str, Any]) -> dict[str, Any] | None:
+    """A record of a journal from anywhere, looked at to its last field."""
     shape = rows.Row if "log" in record else rows.HeadFields
     return None if document_shape.problem(record, shape, "line") else record
 
 
-def own_record(line: bytes) -> dict[str, Any] | None:
-    """A line of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
-    if not line.endswith(b"\n"):
-        return None
-    try:
-        record = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(record, dict):
-        return None
+def own_record(record: dict[str, Any]) -> dict[str, Any] | None:
+    """A record of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
     shape = rows.Row if "log" in record else rows.HeadFields
     return record if shape.__required_keys__ <= record.keys() and isinstance(record.get("log", ""), str) else None
 
 
 # ------------------------------------------------------------------------------------------------- rows for a summary
-
-
-class _Needed(TypedDict):
-    """What is read of a row: fewer fields than a row has, so that rows of another version serve too."""
-
-    log: str
-    final: BiasFields | None
-    error: NotRequired[str | None]
-    sd: NotRequired[BiasFields | None]
-    kind: NotRequired[str]
-    instrument: NotRequired[str]
-    serial_number: NotRequired[str]
-    batch: NotRequired[str | None]
-    unit: NotRequired[str | None]
-    start_utc: NotRequired[str | None]
-    power_on: NotRequired[str | None]
-    temperature_degc: NotRequired[TemperatureField | None]
-    converged_s: NotRequired[ConvergedField | None]
-    noise: NotRequired[NoiseField | None]
-    findings: NotRequired[list[FindingField] | None]
-    trace_error: NotRequired[str | None]
-    settings_sha256: NotRequired[str]
-    reference: NotRequired[str | None]
 
 
 def path_of(results: Path) -> Path:
@@ -180,23 +162,14 @@ def path_of(results: Path) -> Path:
 
 
 def rows_of(results: Path) -> list[Row]:
-    """Rows of a campaign; fields that a summary does not read may lack.
+    """Rows of a campaign.
 
     `results`: the folder that a campaign wrote, or its `results.json` or `rows.jsonl`.
     Raises UnreadableLogError if there is none, or it has no rows, or what stands there is of another shape; the message
       says where.
     """
     path = path_of(results)
-    content = {"rows": list(read(path.parent).rows.values())} if path.name == JOURNAL else _content(path)
-    found = content.get("rows") if isinstance(content, dict) else None
-    if not isinstance(found, list):
-        raise UnreadableLogError(f"{path} is no result of a campaign: it has no list `rows`. {_HOW}")
-    if not found:
+    part = read(path.parent) if path.name == JOURNAL else of_document(path)
+    if not part.rows:
         raise UnreadableLogError(f"{path} has no row in it: the campaign found no log. {_HOW}")
-    for number, row in enumerate(found):
-        told = document_shape.problem(row, _Needed, f"rows[{number}]")
-        if not told and row["final"] is not None and row.get("sd") is None:
-            told = f"`rows[{number}].sd` is missing"
-        if told:
-            raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
-    return cast("list[Row]", found)
+    return list(part.rows.values())

@@ -9,6 +9,7 @@ import imutui
 from filters import specification
 from filters.channels import CHANNELS, DPS, MG
 from filters.fleet import components, readings
+from imutui.document_shape import VERSION
 from imutui.jobs.campaign import fleet_values, summary_channels
 from imutui.jobs.campaign.fleet_values import BiasValue
 from imutui.jobs.campaign.rows import FindingField, Row, told_apart
@@ -27,7 +28,6 @@ from imutui.jobs.campaign.summary_document import (
 )
 from imutui.jobs.quantities import that_many
 
-VERSION = 1
 _KINDS: tuple[Kind, ...] = ("measured", "simulated", "unknown")
 
 
@@ -37,25 +37,25 @@ def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
     `rows`: of `stored_rows.rows_of`, at least one.
     """
     rows = told_apart(rows)
-    good = [row for row in rows if not row.get("error") and row["final"] is not None]
-    bad = [row for row in rows if row.get("error") or row["final"] is None]
+    good = [row for row in rows if row["error"] is None and row["final"] is not None]
+    bad = [row for row in rows if row["error"] is not None or row["final"] is None]
     groups: dict[tuple[int, str], list[Row]] = {}
     for row in good:
-        groups.setdefault((_KINDS.index(_kind(row)), row.get("instrument") or ""), []).append(row)
+        groups.setdefault((_KINDS.index(_kind(row)), row["instrument"]), []).append(row)
     return {
         "version": VERSION,
         "library": f"imutui {imutui.__version__}",
         "results": results,
         "rows": len(rows),
         "used": len(good),
-        "errors": [_error(row, row.get("error") or "no filter ran: its row has no result") for row in bad],
-        "trace_errors": [_error(row, told) for row in good if (told := row.get("trace_error"))],
+        "errors": [_error(row, row["error"] or "no filter ran: its row has no result") for row in bad],
+        "trace_errors": [_error(row, told) for row in good if (told := row["trace_error"])],
         "groups": [_group(groups[key]) for key in sorted(groups)],
     }
 
 
 def _kind(row: Row) -> Kind:
-    return next((kind for kind in _KINDS if row.get("kind") == kind), "unknown")
+    return next((kind for kind in _KINDS if row["kind"] == kind), "unknown")
 
 
 def _error(row: Row, told: str) -> ErrorField:
@@ -63,13 +63,13 @@ def _error(row: Row, told: str) -> ErrorField:
 
 
 def _group(rows: Sequence[Row]) -> GroupField:
-    known = [row for row in rows if row.get("serial_number")]
+    known = [row for row in rows if row["serial_number"]]
     return {
         "kind": _kind(rows[0]),
-        "instrument": rows[0].get("instrument") or "",
+        "instrument": rows[0]["instrument"],
         "logs": len(rows),
         "units": _units(known),
-        "unknown_unit": [row["log"] for row in rows if not row.get("serial_number")],
+        "unknown_unit": [row["log"] for row in rows if not row["serial_number"]],
         "channels": summary_channels.channels(known) if known else [],
         "limits": _limits(rows),
         "effects": _effects(known),
@@ -84,7 +84,7 @@ def _units(rows: Sequence[Row]) -> list[UnitField]:
         units.setdefault(row["serial_number"], []).append(row)
     made: list[UnitField] = []
     for serial in sorted(units):
-        times = sorted(t for row in units[serial] if (t := row.get("start_utc")))
+        times = sorted(t for row in units[serial] if (t := row["start_utc"]))
         made.append(
             {
                 "serial_number": serial,
@@ -105,18 +105,18 @@ def _notes(rows: Sequence[Row], known: Sequence[Row]) -> Iterator[str]:
             f"{that_many(lost, 'log', 'states', 'state')} no serial number. Which unit it is of is not known: no"
             " estimate has it, and it is held to the limits for itself."
         )
-    alone = sum(not row.get("power_on") for row in known)
+    alone = sum(not row["power_on"] for row in known)
     if alone:
         yield f"{that_many(alone, 'log', 'does', 'do')} not say of which power-on; each is taken for one of its own."
-    if len({row.get("settings_sha256") for row in rows}) > 1:
+    if len({row["settings_sha256"] for row in rows}) > 1:
         yield "These rows were made with different settings, which may change biases: make them anew with one."
-    references = sorted({told for row in known if (told := row.get("reference"))})
+    references = sorted({told for row in known if (told := row["reference"])})
     if len(references) > 1:
         yield (
             f"References differ ({', '.join(references)}): what a bias holds beside the unit's own, such as the tilt of"
             " a table, differs with them."
         )
-    if count := sum(not row.get("start_utc") for row in known):
+    if count := sum(not row["start_utc"] for row in known):
         yield f"{that_many(count, 'log', 'does', 'do')} not say when it was recorded: of such a unit no drift is told."
 
 
@@ -140,7 +140,7 @@ _PowerOn = tuple[str, str]
 
 def _traced(rows: Sequence[Row]) -> list[Row]:
     """Rows of logs that were traced."""
-    return [row for row in rows if row.get("findings") is not None]
+    return [row for row in rows if row["findings"] is not None]
 
 
 def _effects(rows: Sequence[Row]) -> list[EffectField]:
@@ -151,7 +151,7 @@ def _effects(rows: Sequence[Row]) -> list[EffectField]:
     asked = _traced(rows)
     found: dict[_Key, list[_Found]] = {}
     for row in asked:
-        for finding in row.get("findings") or []:
+        for finding in row["findings"] or []:
             found.setdefault((finding["effect"], tuple(finding["channels"])), []).append(_Found(row, finding))
     made = [_effect(key, found[key], asked) for key in sorted(found)]
     return sorted(made, key=lambda one: (-len(one["units"]), -one["power_ons"]))
@@ -256,7 +256,7 @@ def _limits(rows: Sequence[Row]) -> list[LimitField]:
     """
     units: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        serial = row.get("serial_number") or ""
+        serial = row["serial_number"]
         units.setdefault((serial, "" if serial else row["log"]), []).append(row)
     found = [one for key in sorted(units) for one in limits_of(units[key])]
     return sorted(found, key=lambda one: one["verdict"] != "fails")
@@ -267,7 +267,7 @@ def limits_of(rows: Sequence[Row]) -> Iterator[LimitField]:
 
     Nothing is judged of a unit whose data sheet is not known.
     """
-    model = rows[0].get("instrument") or ""
+    model = rows[0]["instrument"]
     if not specification.is_known(model):
         return
     spec = specification.of_model(model)
@@ -315,8 +315,8 @@ def _noise(channel: str, number: int, limit: float, unit: str, rows: Sequence[Ro
 
 def _noise_of(row: Row, number: int) -> tuple[float, float] | None:
     """White noise of a channel, and its standard deviation as a share of it."""
-    noise = row.get("noise")
-    if not noise or not (relative := noise.get("relative_sd")) or relative <= 0.0:
+    noise = row["noise"]
+    if noise is None or not (relative := noise["relative_sd"]):
         return None
     value = (noise["gyro_arw_deg_sqrt_h"] if number < 3 else noise["accel_vrw_mps_sqrt_h"])[number % 3]
     return None if value is None else (value, relative)
@@ -326,7 +326,7 @@ def _field(
     worst: _Worst, channel: str, unit: str, limit: float, quantity: Quantity, verdict: LimitVerdict, above: int, of: int
 ) -> LimitField:
     return {
-        "serial_number": worst.row.get("serial_number") or "",
+        "serial_number": worst.row["serial_number"],
         "channel": channel,
         "quantity": quantity,
         "verdict": verdict,
@@ -337,6 +337,6 @@ def _field(
         "above": above,
         "of": of,
         "log": worst.row["log"],
-        "start_utc": worst.row.get("start_utc"),
+        "start_utc": worst.row["start_utc"],
         "converged": worst.converged,
     }

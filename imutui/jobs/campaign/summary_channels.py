@@ -54,11 +54,11 @@ def _prepared(told: ChannelValues) -> _Prepared:
 
 
 def _when(one: BiasValue) -> tuple[str, str]:
-    return one.row.get("start_utc") or "", one.row["log"]
+    return one.row["start_utc"] or "", one.row["log"]
 
 
 def _temperature(logs: Sequence[BiasValue]) -> float | None:
-    found = [one.row.get("temperature_degc") for one in logs]
+    found = [one.row["temperature_degc"] for one in logs]
     known = [field["mean"] for field in found if field is not None]
     return float(np.mean(known)) if len(known) == len(logs) else None
 
@@ -70,7 +70,7 @@ def _courses(one: _Prepared) -> list[Course | None]:
     made: list[Course | None] = []
     for number in range(len(one.data.units)):
         part = one.data.of_unit(number)
-        times = [fleet_values.months(logs[0].row.get("start_utc")) for logs in one.logs[part]]
+        times = [fleet_values.months(logs[0].row["start_utc"]) for logs in one.logs[part]]
         known = [t for t in times if t is not None]
         warm = [_temperature(logs) for logs in one.logs[part]]
         told = [t for t in warm if t is not None]
@@ -135,7 +135,7 @@ def _point(
         "power_on": data.names[k],
         "log": logs[0].row["log"],
         "logs": len(logs),
-        "start_utc": logs[0].row.get("start_utc"),
+        "start_utc": logs[0].row["start_utc"],
         "temperature_degc": _temperature(logs),
         "converged": all(value.converged for value in logs),
         "value": float(data.values[k]),

@@ -54,12 +54,14 @@ _RATE = re.compile(r"(\d+\.?\d*)\s*Hz", re.IGNORECASE)
 
 _TIME = re.compile(
     r"(system|device|sensor|sample|unix|epoch|elapsed|relative|log|gps)?(ts?|times?|timestamps?|stamp|tow|datetime)"
-    r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|ms|us|msec|usec|zeit|date"
+    r"(sample|startup|fine|since\w+)?|seconds?(elapsed)?|elapsed|millis|micros|uptime|epoch|utc|ticks?|ms|us|msec|usec"
+    r"|zeit|date"
 )
 _AXES = "(imu|raw|motion|sensor|uncomp)?{}(rss|raw|data|rad|uncalibrated)?([xyz])"
 _NAMED = {
     "gyro": "(gyroscope|gyro|gyr|gyrorotation|rotationrate|angularvelocity|angularrate|angvel|omega|w|g)",
-    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|linearacceleration|specificforce|a)",
+    "accel": "(accelerometeracceleration|accelerometer|acceleration|accel|acc|lin(?:ear)?acc(?:eleration)?"
+    "|specificforce|a)",
 }
 _PATTERNS = {kind: re.compile(_AXES.format(names)) for kind, names in _NAMED.items()}
 _AXIS_FIRST = {"gyro": re.compile(f"([xyz])(axis)?({_NAMED['gyro']}|rate)")}

@@ -3,13 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from filters.health.finding import without_bias
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
-from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
+from imutui.filter_snapshot import FilterSnapshot
 from imutui.session.client import Client
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
@@ -33,7 +32,7 @@ class View:
     shown: Snapshot | None  # the snapshot of tables and plots; an old one while the view is frozen
     series: PacketSeries  # packets of the plots
     biases: EstimateHistory  # estimated biases and their certainty over the run
-    temperature: EstimateHistory  # temperature over the run, degC; empty from an acquisition that keeps no history
+    temperature: EstimateHistory  # temperature over the run, degC
     frozen: bool  # whether the view stands still
     notice: tuple[str, str]  # level and text of what the UI has to say, empty text for nothing
     verdict: Verdict | None = None  # on the filter, now; never frozen
@@ -69,7 +68,6 @@ class ConnectionModel:
 
     def _clear(self) -> None:
         self.newest: Snapshot | None = None
-        self._looked = False
         self._series = PacketSeries(CHANNELS)
         self._newest_estimate_s = -np.inf
         self._begin_history(0)
@@ -125,21 +123,21 @@ class ConnectionModel:
         """Whether what a poller posts is about this acquisition, and not a late one of the last."""
         return poller is self._poller
 
-    def take(self, snapshot: Snapshot, history: tuple[HistorySnapshot, ...] | None = None) -> None:
-        """A snapshot has come, and what is new of the run's past; None of that from who keeps none."""
+    def take(self, snapshot: Snapshot, history: tuple[HistorySnapshot, ...] = ()) -> None:
+        """A snapshot has come, and what is new of the run's past."""
         self.newest = snapshot
         series = snapshot["series"]
         if series["t"]:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
-        for piece in history or ():
+        for piece in history:
             self._take_history(piece)
         slope = self._series.slope_per_minute(TEMPERATURE)
         self._slope = self._temperature.slope_per_minute(0) if slope is None else slope
         if (estimates := snapshot["filter"]) is not None:
             # pages show the slope that the verdict goes by
-            self._slope = estimates.get("temperature_k_per_min", self._slope)
-        self._take_biases(snapshot, gathers=history is None)
-        verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot), snapshot["health"])
+            self._slope = estimates["temperature_k_per_min"]
+        self._note_run(snapshot)
+        verdict = judge(snapshot["filter"], stale(snapshot), waiting_profile(snapshot), snapshot["health"])
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 
@@ -149,21 +147,14 @@ class ConnectionModel:
         self._biases.extend(piece["estimates"])
         self._temperature.extend(piece["temperature"])
 
-    def _take_biases(self, snapshot: Snapshot, *, gathers: bool) -> None:
-        estimates, first = snapshot["filter"], not self._looked
-        self._looked = True
-        if estimates is None or estimates["t"] is None or estimates["waiting"] or len(estimates["biases"]) != _BIASES:
+    def _note_run(self, snapshot: Snapshot) -> None:
+        """Begin the verdict's memory anew where another run of the filter has begun."""
+        estimates = snapshot["filter"]
+        if estimates is None or estimates["t"] is None or estimates["waiting"]:
             return
-        t, biases = float(estimates["t"]), estimates["biases"]
-        if t < self._newest_estimate_s:
-            self._debounce = Debounce()  # another run
-        self._newest_estimate_s = t
-        if not gathers:
-            return
-        converged = np.array([bias["converged_s"] is not None for bias in biases])
-        self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"), converged)
-        if first:
-            self._biases.attached_late = True
+        if estimates["t"] < self._newest_estimate_s:
+            self._debounce = Debounce()
+        self._newest_estimate_s = estimates["t"]
 
     def freeze(self, frozen: bool) -> None:
         """Let the view stand still, or follow again. Data are taken either way."""
@@ -206,7 +197,3 @@ class ConnectionModel:
 
     def _notice(self) -> tuple[str, str]:
         return self._said if time.monotonic() < self._said_until else NOTHING
-
-
-def _numbers(biases: list[BiasSnapshot], key: Literal["value", "sd3"]) -> np.ndarray:
-    return np.array([np.nan if bias[key] is None else bias[key] for bias in biases], float)

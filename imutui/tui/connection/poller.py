@@ -30,13 +30,13 @@ class Poller:
     class Arrived:
         """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `poller.taken()`.
 
-        `history` has pieces of the run's past that are new, None from an acquisition that keeps none.
+        `history` has pieces of the run's past that are new.
         """
 
         poller: "Poller"
         snapshot: Snapshot
         asked_at: float
-        history: tuple[HistorySnapshot, ...] | None = None
+        history: tuple[HistorySnapshot, ...] = ()
 
     @dataclass(frozen=True, slots=True)
     class Lost:
@@ -55,7 +55,6 @@ class Poller:
         self._post = post
         self.rate_hz = rate_hz
         self._wish = HistoryWish()
-        self._keeps_history = True
         self._complete_at: int | None = None
         self._stop = threading.Event()
         self._taken = threading.Event()
@@ -92,15 +91,12 @@ class Poller:
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))
 
-    def _new_history(self, snapshot: Snapshot) -> tuple[HistorySnapshot, ...] | None:
+    def _new_history(self, snapshot: Snapshot) -> tuple[HistorySnapshot, ...]:
         """What is new of the run's past: once a second, as its rows are, and at first as much as a moment allows."""
         second = int(snapshot["since_start_s"])
         pieces: list[HistorySnapshot] = []
-        while self._keeps_history and second != self._complete_at and len(pieces) < _PIECES:
+        while second != self._complete_at and len(pieces) < _PIECES:
             piece = self._client.history(self._wish)
-            if piece is None:
-                self._keeps_history = False
-                break
             pieces.append(piece)
             before = self._wish if piece["run"] == self._wish.run else HistoryWish()
             self._wish = HistoryWish(
@@ -109,7 +105,7 @@ class Poller:
                 _last(piece["temperature"], before.temperature_s),
             )
             self._complete_at = second if piece["complete"] else None
-        return tuple(pieces) if self._keeps_history else None
+        return tuple(pieces)
 
 
 def _last(rows: HistoryRows, before: float | None) -> float | None:

@@ -170,7 +170,7 @@ class _Watch:
         now, verdict = answer.snapshot, None
         gauges: tuple[str, ...] = ()
         if now is not None:
-            found = judge(now["filter"], None, stale(now), waiting_profile(now), now["health"])
+            found = judge(now["filter"], stale(now), waiting_profile(now), now["health"])
             # the acquisition's clock, which goes on when the filter's does not
             verdict = self._debounce.take(float(now["since_start_s"]), found)
             standing = None if now["filter"] is None else sources.of_snapshot(now["filter"])

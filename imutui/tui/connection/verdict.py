@@ -22,7 +22,7 @@ STALE_S = 5.0  # silence of the line that makes estimates old; shorter ones are 
 def stale(snapshot: Snapshot) -> str | None:
     """That the unit is away, or silent for long enough to make the estimates old, in words; None if it is not."""
     said, silent_s = messages.silence(snapshot), snapshot["silent_s"]
-    old = snapshot.get("reconnecting") is not None or (silent_s is not None and silent_s > STALE_S)
+    old = snapshot["reconnecting"] is not None or (silent_s is not None and silent_s > STALE_S)
     return said if old else None
 
 
@@ -37,7 +37,6 @@ def waiting_profile(snapshot: Snapshot) -> str | None:
 
 def judge(
     estimates: FilterSnapshot | None,
-    slope_k_per_min: float | None = None,
     silent: str | None = None,
     waiting_profile: str | None = None,
     health: Sequence[HealthEntry] = (),
@@ -47,7 +46,7 @@ def judge(
         off = rules.judge(None, health)
         aside = "5 Table lays the profile aside, or traces its recording"
         return off if waiting_profile is None or health else replace(off, todo=aside)
-    standing = sources.of_snapshot(estimates, slope_k_per_min)
+    standing = sources.of_snapshot(estimates)
     # once samples come, what the operator can do about it comes before what the filter waits for
     waiting = waiting_profile if standing.waiting and standing.t is not None and waiting_profile else standing.waiting
     return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile), health)

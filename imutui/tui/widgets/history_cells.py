@@ -66,7 +66,7 @@ def span_s(seconds: float) -> float:
 
 def envelope(history: EstimateHistory, column: int, span: float, columns: int) -> BiasEnvelope:
     """Extremes of an estimate in each dot column of a time axis of `span` s; the history has at least one row."""
-    t = history.instants() - history.begin
+    t = history.instants()
     width = span / columns
     gaps = tuple((_column(begin, history, width), _column(end, history, width)) for begin, end in history.breaks())
     low, high = history.estimate(column)
@@ -80,7 +80,7 @@ def envelope(history: EstimateHistory, column: int, span: float, columns: int) -
 
 
 def _column(t: float, history: EstimateHistory, width: float) -> int:
-    return int((t - history.begin) // width)
+    return int(t // width)
 
 
 def extent(envelope: BiasEnvelope, scale: str, limit: float | None) -> Limits | None:
@@ -178,11 +178,10 @@ def _whole(cells: Bits, glyphs: Glyphs) -> Bits:
     return np.repeat(np.repeat(cells, glyphs.rows, axis=0), glyphs.columns, axis=1)
 
 
-def ticks(begin: float, span: float, most: int) -> list[float]:
+def ticks(span: float, most: int) -> list[float]:
     """Round instants on a time axis, at most `most` of them."""
     step = next((step for step in _TICKS_S if span / step <= most - 1), span)
-    first, last = int(np.ceil(begin / step)), int(np.floor((begin + span) / step))
-    return [k * step for k in range(first, last + 1)]
+    return [k * step for k in range(int(span // step) + 1)]
 
 
 def duration(seconds: float) -> str:

@@ -34,11 +34,11 @@ def of_history(history: EstimateHistory, column: int, title: str, rows: int, loo
     """An estimate of a run with its band over time, in so many lines; under it the time axis."""
     cells = look.width - GUTTER
     # a result is over: its axis ends where it does
-    span = max(float(history.newest - history.begin), _SHORTEST_S) if len(history) else _SHORTEST_S
+    span = max(float(history.newest), _SHORTEST_S) if len(history) else _SHORTEST_S
     columns = cells * look.glyphs.columns
     envelope = history_cells.envelope(history, column, span, columns) if len(history) else _nothing(columns)
     extent = history_cells.extent(envelope, "auto", None)
-    ends = history_cells.duration(history.begin), history_cells.duration(history.begin + span)
+    ends = history_cells.duration(0.0), history_cells.duration(span)
     return _plot(title, envelope, extent, ends, rows, look)
 
 

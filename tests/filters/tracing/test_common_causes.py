@@ -191,10 +191,10 @@ def test_a_supply_over_two_runs_is_one_entry_with_a_course_in_each() -> None:
         runs.append(Run(f"run {seed}", t, reading, T, still, still, AxisMap(), PAPER_SITE))
     document = trace(runs, None).document
     (entry,) = document["common"]
-    assert (entry["kind"], "run" in entry) == ("drift", False)
+    assert (entry["kind"], entry["run"]) == ("drift", None)
     assert set(entry["curve"]["run"]) == {"run 1", "run 2"}
     assert len(entry["curve"]["run"]) == len(entry["curve"]["t_s"]) == len(entry["curve"]["y"])
     assert entry["record"] == ["supply voltage", "pressure", "magnetic field"]
-    named = {d["channels"][0] for d in document["drift"] if d.get("common") == 0}
+    named = {d["channels"][0] for d in document["drift"] if d["common"] == 0}
     assert named == {d["channels"][0] for d in document["drift"]} & set(entry["channels"])
     assert len(named) >= 2

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import fleets
+from helpers.fleets import results
 
 from filters import specification
 from imutui.jobs.campaign import stored_rows, summary
@@ -224,32 +225,39 @@ def test_a_summary_is_a_json_document() -> None:
     assert json.loads(json_text.dumps(document)) == document
 
 
-BAD = [
-    ("{", "is no JSON of a campaign"),
-    ("[]", "has no list `rows`"),
-    ('{"rows": []}', "has no row in it"),
-    ('{"rows": [1]}', "`rows[0]` is not an object"),
-    ('{"rows": [{"log": "a"}]}', "`rows[0].final` is missing"),
-    ('{"rows": [{"log": "a", "final": {"accel_bias_mg": [0, 0, 0], "gyro_bias_dps": [0, 0, 0]}}]}', "`rows[0].sd` is"),
-    (
-        '{"rows": [{"log": "a", "final": {"accel_bias_mg": [NaN, 0, 0], "gyro_bias_dps": [0, 0, 0]}}]}',
-        "is not a number",
-    ),
-    (
-        '{"rows": [{"log": "a", "final": {"accel_bias_mg": [], "gyro_bias_dps": []}, "sd": {"accel_bias_mg": [],'
-        ' "gyro_bias_dps": []}}]}',
-        "`rows[0].final.accel_bias_mg` has not 3 numbers",
-    ),
+def row_with(**fields: Any) -> dict[str, Any]:
+    """A row of which some fields are as no campaign writes them; without those that are ...."""
+    return {key: value for key, value in (fleets.row("a") | fields).items() if value is not ...}
+
+
+BAD: list[tuple[Any, str]] = [
+    ([], "`results` is not an object"),
+    (results(), "has no row in it"),
+    (results(1), "`results.rows[0]` is not an object"),
+    (results(row_with(final=...)), "`results.rows[0].final` is missing"),
+    (results(row_with(sd={"accel_bias_mg": [float("nan"), 0, 0]})), "is missing"),
+    (results(row_with(wall_s=float("nan"))), "`results.rows[0].wall_s` is not a number"),
+    (results(fleets.row("a"), version=0), "its version is 0, not 1"),
+    ({"rows": []}, "it states no version"),
 ]
 
 
-@pytest.mark.parametrize(("text", "said"), BAD)
-def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, text: str, said: str) -> None:
-    (tmp_path / "results.json").write_text(text)
+@pytest.mark.parametrize(("content", "said"), BAD)
+def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, content: Any, said: str) -> None:
+    (tmp_path / "results.json").write_text(json.dumps(content))
     with pytest.raises(UnreadableLogError) as error:
         stored_rows.rows_of(tmp_path)
     assert said in str(error.value)
     assert "imutui campaign" in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["results.json", "rows.jsonl"])
+def test_results_of_another_version_name_the_command_that_makes_them_anew(tmp_path: Path, name: str) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / name).write_text(json.dumps(results(version=0)) + "\n")
+    with pytest.raises(UnreadableLogError, match="its version is 0, not 1") as error:
+        stored_rows.rows_of(tmp_path / "old")
+    assert f"`imutui campaign /data/logs -o {tmp_path / 'old-anew'}` makes them anew" in str(error.value)
 
 
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
@@ -259,7 +267,7 @@ def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
 
 def test_rows_are_read_from_the_folder_or_the_file(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    path.write_text(json.dumps({"rows": [*fleets.fleet(("a",), 2), fleets.bad("b")]}))
+    path.write_text(json.dumps(results(*fleets.fleet(("a",), 2), fleets.bad("b"))))
     assert stored_rows.rows_of(tmp_path) == stored_rows.rows_of(path)
     assert len(stored_rows.rows_of(path)) == 3
 

@@ -7,12 +7,22 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from helpers.shapes import whole
 from imutui.estimate_history import HistorySnapshot
 from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
+from imutui.logbook.results import ReadingsDocument, RunDocument
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.end_report import EndReport
 from imutui.session.plan import HistoryWish, RecordingWish
-from imutui.session.snapshot import MarkLine, ProfileDescription, RecordingSnapshot, Snapshot, StatisticsSnapshot
+from imutui.session.snapshot import (
+    ControllerSnapshot,
+    GuideSnapshot,
+    MarkLine,
+    ProfileDescription,
+    RecordingSnapshot,
+    Snapshot,
+    StatisticsSnapshot,
+)
 
 if TYPE_CHECKING:
     from imutui.session.channel_statistics import ChannelStatistics
@@ -32,6 +42,7 @@ def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> B
     row: BiasSnapshot = {
         "name": name, "value": value, "sd3": sd3, "unit": "deg/s" if gyro else "mg", "limit": 1.0 if gyro else 12.0,
         "change_10s": 0.0004 if gyro else -0.02, "converged_s": 9.8, "observable": True,
+        "site_sd3": 0.0,
     }  # fmt: skip
     return cast("BiasSnapshot", {**row, **changes})
 
@@ -57,7 +68,8 @@ def estimates(**changes: Any) -> FilterSnapshot:
         "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
                      "rpy_deg": [0.0057, 0.0057, 0.0127]},
         "alarms": [], "failure": None, "rejected": 0, "confounded": [], "effects": [],
-        "held_since": None, "departure": None,
+        "held_since": None, "departure": None, "temperature_k_per_min": 0.0, "limits_of": "Table 1",
+        "noise": None, "causes": [], "causes_gone": [],
         "remainder": [{"channel": c, "ratio": r, "windows": 6} for c, r in
                       (("gx", 0.9), ("gy", 1.1), ("gz", 2.1), ("ax", 1.0), ("ay", 0.8), ("az", 1.2))],
     }  # fmt: skip
@@ -80,6 +92,11 @@ def _counted(values: np.ndarray) -> "ChannelStatistics":
     )
     counted.add(np.arange(len(values)) / RATE_HZ, counts)
     return counted
+
+
+def result(**fields: Any) -> RunDocument:
+    """Of a recording without a filter."""
+    return cast("RunDocument", whole(ReadingsDocument, log=PATH, samples=15246, **fields))
 
 
 class FakeClient:
@@ -106,7 +123,8 @@ class FakeClient:
         self.changes: dict[str, Any] = {"kind": kind}
         """Fields of the snapshot that a test wants otherwise."""
         self.past: RunHistory | None = None
-        """What the acquisition keeps of its run; None as one that an older version started."""
+        """What the acquisition keeps of its run; None for what its snapshots had."""
+        self._gathered: RunHistory | None = None
         self.counted: ChannelStatistics | None = None
         """What the acquisition has worked out of its packets; made when it is first asked for."""
         self.gone: str | None = None
@@ -126,11 +144,27 @@ class FakeClient:
                 # a process that is gone, or one that does not answer
                 raise (SessionGoneError if "has ended" in self.gone else SessionError)(self.gone)
             self.polls += 1
-            return cast("Snapshot", {**self._snapshot(since), **self.changes})
+            made = cast("Snapshot", {**self._snapshot(since), **self.changes})
+            made["guide"] = made["guide"] and whole(GuideSnapshot, made["guide"])
+            made["controller"] = made["controller"] and whole(ControllerSnapshot, made["controller"])
+            self._gather(made["filter"])
+            return made
 
-    def history(self, wish: HistoryWish) -> HistorySnapshot | None:
-        """The past that a test gave it; an acquisition of an older version has none."""
-        return None if self.past is None else self.past.piece(1, wish)
+    def history(self, wish: HistoryWish) -> HistorySnapshot:
+        """The past that a test gave it, or that its snapshots had."""
+        with self._lock:
+            past = self.past or self._gathered
+            assert past is not None
+            return past.piece(1, wish)
+
+    def _gather(self, found: FilterSnapshot | None) -> None:
+        from imutui.session.live_filter import RunHistory
+
+        self._gathered = self._gathered or RunHistory()
+        if found is not None and found["t"] is not None and not found["waiting"] and len(found["biases"]) == 6:
+            values, sd3 = (np.array([row[key] for row in found["biases"]], float) for key in ("value", "sd3"))
+            converged = np.array([row["converged_s"] is not None for row in found["biases"]])
+            self._gathered.estimates.add(found["t"], values, sd3, converged)
 
     def _snapshot(self, since: int) -> Snapshot:
         seconds = self._clock() - self._born
@@ -139,7 +173,10 @@ class FakeClient:
         values = MEANS + SDS * self._noise[numbers % 4096]
         newest = MEANS + SDS * self._noise[max(count - 1, 0) % 4096]
         return {
-            "name": self.name, "pid": self.pid, "state": "running", "error": None, "findings": [],
+            "name": self.name, "batch": "", "owner": "ana on bench", "site_stated": True, "doubled_packets": 0,
+            "status": "", "next_note": self.changes.get("note", ""), "ends_unwatched_s": None,
+            "controller": None,
+            "pid": self.pid, "state": "running", "error": None, "findings": [],
             "ended_by": "",
             "instrument": "IMU400CD-200",
             "serial_number": "9911750", "firmware": "IMU400CD 1.2", "kind": "simulated",
@@ -212,7 +249,7 @@ class FakeClient:
 
     def profile(self) -> ProfileDescription | None:
         """The profile that a test put there."""
-        return self.table_profile
+        return self.table_profile and cast("ProfileDescription", whole(ProfileDescription, self.table_profile))
 
     def guide(self, do: str, wish: RecordingWish | None = None, *, yes_move: bool = False) -> None:
         """Note it, and what was wished of the recording that begins."""
@@ -221,19 +258,19 @@ class FakeClient:
         if do == "begin":
             self.wish = wish
 
-    def stop_recording(self) -> dict[str, Any]:
+    def stop_recording(self) -> RunDocument:
         self.asked.append("stop_recording")
         self.recording = False
-        return {"log": PATH, "samples": 15246}
+        return result()
 
     def end(self) -> EndReport | None:
         """How it ended, if a test says so."""
         return self.report
 
-    def stop(self, by: str = "") -> dict[str, Any] | None:
+    def stop(self, by: str = "") -> RunDocument | None:
         self.asked.append("stop")
         self.gone = "the acquisition has ended"
-        return {"log": PATH, "samples": 15246} if self.recording else None
+        return result() if self.recording else None
 
     def close(self) -> None:
         self.closed = True

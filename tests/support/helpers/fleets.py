@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from helpers.shapes import whole
+from imutui.jobs.campaign.rows import ResultsDocument, Row
+
 BEGIN = datetime.fromisoformat("2026-01-05T08:00:00+00:00")
 SD = {"accel_bias_mg": 0.05, "gyro_bias_dps": 0.004}  # what the filter says of each estimate
 UNIT_SD = {"accel_bias_mg": 2.0, "gyro_bias_dps": 0.1}
@@ -32,7 +35,12 @@ def row(log: str, **fields: Any) -> dict[str, Any]:
         "converged_s": {"accel_bias": [30.0] * 3, "gyro_bias": [30.0] * 3},
         "noise": {"gyro_arw_deg_sqrt_h": [3.0] * 3, "accel_vrw_mps_sqrt_h": [0.5] * 3, "relative_sd": 0.1},
     }
-    return made | fields
+    return dict(whole(Row, made, **fields))
+
+
+def results(*rows: Any, **fields: Any) -> Any:
+    """A `results.json` of rows."""
+    return whole(ResultsDocument, root="/data/logs") | {"rows": list(rows)} | fields
 
 
 def bad(log: str, error: str = "it is no log: the first bytes are not MCAP's") -> dict[str, Any]:
@@ -68,7 +76,7 @@ def fleet(
             final = {key: own[key] + rng.normal(0.0, np.hypot(DAY_SD[key], SD[key]), 3) for key in KEYS}
             final["accel_bias_mg"][2] += (drift_mg or {}).get(serial, 0.0) * month
             one = row(f"{serial}/{month:02d}.mcap", serial_number=serial)
-            one["final"] = {key: value.tolist() for key, value in final.items()}
+            one["final"] |= {key: value.tolist() for key, value in final.items()}
             one["start_utc"] = (BEGIN + timedelta(days=30.4 * month, hours=float(rng.uniform(0, 8)))).isoformat()
             warm = 22.0 + float(rng.normal(0.0, 2.0))
             one["temperature_degc"] = {"mean": warm, "min": warm - 1.0, "max": warm + 1.0}

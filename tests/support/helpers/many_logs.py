@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from helpers.logs import START
-from imutui.jobs import document_shape
+from imutui import document_shape
 from imutui.jobs.campaign.one_log import Task, row_of
 from imutui.jobs.campaign.rows import TIMINGS, ResultsDocument, Row
 from imutui.logbook import SessionInfo, schemas

@@ -176,6 +176,8 @@ VARIANTS: dict[str, Callable[[np.ndarray, np.ndarray, np.ndarray], str]] = {
     + _rows(t, _rad(w) / HZ, f * _G / HZ),
     "counts.csv": lambda t, w, f: "time_ms,ax,ay,az,gx,gy,gz\n"
     + _rows(np.round(1e3 * t), np.round(f * 10923), np.round(w * 131), form="%d"),
+    "gal.csv": lambda t, w, f: f"epoch_ms,{_SHORT}\n"
+    + _rows(START_NS / 1e6 + 1e3 * t, w, f * _G * 100.0, form="%.15g"),
     # dates, clocks, stamps
     "date_german.csv": lambda t, w, f: _stamped(
         "Zeit;" + _SHORT.replace(",", ";"), _clock("01.05.2024 12:%02d:%02d,%03d", t), w, f, separator=";"

@@ -14,11 +14,14 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
+from filters.tracing.trace_document import CommonEntry, RunEntry, TraceDocument, TraceFindings
+from helpers.shapes import whole
 from imutui.jobs import residuals
 from imutui.logbook import import_reference
 from imutui.logbook.importing import recording as recordings
 from imutui.logbook.importing.table import Asked
 from imutui.logbook.importing.write import write
+from imutui.logbook.results import ResultDocument
 from imutui.logbook.session_info import SessionInfo
 
 PROFILE = '[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 60.0\n'
@@ -73,31 +76,38 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     return path
 
 
-RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False,
-       "assumed": []}  # fmt: skip
-COMMON = {
+RUN: dict[str, Any] = whole(
+    RunEntry, id="a", kind="simulated", rate_hz=20.0, seconds=900.0, reference="level", accel_sign=-1, mount="x,y,z"
+)
+COMMON = whole(CommonEntry, {
     "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
     "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
     "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}], "p": 1e-9, "record": ["supply voltage"],
     "run": "a",
-}  # fmt: skip
+})  # fmt: skip
 REPLAY = Path(__file__).with_name("replay_result.json")
 
 
 def replayed(**changes: Any) -> dict[str, Any]:
     """A replay's result."""
-    made: dict[str, Any] = json.loads(REPLAY.read_text())
-    return made | changes
+    return dict(whole(ResultDocument, json.loads(REPLAY.read_text()), **changes))
 
 
 def of_two_runs(**changes: Any) -> dict[str, Any]:
     """A trace's result, with a run that was held out."""
     runs = [RUN, {**RUN, "id": "b", "heldout": True}]
-    return {**document(), "runs": runs, "notes": ["a note"], "library": "imutui 1"} | changes
+    found = {
+        **document(),
+        "runs": runs,
+        "notes": ["a note"],
+        "library": "imutui 1",
+        "effects_file": "version = 1\n",
+    } | changes
+    return dict(whole(TraceDocument, found))
 
 
 def document() -> dict[str, Any]:
-    """A result with something of everything."""
+    """What the tracer has found, with something of everything, and the experiment."""
     thermal = {
         "effect": "thermal_lin",
         "label": "bias follows temperature",
@@ -148,7 +158,7 @@ def document() -> dict[str, Any]:
         "before_x_floor": 8.41, "after_x_floor": 1.01, "ci95": [0.009, 0.011], "floor_band95": [0.0085, 0.0117],
         "n": 84, "heldout": "run",
     }  # fmt: skip
-    return {
+    found = {
         "version": 1,
         "untestable": [
             {"effect": "scale", "reason": "equals_bias"},
@@ -177,6 +187,7 @@ def document() -> dict[str, Any]:
         "sentence": "Temperature explains most of gy; one cause of az is not told.",
         "seed": 0,
     }  # fmt: skip
+    return dict(whole(TraceFindings, found))
 
 
 EXPERIMENT = SeparatingExperiment(
@@ -210,30 +221,14 @@ def trace(names: tuple[str, ...] = ("a", "b")) -> Trace:
 
 def nothing(names: tuple[str, ...] = ("a",)) -> Trace:
     """A clean unit's result."""
-    empty = {key: [] for key, value in document().items() if isinstance(value, list)}
     status = dict.fromkeys(("gx", "gy", "gz", "ax", "ay", "az"), "clean")
-    text = {"sentence": "Nothing found.", "seed": 0}
-    return Trace({**empty, "status": status, **text}, (), np.empty((0, 0)), trace(names).series)
+    return Trace(
+        whole(TraceFindings, status=status, sentence="Nothing found."), (), np.empty((0, 0)), trace(names).series
+    )
 
 
 def whole_document() -> dict[str, Any]:
     """`document` with every field that a trace's JSON has, of two runs, as a file of results holds it."""
-    run = {
-        "id": "a", "log": "/data/a.mcap", "kind": "simulated", "source": "", "rate_hz": 20.0, "seconds": 900.0,
-        "samples": 18_001, "accel_sign": -1, "mount": "x,y,z", "reference": "level", "heldout": False, "power_on": "p",
-        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32, "health": [], "assumed": [],
-    }  # fmt: skip
-    added: dict[str, dict[str, Any]] = {
-        "error": {"before_ci95": [0.079, 0.089]}, "findings": {"shape": {}}, "integrity": {"size": None},
-        "lines": {"harmonics": []}, "untestable": {"rho": None, "with": None},
-        "weak": {"guarded_score": 1.0, "limit": None, "why": "not told from drift"},
-    }  # fmt: skip
-    made = document()
-    for key, fields in added.items():
-        made[key] = [{**fields, **entry} for entry in made[key]]
-    experiment = {**made["separating_experiment"], "thermal": None, "motion": "", "leaves": []}
+    run = {**RUN, "log": "/data/a.mcap", "samples": 18_001, "power_on": "p", "log_sha256": "ab" * 32}
     runs = [run, {**run, "id": "b", "log": "/data/b.mcap", "heldout": True, "power_on": "q"}]
-    curves = residuals.curves(trace(("b",)).series, "b")
-    return made | {
-        "runs": runs, "notes": ["a note"], "library": "imutui 1", "separating_experiment": experiment, "curves": curves
-    }  # fmt: skip
+    return of_two_runs(runs=runs, curves=residuals.curves(trace(("b",)).series, "b"))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from imutui.tui import messages
 from imutui.tui.connection import verdict
 from imutui.tui.connection.model import ConnectionModel
-from imutui.tui.connection.verdict import HOLD_S, Debounce, judge
+from imutui.tui.connection.verdict import HOLD_S, Debounce
 from imutui.tui.pages.filter.estimates import two_lines
 from imutui.verdict import rules
 from imutui.verdict.rules import Verdict
@@ -39,6 +39,12 @@ def with_bias(**changes: Any) -> dict[str, Any]:
     biases = settled()["biases"]
     biases[2] = {**biases[2], **changes}
     return settled(biases=biases)
+
+
+def judge(estimates: Any, slope_k_per_min: float | None = None, *more: Any, **named: Any) -> Verdict:
+    """The verdict on a filter that has this slope of the temperature."""
+    told = estimates and {**estimates, "temperature_k_per_min": slope_k_per_min}
+    return verdict.judge(told, *more, **named)
 
 
 def test_all_converged_and_nothing_unexplained_is_green() -> None:
@@ -217,8 +223,7 @@ def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
 
 def test_old_estimates_are_not_green() -> None:
     assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
-    silent = {"state": "running", "silent_s": 8.0, "rate_hz": 20.0, "sampling": "stream"}
-    silent["advice"] = {"silence": "check power and cable"}
+    silent = {**FakeClient().snapshot(), "silent_s": 8.0}
     assert verdict.stale(silent) is not None
     assert verdict.stale({**silent, "silent_s": 1.5}) is None
 

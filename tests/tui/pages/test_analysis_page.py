@@ -5,7 +5,6 @@ import pytest
 from helpers.fake_client import FakeClient
 from helpers.pilot import opened
 
-from imutui.session.client import SessionRefusalError
 from imutui.session.snapshot import StatisticsSnapshot
 from imutui.tui.pages.analysis import figures, text
 from imutui.tui.terminal.glyphs import GLYPHS
@@ -33,16 +32,6 @@ async def test_w_goes_through_the_views_of_the_chosen_channel() -> None:
         await see("b → statistics of all channels begin anew")
         assert see.client.asked[-1] == "begin statistics"
         await see("escape → >ax | asked 20")
-
-
-async def test_an_acquisition_of_an_older_version_is_named_as_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(self: FakeClient, channel: int) -> StatisticsSnapshot:
-        raise SessionRefusalError(f'no such request: "statistics" {channel}')
-
-    monkeypatch.setattr(FakeClient, "statistics", refuse)
-    async with opened() as see:
-        await see("→ >gx")
-        await see(f"w → {text.OLDER}")
 
 
 @pytest.mark.parametrize("glyphs", ["braille", "block", "ascii"])

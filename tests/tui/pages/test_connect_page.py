@@ -13,6 +13,8 @@ from textual.widgets import Input
 from imutui.session import client as session
 from imutui.session.client import SessionError
 from imutui.session.plan import PAPER_PLACE, Plan, demo
+from imutui.session.snapshot import ProbeAnswer
+from imutui.tui.pages.connect import text
 from imutui.tui.pages.connect.form import ConnectForm
 
 FILE = PATH.rsplit("/", 1)[1]
@@ -163,11 +165,12 @@ async def test_a_key_that_needs_an_acquisition_says_what_is_missing(machine: lis
 async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
-    def probe(port: str) -> dict[str, object]:
+    def probe(port: str) -> ProbeAnswer:
         asked.append(port)
+        answer = text.not_answered(port, f"{port}: in use by picocom (pid 12)")
         if port == "/dev/ttyUSB0":
-            return {"port": port, "answers": True, "serial_number": "9911750", "firmware": "IMU400CD 1.2", "error": ""}
-        return {"port": port, "answers": False, "error": f"{port}: in use by picocom (pid 12)"}
+            return {**answer, "answers": True, "serial_number": "9911750", "firmware": "IMU400CD 1.2", "error": None}
+        return answer
 
     ports = [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R"), ("/dev/ttyS0", "n/a")]
     monkeypatch.setattr(session, "ports", lambda: ports)

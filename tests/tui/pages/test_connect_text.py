@@ -1,9 +1,11 @@
 """What the connect page offers, as words."""
 
 from helpers.fake_client import FakeClient
+from helpers.shapes import whole
 
 from filters.kalman.settings import FILTERS
 from imutui.session.plan import SAMPLINGS
+from imutui.session.snapshot import ProbeAnswer
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.connect import text
 
@@ -27,17 +29,20 @@ def test_an_answer_stands_in_place_of_the_description() -> None:
 
 
 def test_what_a_probe_found_is_short() -> None:
-    assert text.answered({"answers": True, "firmware": "IMU400CD 1.2", "serial_number": "7"}) == "IMU400CD 1.2 #7"
-    assert text.answered({"answers": True, "firmware": "", "serial_number": ""}) == "answers a ping"
-    assert text.answered({"answers": False, "error": None}) == "silent"
+    def answered(**fields: object) -> str:
+        return text.answered(whole(ProbeAnswer, port="/dev/x", **fields))
+
+    assert answered(answers=True, firmware="IMU400CD 1.2", serial_number="7") == "IMU400CD 1.2 #7"
+    assert answered(answers=True) == "answers a ping"
+    assert answered() == "silent"
     for error, short in (
         ("/dev/x is silent: no answer to a ping (tried 38400 baud). Check", "silent"),
         ("/dev/x is in use by picocom (pid 12). If that is imutui: stop it", "in use by picocom (pid 12)"),
         ("/dev/x: no permission to open it. It belongs to group dialout", "no permission to open it"),
     ):
-        assert text.answered({"port": "/dev/x", "answers": False, "error": error}) == short
+        assert answered(error=error) == short
     other = {"answers": True, "firmware": "AHRS400", "serial_number": "7", "error": "/dev/x: another model"}
-    assert text.answered(other) == "AHRS400 #7, not usable"
+    assert answered(**other) == "AHRS400 #7, not usable"
 
 
 def test_several_acquisitions_are_to_be_chosen_from() -> None:

@@ -13,12 +13,13 @@ from helpers import traces
 from helpers.fake_client import FakeClient
 from helpers.paths import SAMPLE
 from helpers.pilot import SMALLEST, See, opened
+from helpers.shapes import whole
 
 from imutui.jobs import replay, tasks
 from imutui.jobs.worker import Worker
 from imutui.logbook import effects_file
 from imutui.logbook.reading import Reading
-from imutui.logbook.results import TIMINGS
+from imutui.logbook.results import TIMINGS, ResultDocument
 from imutui.tui.pages.logs import result_text, text
 from imutui.tui.pages.logs.page import LogsPage
 from imutui.tui.pages.logs.result_page import ResultPage
@@ -235,7 +236,7 @@ async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient,
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size: tuple[int, int]) -> None:
     found = traces.trace()
-    document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    document = traces.of_two_runs(runs=[{**traces.RUN, "seconds": 90.0}])
     result = tasks.TraceResult(
         document,
         "trace of a.mcap",
@@ -307,17 +308,17 @@ async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeC
 
 
 def test_a_replay_reads_as_table_1_has_it() -> None:
-    document = {
-        "converged": False, "log": "a.mcap", "rate_hz": 20.0, "samples": 10, "duration_s": 0.5, "kind": "simulated",
+    document = whole(ResultDocument, {
+        "log": "a.mcap", "rate_hz": 20.0, "samples": 10, "duration_s": 0.5, "kind": "simulated",
         "filter": "spkf", "reference": "level",
         "final": {"gyro_bias_dps": [0.5, -1.25, None], "accel_bias_mg": [6.0, 0.0, 0.0]},
         "sd": {"gyro_bias_dps": [0.01, 0.01, None], "accel_bias_mg": [0.1, 0.1, 0.1]},
         "converged_s": {"gyro_bias": [9.8, None, None], "accel_bias": [None, None, None]},
         "nis": {"mean": 9.1, "dof": 9, "band95": [8.9, 9.2], "is_test": True, "why": ""},
         "noise": {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3},
-        "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "health": [], "rejected": 0,
-        "alarms": ["gz moves", "gy too"], "confounded": [], "identity": {"instrument": "IMU400CD-200"},
-    }  # fmt: skip
+        "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "alarms": ["gz moves", "gy too"],
+        "identity": {"instrument": "IMU400CD-200"},
+    })  # fmt: skip
     said = result_text.replayed((), document, 100)
     for line in (
         "RED: a.mcap",
@@ -336,7 +337,7 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
 
 def test_a_file_that_is_being_written_is_not_called_damaged() -> None:
     """The reader finds no end; whoever looks at the list knows that a recorder has it open."""
-    document = {"runs": [{"id": "b", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    document = traces.of_two_runs()
     result = tasks.TraceResult(document, "", ("/a/b.mcap: the file ends in the middle",), "", (), "")
     assert "b.mcap was being written" in result_text.traced(result, {Path("/a/b.mcap")})(80).splitlines()[0]
     assert "ends in the middle" in result_text.traced(result)(80).splitlines()[0]

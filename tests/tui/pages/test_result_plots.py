@@ -39,14 +39,14 @@ def test_a_replay_has_six_plots_with_the_pause_in_them(width: int, glyphs: str) 
     assert "gap" in said
     assert said.isascii() or glyphs == "braille"
     assert (len(lines) > 30) == (width < 76)
-    assert drawn("replay", {}) == []
+    assert drawn("replay", traces.replayed()) == []
 
 
 def test_a_trace_has_curves_and_residuals() -> None:
     curve = {"x": [0.0, 1.0, 2.0, 3.0], "before": [1.0, 2.0, None, 4.0], "after": [0.1, 0.1, None, 0.1]}
     same = {**curve, "after": curve["before"]}
     channels = {"gx": {"residual": same}, "gy": {"residual": curve}}
-    document = {**traces.document(), "curves": [{"run": "a", "heldout": True, "channels": channels}]}
+    document = traces.of_two_runs(curves=[{"run": "a", "heldout": True, "channels": channels}])
     said = "\n".join(drawn("trace", document))
     for text in ("az: error is a function of since_motion, mg",
                  "since_motion 5 s", "gy, deg/s: before, held out", "gx, deg/s: unchanged, held"):  # fmt: skip
@@ -55,7 +55,7 @@ def test_a_trace_has_curves_and_residuals() -> None:
 
 
 def test_two_traces_are_compared_effect_by_effect_and_their_plots_stand_side_by_side() -> None:
-    document = traces.document()
+    document = traces.of_two_runs()
     params = [{**document["findings"][0]["params"][0], "value": 0.025}]
     other = {**document, "findings": [{**document["findings"][0], "params": params}]}
     one, two = (Outcome("trace", title, Path("a.mcap"), d, str) for title, d in (("one", document), ("two", other)))
@@ -118,7 +118,8 @@ def test_a_driver_s_band_in_text_is_three_standard_deviations_as_its_heading_say
         "unit": "degC",
         "y_unit": "mg",
     }
-    document: Any = {"findings": [{"channels": ["ax"], "label": "follows", "driver_curve": curve}]}
+    finding = {"channels": ["ax"], "label": "follows", "driver_curve": curve}
+    document: Any = traces.of_two_runs(findings=[finding])
     lines = ["".join(text for text, _ in line) for line in result_plots.of_trace(document, look)]
     assert lines[0].startswith("Error over what drives it, ± 3 sd")
     high, low = (float(line[: history_cells.GUTTER - 1].strip(" ┤│")) for line in (lines[2], lines[6]))

@@ -13,8 +13,15 @@ PROFILE = {"name": "tumble.toml", "align": "marks", "segments": SEGMENTS}
 
 
 def guide(state: str, segment: int = 1, **changes: Any) -> dict[str, Any]:
-    found = {"state": state, "segment": segment, "count": 3, "left_s": None, "begun": [3.0, None, None]}
-    return {**found, **changes}
+    found = {
+        "state": state,
+        "segment": segment,
+        "count": 3,
+        "left_s": None,
+        "begun": [3.0, None, None],
+        "turns_s": None,
+    }
+    return {**found, "begun": [3.0, None, None], **changes}
 
 
 def test_each_segment_has_a_word() -> None:

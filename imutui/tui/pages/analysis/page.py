@@ -9,7 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.widget import Widget
 
-from imutui.session.client import Client, SessionRefusalError
+from imutui.session.client import Client
 from imutui.session.snapshot import StatisticsSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
@@ -121,7 +121,6 @@ class AnalysisPage(Page):
         self._channel, self._shown = channel, figures.ALLAN
         self._cursors: dict[tuple[int, int], float] = {}
         self._seen: StatisticsSnapshot | None = None
-        self._refused = ""
         self._asked_at: float | None = None
         self._next_at = 0.0
 
@@ -146,10 +145,7 @@ class AnalysisPage(Page):
         found: list[StatisticsSnapshot] = []
 
         def ask(client: Client) -> str:
-            try:
-                found.append(client.statistics(channel))
-            except SessionRefusalError:
-                self._refused = text.OLDER
+            found.append(client.statistics(channel))
             return ""
 
         def done() -> None:
@@ -173,8 +169,7 @@ class AnalysisPage(Page):
         reading = self.query_one(ReadingLines)
         figure = None if seen is None else figures.of(self._shown, seen)
         if seen is None or figure is None:
-            waiting = "" if seen is None else text.nothing(self._shown, seen)
-            plot.show(None, self._refused or waiting)
+            plot.show(None, "" if seen is None else text.nothing(self._shown, seen))
             reading.said = ("", "", "")
             return
         stop = self._stop(seen)

@@ -9,7 +9,6 @@ from imutui.tui import formatting
 from imutui.tui.pages.analysis import figures
 
 TITLES = ("Allan deviation", "spectrum", "histogram")
-OLDER = "an older version of imutui started this acquisition: it keeps no statistics"
 _MEANINGS = (
     "Dotted: {}'s white noise. Slope -1/2 white, 0 instability, +1/2 walk",
     "Dotted: {}'s white noise up to its bandwidth. Spikes stand out of noise",
@@ -40,7 +39,7 @@ def meaning(view: int, seen: StatisticsSnapshot) -> str:
 
 def _data_sheet(seen: StatisticsSnapshot) -> str:
     """Whose white noise is drawn, in a word or two."""
-    return seen.get("white_of", "Table 1").removesuffix(" data sheet")
+    return seen["white_of"].removesuffix(" data sheet")
 
 
 def nothing(view: int, seen: StatisticsSnapshot) -> str:

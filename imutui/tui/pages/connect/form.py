@@ -208,7 +208,7 @@ class ConnectForm(Vertical):
                 found = text.not_answered(port, str(error))
             if not self.query("#ports"):  # the page has gone meanwhile
                 return
-            self._found(port, str(found.get("instrument") or ""))
+            self._found(port, found["instrument"])
             self._heard(port, text.answered(found))
             said = found["error"] or f"{formatting.port_name(port)}: {self._answers[port]}"
             self.post_message(Page.Say(said, "good" if found["answers"] and not found["error"] else "wait"))

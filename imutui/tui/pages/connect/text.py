@@ -118,11 +118,11 @@ def not_answered(port: str, error: str) -> ProbeAnswer:
 
 def answered(found: ProbeAnswer) -> str:
     """What answers on a port that was probed, in a few words: who, or the first clause of why not."""
-    who = str(found.get("firmware") or found.get("instrument") or "answers a ping")
-    who = f"{who} #{found['serial_number']}" if found.get("serial_number") else who
+    who = found["firmware"] or found["instrument"] or "answers a ping"
+    who = f"{who} #{found['serial_number']}" if found["serial_number"] else who
     if found["answers"]:
-        return f"{who}, not usable" if found.get("error") else who
-    why = str(found.get("error") or "silent").removeprefix(str(found.get("port", "")))
+        return f"{who}, not usable" if found["error"] else who
+    why = (found["error"] or "silent").removeprefix(found["port"])
     return re.split(r"[.:;] ", why.removeprefix(":").strip().removeprefix("is "))[0]
 
 
@@ -162,7 +162,7 @@ def connected(now: Snapshot) -> StyledText:
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:
         estimates += f" from {reference['file']}"
-    if filter_ and not now.get("site_stated", True):
+    if filter_ and not now["site_stated"]:
         estimates += "; the site is not stated, so the ± of the vertical accelerometer is wide"
     if now["effects"]:
         estimates += f", with {formatting.plural(len(now['effects']), 'effect')} found before"
@@ -171,19 +171,13 @@ def connected(now: Snapshot) -> StyledText:
         ("port", str(now["port"])),
         ("read at", how),
         ("filter", estimates),
-        ("process", f'acquisition "{now["name"]}"{_owner(now)}, pid {now["pid"]}; runs on without this screen'),
+        ("process", f'acquisition "{now["name"]}" of {now["owner"]}, pid {now["pid"]}; runs on without this screen'),
         ("logs in", str(now["logs"] or formatting.NOTHING)),
     ]
     made: StyledText = [("Connected.", "bold")]
     for name, value in rows:
         made += ["\n", (f"{name:{_LABEL}}", "dim"), formatting.folded(value, _VALUE).replace("\n", "\n" + " " * _LABEL)]
     return made
-
-
-def _owner(now: Snapshot) -> str:
-    """Whose acquisition it is."""
-    owner = now.get("owner", "")
-    return f" of {owner}" if owner else ""
 
 
 def next_step(now: Snapshot) -> str:

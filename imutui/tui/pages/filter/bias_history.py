@@ -85,7 +85,7 @@ class BiasPlot(PlotWidget):
         self._history, self._settings = history, settings
         # a row a second: what comes within it is drawn with it
         second = history.newest // 1.0 if len(history) else None
-        shown = (settings, id(history), len(history), history.attached_late, second)
+        shown = (settings, id(history), len(history), second)
         if shown != self._shown:
             self._shown = shown
             self.redraw()
@@ -98,7 +98,7 @@ class BiasPlot(PlotWidget):
         rows, columns = height - 1 - axis, width - GUTTER
         if rows < 1 or columns < 4:
             return []
-        seconds = float(history.newest - history.begin) if len(history) else 0.0
+        seconds = float(history.newest) if len(history) else 0.0
         span = history_cells.span_s(seconds)
         envelope = (
             history_cells.envelope(history, settings.column, span, columns * self.glyphs.columns)
@@ -137,15 +137,14 @@ class BiasPlot(PlotWidget):
         return super().style_of(kind) + Style(bgcolor=band) if shaded else super().style_of(kind)
 
     def _head(self, settings: BiasPlotSettings, history: EstimateHistory, span: float | None, width: int) -> Line:
-        ends = (history_cells.duration(history.begin + part) for part in (0.0, span or 0.0))
+        ends = (history_cells.duration(part) for part in (0.0, span or 0.0))
         axis = "" if span is None else " to ".join(ends)
-        since = "since attached" if history.attached_late else ""
         limits = "no limits known" if settings.limit is None else "scale: limits"
         scale = {"auto": "", "whole run": "scale: whole run", "limits": limits}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
         band = "" if not settings.banded else "± 3 sd shaded" if self._shades else "± 3 sd edged"
-        parts = ((settings.hint, band, scale, since, axis), (settings.hint, scale, since, axis), (scale, since, axis))
-        rights = [", ".join(part for part in right if part) for right in (*parts, (since, axis), (axis,), ())]
+        parts = ((settings.hint, band, scale, axis), (settings.hint, scale, axis), (scale, axis))
+        rights = [", ".join(part for part in right if part) for right in (*parts, (axis,), ())]
         style = "chosen" if settings.chosen else "title"
         return [(raster.titled(left, rights, width, self.glyphs), style)]
 
@@ -157,9 +156,9 @@ class BiasPlot(PlotWidget):
     def _time_axis(self, history: EstimateHistory, span: float, width: int) -> Line:
         """Round times since the run's first sample."""
         room, line, free = width - GUTTER, [" "] * width, 0
-        for t in history_cells.ticks(history.begin, span, room // _TICK):
+        for t in history_cells.ticks(span, room // _TICK):
             label = history_cells.duration(t)
-            start = GUTTER + round((t - history.begin) / span * (room - 1)) - len(label) // 2
+            start = GUTTER + round(t / span * (room - 1)) - len(label) // 2
             start = min(start, width - len(label))
             if start >= free:
                 line[start : start + len(label)] = label

@@ -43,9 +43,8 @@ class NisLines(TextLines):
         first = nis["first"]
         small = first is None or first < 1e3
         begun = f"  first {formatting.number(first, 0, 2) if small else formatting.plain(first, 3)}"
-        rejected = estimates.get("rejected")
-        gates = "" if rejected is None else f"  gates {rejected}"
-        return self.spread(left, self.line(begun, (gates, "bold $text-warning" if rejected else ""), " "), width)
+        gates = (f"  gates {estimates['rejected']}", "bold $text-warning" if estimates["rejected"] else "")
+        return self.spread(left, self.line(begun, gates, " "), width)
 
     def _unexplained(self, view: View, estimates: FilterSnapshot, width: int) -> Content:
         """An effect that shows, or the worst channel in units of what noise allows; the key that looks for causes."""
@@ -57,7 +56,7 @@ class NisLines(TextLines):
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key
         above = view.shown_verdict.reason if view.shown_verdict is not None else ""
-        showing = [one["text"] for one in estimates.get("causes", ()) if one["shows"] and one["text"] not in above]
+        showing = [one["text"] for one in estimates["causes"] if one["shows"] and one["text"] not in above]
         if showing:
             said, loud = _cut(self.glyphs.text("; ".join(showing)), width - _LABEL - len(key) - 1), True
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
@@ -78,7 +77,7 @@ class NavigationLines(TextLines):
     def _title(self, estimates: FilterSnapshot | None) -> str:
         if estimates is None:
             return "navigation"
-        held = held_text(estimates.get("held_since"))
+        held = held_text(estimates["held_since"])
         if held is not None:
             return f"navigation: {held}"
         samples = formatting.plural(estimates["samples"], "sample")
@@ -259,7 +258,6 @@ class RuleLines(TextLines):
 # The table of biases: estimate, certainty, place within the data sheet's limit, drift, convergence.
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
-_TABLE_1 = "Table 1"
 _HEAD = (("  bias", 13), ("value", 5), (" ± 3 sd", 16), ("zero ±{}", 21), ("in 10 s", 13), ("converged at", 12))
 
 
@@ -293,7 +291,7 @@ class BiasTable(TextLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         biases = view.estimates["biases"] if view.estimates is not None else []
-        source = view.estimates.get("limits_of", _TABLE_1) if view.estimates is not None else ""
+        source = view.estimates["limits_of"] if view.estimates is not None else ""
         limit = f"{source.partition(' data')[0]} limit".lstrip()
         head = "".join(self._cell(title.format(limit), cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]

@@ -42,8 +42,8 @@ def explanation(view: View) -> str:
     ]
     if estimates is not None:
         effects = _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
-        told = [f"{'now ' if one['shows'] else 'past'} {one['text']}" for one in estimates.get("causes", ())]
-        told += [f"gone {one['text']}" for one in estimates.get("causes_gone", ())]
+        told = [f"{'now ' if one['shows'] else 'past'} {one['text']}" for one in estimates["causes"]]
+        told += [f"gone {one['text']}" for one in estimates["causes_gone"]]
         parts += [_listed("EFFECTS THAT THE RESIDUAL SHOWS", told)]
         parts += [_alarms(found, estimates), effects, _more(estimates)]
     return "\n\n".join(part for part in [*parts, wrapping.joined(_RULES)] if part) + "\n"
@@ -66,8 +66,7 @@ def _more(estimates: FilterSnapshot) -> str:
     out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {nis_meaning(nis, whole=True)}"]
     if ratios:
         out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
-    if "rejected" in estimates:  # an acquisition that an older version started does not count them
-        out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
+    out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
     return _listed("NUMBERS", out)
 
 

@@ -159,7 +159,7 @@ class StateLines(TextLines):
     def _showing(self, view: View) -> Content | None:
         """The effect that shows most certainly in the residual, and how many more do; 4 Filter has all of them."""
         estimates = view.estimates
-        said = [one["text"] for one in estimates.get("causes", ()) if one["shows"]] if estimates is not None else []
+        said = [one["text"] for one in estimates["causes"] if one["shows"]] if estimates is not None else []
         if not said:
             return None
         more = f"  {len(said) - 1} more: 4 Filter, w" if len(said) > 1 else ""
@@ -175,7 +175,7 @@ class StateLines(TextLines):
             "  ",
             (f"bad checksums {bad}", "bold $text-warning" if bad else ""),
         )
-        status = now.get("status") or ""
+        status = now["status"]
         if counted.cell_length + len(f"  BIT {status}") > width:
             status = status.partition(" (")[2].removesuffix(")")
         return self.line(counted, (f"  BIT {status}" if status else "", "bold $text-warning"))

@@ -31,7 +31,7 @@ _FIELD = {"replay": "final", "trace": "findings"}  # what only a result of a kin
 
 def length(kind: str, document: Any) -> str:
     """How long the readings are that a result is of, to tell it from others of the same name: ", 162 s"."""
-    seconds = document.get("duration_s") if kind == "replay" else sum(run["seconds"] for run in document["runs"])
+    seconds = document["duration_s"] if kind == "replay" else sum(run["seconds"] for run in document["runs"])
     return "" if seconds is None else f", {seconds:.0f} s"
 
 
@@ -85,12 +85,12 @@ def _replays(a: Any, b: Any) -> Callable[[int], str]:
 def _traces(a: "TraceDocument", b: "TraceDocument") -> Callable[[int], str]:
     """Errors of channels, then parameters of effects; the report's tables take more columns than a terminal has."""
     lines = [f"{'error, x floor':<8} {'A before':>9} {'A after':>9} {'B before':>9} {'B after':>9}  A, B"]
-    errors = [{e["channel"]: e for e in d.get("error", []) if e["metric"] == "e10"} for d in (a, b)]
-    for channel in a.get("status", {}) | b.get("status", {}):
+    errors = [{e["channel"]: e for e in d["error"] if e["metric"] == "e10"} for d in (a, b)]
+    for channel in a["status"] | b["status"]:
         told = [_times(e.get(channel), key) for e in errors for key in ("before_x_floor", "after_x_floor")]
-        states = [trace_glance.status_words(d.get("status", {}).get(channel, formatting.NOTHING)) for d in (a, b)]
+        states = [trace_glance.status_words(d["status"].get(channel, formatting.NOTHING)) for d in (a, b)]
         lines.append(f"{channel:<14} {' '.join(f'{text:>9}' for text in told)}  {', '.join(states)}")
-    shas = [{run["log_sha256"] for run in d.get("runs", []) if run.get("log_sha256")} for d in (a, b)]
+    shas = [{run["log_sha256"] for run in d["runs"] if run["log_sha256"]} for d in (a, b)]
     said = "\n".join([*lines, "", *_findings(a, b), "", _MEANING, *([_SHARED] if shas[0] & shas[1] else [])])
     return lambda width: said
 
@@ -100,7 +100,7 @@ def _times(entry: Any, key: str) -> str:
 
 
 def _findings(a: "TraceDocument", b: "TraceDocument") -> list[str]:
-    found = [{(f["effect"], *f["channels"]): f for f in d.get("findings", [])} for d in (a, b)]
+    found = [{(f["effect"], *f["channels"]): f for f in d["findings"]} for d in (a, b)]
     lines = [f"  {'effects':<10} {'A ± 3 sd':>19} {'B ± 3 sd':>19} {'B - A':>9} {'in sd':>6}  unit"]
     for key in found[0] | found[1]:
         both = [d.get(key) for d in found]

@@ -24,7 +24,7 @@ _RUN_NAME = 18  # of a plot that has half of 80 columns
 
 
 def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
-    """Plots of a result of a kind; none where it has nothing to plot, as results of older versions have."""
+    """Plots of a result of a kind; none where it has nothing to plot."""
     match kind:
         case "replay":
             return of_replay(document, look)
@@ -35,7 +35,7 @@ def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
 
 def of_replay(d: "ResultDocument", look: PlotLook) -> list[Line]:
     """Six biases with their band over the run."""
-    course = d.get("course")
+    course = d["course"]
     if not course or not course["t"]:
         return []
     history = EstimateHistory(len(NAMES), max(len(course["t"]), 2))
@@ -56,7 +56,7 @@ def of_trace(d: "TraceDocument", look: PlotLook) -> list[Line]:
 
 def _drivers(d: "TraceDocument", look: PlotLook) -> list[Line]:
     lines: list[Line] = []
-    for finding in d.get("findings", []):
+    for finding in d["findings"]:
         curve = finding["driver_curve"]
         if curve is not None and len(curve["x"]) > 1:
             lines += _driver(finding, look)
@@ -76,7 +76,7 @@ def _residuals(d: "TraceDocument", look: PlotLook) -> list[Line]:
     """Each channel that has changed before and after on one scale, then those that have not."""
     changed: list[Line] = []
     unchanged: list[tuple[str, _Course]] = []
-    runs = d.get("curves", [])
+    runs = d["curves"]
     names = formatting.apart([run["run"] for run in runs], _RUN_NAME)
     for run, name in zip(runs, names, strict=True):
         held = ", held out" if run["heldout"] else ""

@@ -89,7 +89,7 @@ def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
         sources.headline(d),
         sources.reasons(d),
         f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}",
-        *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
+        *([_as_written(f"{d['log']}: {d['damage']}", writing)] if d["damage"] is not None else []),
         "",
         f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {source:>8} {'of limit':>9}   converged",
     ]
@@ -128,7 +128,7 @@ def _filtered(d: "ResultDocument") -> list[str]:
     lines = ["Filter"]
     if nis["mean"] is not None:
         lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {nis_meaning(nis, whole=True)}")
-    sure = numbers.noise_certainty(noise.get("relative_sd"))
+    sure = numbers.noise_certainty(noise["relative_sd"])
     if sure is None:
         lines.append(f"  noise of this log: {numbers.TOO_SHORT}")
     else:
@@ -136,10 +136,10 @@ def _filtered(d: "ResultDocument") -> list[str]:
         lines.append(f"  noise of this log: gyro  {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h ({gyro_says})")
         lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h ({accel_says})")
         lines.append(f"                     each {sure}")
-    for e in d.get("effects", []):
+    for e in d["effects"]:
         unit = e["name"].removesuffix(")").partition(" (")[2]
         lines.append(f"  effect {effect_words.state(e['name'])}, {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd) {unit}")
-    if d.get("times_real_time"):
+    if d["times_real_time"]:
         lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
     return lines
 
@@ -152,7 +152,7 @@ def _data(d: "ResultDocument") -> list[str]:
         f" {formatting.plural(d['bad_checksums'], 'bad checksum')},"
         f" {formatting.plural(len(gaps), 'gap')}, {formatting.plural(d['rejected'], 'outlier')} left out",
     ]
-    if not d.get("site_stated", True):
+    if not d["site_stated"]:
         lines.append(f"  {SITE_NOT_STATED}")
     longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_GAPS]
     lines += [f"  gap of {gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest]
@@ -164,7 +164,7 @@ def _data(d: "ResultDocument") -> list[str]:
 def _warnings(d: "ResultDocument") -> list[str]:
     above = sources.reasons(d)
     told = [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"]) if alarm not in above]
-    told += [f"CANNOT BE TOLD APART: {said}" for said in d.get("confounded", []) if said not in (above, *d["alarms"])]
+    told += [f"CANNOT BE TOLD APART: {said}" for said in d["confounded"] if said not in (above, *d["alarms"])]
     return ["", *told] if told else []
 
 

@@ -76,7 +76,7 @@ def _brief(unit: UnitView, found: Wrong, room: int) -> str:
 
 def _departure(unit: UnitView) -> str:
     estimates = unit.now["filter"] if unit.now is not None else None
-    return (estimates.get("departure") or "") if estimates is not None else ""
+    return estimates["departure"] or "" if estimates is not None else ""
 
 
 def common(units: Sequence[UnitView]) -> str:
@@ -232,7 +232,7 @@ def step(units: Sequence[UnitView]) -> Step:
     if waits:
         due = max(waits, key=lambda segment: (len(waits[segment]), -segment))
         here, others = waits[due], sum(len(of) for of in waits.values()) - len(waits[due])
-        turns = max((unit.now["guide"].get("turns_s") or 0.0) for unit in here if unit.now and unit.now["guide"])
+        turns = max((unit.now["guide"]["turns_s"] or 0.0) for unit in here if unit.now and unit.now["guide"])
         if not turns:
             can["next"] = [unit.name for unit in here]
         then = f"They turn, for {turns:.0f} s still." if turns else f"t: the table is there, for {_units(here)}."

@@ -1,7 +1,7 @@
 """What the Record page says and asks. Pure functions of a snapshot."""
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from filters.errors import InputError
 from imutui.session.plan import RecordingWish, of_model
@@ -9,7 +9,7 @@ from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import RunDocument
 
 FLUSH_LIMIT_S = 3.0  # age of the last flush above which the disk does not keep up: one is due every second
 HOUR_S = 3600.0
@@ -137,7 +137,7 @@ def prefilled(now: Snapshot) -> dict[str, str]:
         "place": now["place"],
         "table": now["table"],
         # not that of the recording that runs, which is its own
-        "note": now.get("next_note", now["note"]),
+        "note": now["next_note"],
         "rotate_minutes": f"{now['rotate_minutes']:g}" if now["rotate_minutes"] else "",
         "rotate_mb": f"{now['rotate_mb']:g}" if now["rotate_mb"] else "",
     }
@@ -170,16 +170,13 @@ def will_write(now: Snapshot) -> str:
     return str(PurePath(now["logs"] or "the logs folder") / f"{name}_{number}_UTC_note.mcap")
 
 
-def finished(recording: RecordingSnapshot | None, result: "ResultDocument | None") -> list[tuple[str, str]]:
+def finished(recording: RecordingSnapshot | None, result: "RunDocument") -> list[tuple[str, str]]:
     """What was written: names and values of up to four lines."""
-    found: Any = result or {}
-    samples = found.get("samples", recording["samples"] if recording else None)
-    much = formatting.plural(samples, "sample") if isinstance(samples, int) else "samples"
-    seconds = found.get("duration_s", recording["seconds"] if recording else None)
-    rows = [
-        ("wrote", found.get("log") or (recording["path"] if recording else None) or "the file"),
-        ("holds", f"{much} in {formatting.clock(seconds)}"),
+    of_recording = None if recording is None else recording["seconds"]
+    seconds = result["duration_s"] if "final" in result else of_recording
+    done = "" if "final" not in result or result["converged"] else ", not converged"
+    return [
+        ("wrote", result["log"]),
+        ("holds", f"{formatting.plural(result['samples'], 'sample')} in {formatting.clock(seconds)}"),
+        *((name.removesuffix(" bias"), f"bias {values}{done}") for name, values in messages.final_biases(result)),
     ]
-    biases = messages.final_biases(found)
-    done = "" if found.get("converged", True) else ", not converged"
-    return [*rows, *((name.removesuffix(" bias"), f"bias {values}{done}") for name, values in biases)]

@@ -182,7 +182,7 @@ class TablePage(Page):
         guide = now["guide"]
         under_way = guide is not None and guide["state"] in ("go", "hold")
         can = text.can(guide, now["recording"] is not None) if text.guided(profile, now) else set()
-        can -= {"there"} if now.get("controller") else set()
+        can -= {"there"} if now["controller"] else set()
         done = now["recording"] is None or (guide is not None and guide["state"] == "done")
         return can | (set() if under_way else {"choose"}) | ({"trace"} if done and self._recorded else set())
 
@@ -235,7 +235,7 @@ class TablePage(Page):
 
     def _when_it_may_move(self, then: Callable[[], object], *, asks: bool = True) -> None:
         """Do something at once, or, where a table would move by itself, once somebody has said yes."""
-        table = self.now.get("controller") if self.now is not None else None
+        table = self.now["controller"] if self.now is not None else None
         if table is None or not asks or self._segments.profile is None:
             then()
             return

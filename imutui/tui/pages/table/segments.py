@@ -124,13 +124,13 @@ class GuideHead(TextLines):
             return []
         guide, segments = view.now["guide"], self.profile["segments"]
         by_hand = text.guided(self.profile, view.now)
-        ended, table = view.now["state"] == "ended", view.now.get("controller") if by_hand else None
+        ended, table = view.now["state"] == "ended", view.now["controller"] if by_hand else None
         what, then = (
             text.ENDED
             if ended
             else text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded, table is not None)
         )
-        about = " ".join(self.profile.get("about", []))
+        about = " ".join(self.profile["about"])
         seconds = sum(s["seconds"] for s in segments)
         warned = text.warning(view.now, width) if by_hand and not ended else []
         return [

@@ -123,7 +123,7 @@ def said(
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
     match guide["state"]:
-        case "go" if (turns_s := guide.get("turns_s")) is not None:
+        case "go" if (turns_s := guide["turns_s"]) is not None:
             then = f"It turns, for {turns_s:.0f} s still." if turns_s else "Enter: the virtual unit does it by itself."
             return f"{of}: {segment['text']}", then
         case "go":
@@ -187,10 +187,10 @@ def _by_itself(align: str, recording: bool, recorded: bool) -> tuple[str, str]:
 
 def warning(now: Snapshot, width: int) -> list[str]:
     """Before a guide begins: whether a virtual unit turns, in lines of at most so many characters."""
-    begins = can(now["guide"], now["recording"] is not None) == {"begin"} and not now.get("controller")
+    begins = can(now["guide"], now["recording"] is not None) == {"begin"} and not now["controller"]
     if now["kind"] != "simulated" or not begins:
         return []
-    return wrapping.wrap(_VIRTUAL if now.get("ends_unwatched_s") is None else _VIRTUAL_TURNS, width)
+    return wrapping.wrap(_VIRTUAL if now["ends_unwatched_s"] is None else _VIRTUAL_TURNS, width)
 
 
 def _before(guide: GuideSnapshot | None, recorded: bool) -> str:

@@ -1,12 +1,33 @@
-"""Whether JSON from outside has the shape that a typed dictionary names, to the last field: what is wrong, in words."""
+"""The one version of imutui's JSON documents, and whether a document that is read has it and the shape of its kind."""
 
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
+VERSION = 1
+"""Version of every JSON document that imutui writes and reads: results, rows, diaries, replies of an acquisition."""
 _MOST = 1e30  # larger numbers are those of no result
 _WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false", NoneType: "null",
           dict: "an object", list: "a list"}  # fmt: skip
+
+
+def wrong_version(document: Any) -> str:
+    """Return in words that a document is of another version; empty if it is of this one."""
+    version = document.get("version") if isinstance(document, dict) else None
+    if version == VERSION and type(version) is int:
+        return ""
+    return "it states no version" if version is None else f"its version is {version!r:.20}, not {VERSION}"
+
+
+def fault(document: Any, shape: Any, where: str) -> str:
+    """Return what keeps a document from being one of a kind, of this version; empty if nothing does.
+
+    `shape`: typed dictionary of the kind.
+    `where`: what the document is called.
+    """
+    if not isinstance(document, dict):
+        return f"`{where}` is not an object"
+    return wrong_version(document) or problem(document, shape, where)
 
 
 def problem(value: Any, shape: Any, where: str, *, exact: bool = False) -> str:
@@ -16,8 +37,6 @@ def problem(value: Any, shape: Any, where: str, *, exact: bool = False) -> str:
     list that is annotated with a number, `Annotated[list[float], 3]`, has so many items.
     """
     origin, of = get_origin(shape), get_args(shape)
-    if origin is NotRequired:
-        return problem(value, of[0], where, exact=exact)
     if origin is Annotated:
         told = problem(value, of[0], where, exact=exact)
         return told or ("" if len(value) == of[1] else f"`{where}` has not {of[1]} numbers")
