@@ -254,6 +254,14 @@ def test_rows_without_a_reading_make_no_motion(tmp_path: Path) -> None:
     assert "the unit moves" not in said
 
 
+def test_a_temperature_in_counts_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(scaled(slice(7, 8), 340.0, -12420.0))
+    log, followed, _ = imported(path)
+    assert "temp=none" in followed[0]
+    assert_same(log)
+
+
 def test_stamps_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join([lines()[0], *(f"T{line}" for line in lines()[1:]), ""]))
@@ -263,6 +271,7 @@ def test_stamps_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     path.write_text("\n".join([lines()[0], *(line.replace(",", ",x", 1) for line in lines()[1:]), ""]))
     words = ("import", path, "-o", tmp_path / "b.mcap")
     assert 'has "x0.' in imutui(*words, check=3).stderr
+    assert "Mend them in the program" in imutui(*words, check=3).stderr
     assert "Mend them in the program" in imutui(*words, "--columns", "t=row:100Hz", check=3).stderr
 
 

@@ -159,7 +159,7 @@ def of_table(table: Table, asked: Asked, progress: Progress = lambda share: None
     first = 0 if asked.start is None else found.first_row
     last = repairs.rows if asked.end is None else found.last_row
     repairs.keep(first, last, table.reasons, dropped)
-    rows.check_order(table, asked, repairs)
+    rows.check_order(table, asked, repairs, channels["t"])
     found.check_count(table, asked, repairs.end_t)
     of_time = rows.fitting_unit(table, asked, channels["t"], found.rate_hz, found.last_t - found.first_t)
     scale.check(table, asked, channels, look, found.rate_hz, of_time)

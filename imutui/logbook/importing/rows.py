@@ -347,7 +347,7 @@ def _note_bad(repairs: Repairs, row: int, words: str) -> None:
     repairs.bad.setdefault(row, words)
 
 
-def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
+def check_order(table: Table, asked: Asked, repairs: Repairs, clock: Channel) -> None:
     """Refuse rows that cannot be read, and stamps that are in no order or too coarse.
 
     Raises ImportDataError with a command that works.
@@ -393,7 +393,8 @@ def check_order(table: Table, asked: Asked, repairs: Repairs) -> None:
             what = f"row {first} (first is 0) {table.reasons[first]}, and many more are like it"
         else:
             what = f"time does not increase at row {first}, and at many more: no order of its rows is known"
-        if "t=row" in asked.columns:
+        name = "row" if clock.column < 0 else table.columns[clock.column].name or f"#{clock.column + 1}"
+        if first in table.reasons and f"column `{name}`" not in what:
             raise ImportDataError(f"{path}: {what}. Mend them in the program that wrote them.")
         raise ImportDataError(f"{path}: {what}. If rows are equally spaced, give their rate (100 Hz here): `{by_row}`")
 

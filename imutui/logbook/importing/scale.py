@@ -24,7 +24,7 @@ _PLAUSIBLE = (0.3, 20.0)
 _QUIET = 6e-4  # deg/s/√Hz: less noise than this is that of an optical gyro, or of another one in rad/s
 _FAST = 10.0  # rad/s; few units turn faster
 _ROTATED = 0.3  # ratio of rates that gravity shows to rates read as deg/s; π/180 if they are, 1 if they are rad/s
-_WARMEST = 150.0
+_WARMEST, _COLDEST = 150.0, -100.0
 _STILL_G, _STILL_DPS = 0.1, 5.0
 _NOISY = {"rad/s": 1.0, "deg/s": 3.0}  # deg/s; rates that scatter by more at rest are in another unit
 
@@ -129,9 +129,9 @@ def check(
             units["gyro"] = "deg/s"
     degc = sample[:, 6][np.isfinite(sample[:, 6])]
     temp = channels.get("temp")
-    if temp is not None and not temp.stated and degc.size and np.median(degc) > _WARMEST:
+    if temp is not None and not temp.stated and degc.size and not _COLDEST < np.median(degc) < _WARMEST:
         warm = float(np.median(degc))
-        if warm > 400.0:
+        if not 0.0 < warm < 400.0:
             raise ImportDataError(
                 f"{table.path}: `temp` is {warm:.5g} in the median, which is no temperature in degC. To leave it out:"
                 f" `{asked.command(table.path, columns='temp=none')}`"

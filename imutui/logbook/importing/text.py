@@ -439,6 +439,7 @@ def _numbers(cells: Any, kind: str, table: Table, dialect: Dialect, column: int,
     stamps = stamps + noon * (
         (half == "P").to_numpy(int) - (half.notna() & (stamps % (2 * noon) >= noon)).to_numpy(int)
     )
+    name = table.columns[column].name or f"#{column + 1}"
     for k in np.flatnonzero(unknown & cells.notna().to_numpy())[:_MOST_REASONS].tolist():
-        _refuse_row(table, row + k, f'has "{cells.iloc[k][:40]}" for a time, which cannot be read')
+        _refuse_row(table, row + k, f'has "{cells.iloc[k][:40]}" in column `{name}`, which is no time that is read')
     return np.where(unknown, np.nan, stamps) if unknown.any() else stamps
