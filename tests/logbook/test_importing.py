@@ -394,6 +394,9 @@ ASSUMED: dict[str, tuple[bytes, str]] = {
         csv(changed(lambda d: d.__setitem__((..., 0), (d[:, 0] + 58.0) % 60.0))), "set back by 60 s at row 200"
     ),
     "two rows swapped": (csv(DATA[np.r_[0:100, 101, 100, 102:N]]), "2 rows (the first is 100) put in order"),
+    "two buffers of twenty rows swapped": (
+        csv(DATA[np.r_[0:100, 120:140, 100:120, 140:N]]), "40 rows (the first is 100) put in order"
+    ),
     "a row twice": (csv(DATA[np.r_[0:100, 99, 100:N]]), "left out row 100"),
     "fifty rows twice": (csv(DATA[np.r_[0:100, 50:100, 100:N]]), "left out 50 rows (the first is 100)"),
     "a first line that is cut": ("\n".join([lines()[0], "1.0,2.0,25.0", *lines()[1:], ""]).encode(), "1 line(s)"),
@@ -401,6 +404,18 @@ ASSUMED: dict[str, tuple[bytes, str]] = {
     "a last line that is cut": (csv()[:-9], "its last line is cut"),
     "names that stand again": ("\n".join([*lines()[:100], lines()[0], *lines()[100:]]).encode(), "again in line 101"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("block", [9000, 10000, 11000, 12000])
+def test_buffers_are_put_in_order_wherever_blocks_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(text, "_BLOCK", block)
+    path = tmp_path / "a.csv"
+    path.write_bytes(
+        csv(DATA[np.arange(N).reshape(-1, 20)[[*range(8), 9, 8, 10, 12, 11, 13, 14, 16, 15, 17, 18, 19]].ravel()])
+    )
+    assert_same(imported(path)[0])
 
 
 @pytest.mark.parametrize("name", ASSUMED)

@@ -17,7 +17,8 @@ from imutui.logbook.importing.table import Asked, ImportDataError, Table
 LEAST_STEP_S = 1e-6
 GAP_S = 1.0
 _HELD = 64  # rows that wait for those behind them
-_NEAR = 8  # rows that may stand out of order
+_WINDOWS = ((8, 0.5), (_HELD // 2, 0.75))
+"""How many rows may stand out of order, and their least step in periods: that of a clock that was set back is half."""
 _GAP = 20.0  # steps of so many periods are gaps
 _EXCURSION = 100
 _MOST_LISTED = 200
@@ -179,7 +180,8 @@ def in_order(
                 period, repairs.in_turn = _period(held.t), _units_in_turn(held, 3)
         if held is None or (part is not None and held.t.size <= 2 * _HELD):
             continue
-        held, moved = _mended(held, before, period, repairs, table, arrival=arrival)
+        wait = 0 if part is None else _HELD // 2
+        held, moved = _mended(held, before, period, repairs, table, arrival=arrival, wait=wait)
         behind += moved
         cut = held.t.size if part is None else held.t.size - _HELD
         out, held = held.at(slice(None, cut)), held.at(slice(cut, None))
@@ -213,9 +215,9 @@ def _note_gaps(part: Part, last: float, period: float, repairs: Repairs) -> None
 
 
 def _mended(
-    part: Part, before: Part | None, period: float, repairs: Repairs, table: Table, *, arrival: bool
+    part: Part, before: Part | None, period: float, repairs: Repairs, table: Table, *, arrival: bool, wait: int
 ) -> tuple[Part, float]:
-    """Return rows in order, and by how much later ones are to be moved, s."""
+    """Return rows in order but for the last `wait`, and by how much later ones are to be moved, s."""
     lead = 0 if before is None else 1
     part = part if before is None else joined([before, part])
     moved = 0.0
@@ -227,7 +229,7 @@ def _mended(
     k = 0
     while True:
         back = np.flatnonzero(np.diff(part.t[k:]) < 0.0 if arrival else np.diff(part.t[k:]) <= 0.0)
-        if not back.size:
+        if not back.size or k + int(back[0]) >= part.t.size - wait:
             break
         k += int(back[0])
         if part.t[k + 1] == part.t[k]:
@@ -303,14 +305,15 @@ def _units_in_turn(part: Part, fewest: int) -> int:
 
 def _near_order(t: np.ndarray, k: int, period: float, lead: int) -> np.ndarray | None:
     """Return the order of rows if the few around k are swapped: in order, their steps are as regular as others."""
-    window = slice(max(lead, k - _NEAR), k + 2 + _NEAR)
-    order = np.argsort(t[window], kind="stable")
-    steps = np.diff(t[window][order])
-    if steps.size < 2 or steps.min() < 0.5 * period or steps.max() > 2.0 * period:
-        return None
-    out = np.arange(t.size)
-    out[window] = out[window][order]
-    return out
+    for near, least in _WINDOWS:
+        window = slice(max(lead, k - near), k + 2 + near)
+        order = np.argsort(t[window], kind="stable")
+        steps = np.diff(t[window][order])
+        if steps.size >= 2 and steps.min() >= least * period and steps.max() <= 2.0 * period:
+            out = np.arange(t.size)
+            out[window] = out[window][order]
+            return out
+    return None
 
 
 def _outlier(t: np.ndarray, k: int, period: float) -> int | None:
