@@ -222,21 +222,6 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
         raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
 
 
-def chunk_records(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecord | Batch]:
-    """A chunk's records: all of them are there, or none is given.
-
-    `body`: content of the chunk's record.
-    Raises McapError, struct.error if it is not what it must be.
-    """
-    content = inflater.content(mcap_format.chunk_of(body))
-    table = tabulate(content)
-    if table.end != len(content):
-        raise McapError("a chunk's content ends in the middle of a record")
-    if table.short.any():
-        raise McapError("a message is shorter than its header")
-    return records_of(content, table.rows)
-
-
 def records_of(content: bytes, rows: np.ndarray) -> list[McapRecord | Batch]:
     """Records of a table as objects, messages in batches."""
     return [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, rows)]

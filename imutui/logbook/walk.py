@@ -26,6 +26,7 @@ from imutui.logbook.mcap_format import (
     MALFORMED,
     ChecksumError,
     Index,
+    Inflater,
 )
 from imutui.logbook.mcap_stream import Batch, records_of, tabulate, told_behind
 
@@ -109,6 +110,11 @@ def walk(
         yield from _Walk(data, marks, progress, indexes=indexes).items()
 
 
+def within(data: bytes, inflater: Inflater, start: int = 0) -> Iterator[Item]:
+    """Yield the items in some bytes of a log up to the first `Damage`; the first record begins at `start`."""
+    yield from _Walk(data, inflater=inflater).items(start)
+
+
 def follow(stream: IO[bytes]) -> Iterator[Item]:
     """Yield the items of a log that may still grow.
 
@@ -121,7 +127,7 @@ def follow(stream: IO[bytes]) -> Iterator[Item]:
     at = 0
     while True:
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            found = _Walk(data, (), lambda share: None, indexes=False)
+            found = _Walk(data)
             yield from found.items(at)
             at = found.whole
 
@@ -138,11 +144,17 @@ class _Walk:
     """One walk over a file's bytes."""
 
     def __init__(
-        self, data: mmap.mmap, marks: Sequence[Mark], progress: Callable[[float], None], *, indexes: bool
+        self,
+        data: mmap.mmap | bytes,
+        marks: Sequence[Mark] = (),
+        progress: Callable[[float], None] = lambda share: None,
+        *,
+        indexes: bool = False,
+        inflater: Inflater | None = None,
     ) -> None:
         self._data, self._size = data, len(data)
         self._marks, self._progress, self._indexes = marks, progress, indexes
-        self._inflater = mcap_format.Inflater(self._size)
+        self._inflater = inflater or Inflater(self._size)
         self._next = [-1] * len(marks)
         self._chunks: set[int] = set()
         self._starts: list[int] = []
@@ -412,16 +424,16 @@ def reason(error: BaseException) -> str:
 WINDOW = 8 * 2**20  # bytes that are read before those behind them are released
 
 
-def forget(data: mmap.mmap, first: int, last: int) -> None:
+def forget(data: mmap.mmap | bytes, first: int, last: int) -> None:
     """Release the memory that holds a file's bytes between two offsets; the kernel reads them anew on demand."""
     begin = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
     length = last // mmap.PAGESIZE * mmap.PAGESIZE - begin
     # not every system has the call
-    if length > 0 and hasattr(mmap, "MADV_DONTNEED"):
+    if isinstance(data, mmap.mmap) and length > 0 and hasattr(mmap, "MADV_DONTNEED"):
         data.madvise(mmap.MADV_DONTNEED, begin, length)
 
 
-def find(data: mmap.mmap, mark: bytes, start: int) -> int:
+def find(data: mmap.mmap | bytes, mark: bytes, start: int) -> int:
     """Return the offset of the first such bytes from `start` on; -1 if there are none."""
     size = len(data)
     for first in range(start, size, WINDOW):
