@@ -26,7 +26,7 @@ _LENGTH_OF_RECORD = struct.Struct("<xQ")
 INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
 _ENTRY = 16  # a time and a place
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
-_NONE, _NO_ROWS = np.empty(0, np.int64), np.empty((0, 4), np.int64)
+_NO_ROWS = np.empty((0, 4), np.int64)
 
 
 class RecordTable(NamedTuple):
@@ -44,16 +44,14 @@ class RecordTable(NamedTuple):
         return np.asarray((self.rows[:, CHANNEL] < 0) & (self.rows[:, OPCODE] == _MESSAGE))
 
 
-def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, told: np.ndarray = _NONE) -> RecordTable:
+def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
     """The whole records in bytes.
 
     `wanted`: of each opcode whether it is, bool, shape (256,).
-    `told`: where messages begin as indexes tell, true or not, uint64: those that do are found at once.
     """
     end = len(content)
     # eight bytes each, where a list takes forty: records may be as short as their heads
-    found, head = array("q", _following(content, told).tobytes()), HEAD.size
-    at = found.pop() if found else 0
+    found, at, head = array("q"), 0, HEAD.size
     length_at, append, last = _LENGTH_OF_RECORD.unpack_from, found.append, end - head
     while at <= last:
         (length,) = length_at(content, at)
@@ -81,17 +79,6 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, told: np.ndarray = 
     rows[which, OFFSET] += MESSAGE.size
     rows[which, LENGTH] -= MESSAGE.size
     return RecordTable(rows, at, starts)
-
-
-def _following(content: bytes, told: np.ndarray) -> np.ndarray:
-    """The first of these offsets, from 0 on, at which records follow each other; only the last may not be whole."""
-    starts = np.sort(told)
-    starts = starts[: np.searchsorted(starts, len(content) - HEAD.size, side="right")].astype(np.int64)
-    if not starts.size or starts[0]:
-        return _NONE
-    lengths = windows(np.frombuffer(content, np.uint8), starts + 1, 8).view("<u8")[:-1, 0]
-    others = np.flatnonzero(lengths != (np.diff(starts) - HEAD.size).astype(np.uint64))
-    return starts[: others[0] + 1] if others.size else starts
 
 
 class Told(NamedTuple):

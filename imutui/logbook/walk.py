@@ -302,8 +302,7 @@ class _Walk:
     def _chunk(self, body: bytes, end: int) -> list[Item]:
         self._inside = None
         content = self._inflater.content(mcap_format.chunk_of(body))
-        told = told_behind(self._data, end)
-        found = tabulate(content, told=told.entries[:, 1])
+        found = tabulate(content)
         if found.end != len(content):
             raise McapError("its content ends in the middle of a record")
         short = found.short
@@ -311,7 +310,9 @@ class _Walk:
         items = records_of(content, rows)
         self._inside = content
         # all entries at once; one by one, which takes longer, only to report which one is wrong
-        self._fitting = told.end if not self._indexes or told.fits(content) else 0
+        if self._marks:
+            told = told_behind(self._data, end)
+            self._fitting = told.end if not self._indexes or told.fits(content) else 0
         return [ChunkHead(*mcap_format.chunk_times(body), int(short.sum())), *items]
 
     def _check_index(self, body: bytes) -> None:
