@@ -8,15 +8,15 @@ import contextlib
 import itertools
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, Literal
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, Message, Metadata, MetadataIndex, Statistics
 
 from imutui import outside_file
+from imutui.document_shape import problem
 from imutui.logbook import file_lock, layout, mcap_format, schemas
 from imutui.logbook.mcap_format import HEAD, MAGIC, MALFORMED, parse
 from imutui.logbook.mcap_stream import Messages
@@ -261,7 +261,8 @@ def quality(content: bytes) -> dict[str, object]:
         return {}
     if not isinstance(document, dict):
         return {}
-    return {key: document[key] for key, fits in _SHAPES.items() if key in document and fits(document[key])}
+    told = {key: document[key] for key in _SHAPES if key in document}
+    return {key: value for key, value in told.items() if not problem(value, _SHAPES[key], key)}
 
 
 def _finite(text: str) -> float | None:
@@ -274,36 +275,18 @@ def _whole(text: str) -> int | None:
     return int(text) if len(text) < 20 else None
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_figure(value: object) -> bool:
-    """Whether it is a number, one that is not known, a verdict, a text, or a list of numbers."""
-    flat = value is None or isinstance(value, str | bool) or _is_number(value)
-    return flat or (isinstance(value, list) and all(item is None or _is_number(item) for item in value))
-
-
-def _is_figures(value: object) -> bool:
-    return isinstance(value, dict) and all(map(_is_figure, value.values()))
-
-
-_WORDS = ("GREEN", "AMBER", "RED", "OFF")
-_SHAPES: dict[str, Callable[[object], bool]] = {
-    "verdict": lambda value: value in _WORDS,
-    "samples": _is_count,
-    "duration_s": _is_number,
-    "lost_packets": _is_count,
-    "bad_checksums": _is_count,
-    "converged": lambda value: isinstance(value, bool),
-    "converged_s": _is_figures,
-    "final": _is_figures,
-    "sd": _is_figures,
-    "nis": _is_figures,
-    "gaps": lambda value: isinstance(value, list) and all(map(_is_figures, value)),
-    "alarms": lambda value: isinstance(value, list) and all(isinstance(alarm, str) for alarm in value),
+_Figure = str | bool | float | None | list[float | None]
+_SHAPES: dict[str, Any] = {
+    "verdict": Literal["GREEN", "AMBER", "RED", "OFF"],
+    "samples": int,
+    "duration_s": float,
+    "lost_packets": int,
+    "bad_checksums": int,
+    "converged": bool,
+    "converged_s": dict[str, _Figure],
+    "final": dict[str, _Figure],
+    "sd": dict[str, _Figure],
+    "nis": dict[str, _Figure],
+    "gaps": list[dict[str, _Figure]],
+    "alarms": list[str],
 }
