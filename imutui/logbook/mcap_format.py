@@ -13,7 +13,7 @@ from typing import TypeVar, cast
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -58,8 +58,6 @@ PARSED: dict[int, type[McapRecord]] = {
     Opcode.FOOTER: Footer,
 }
 """Kinds of records that become objects; messages and chunks stay bytes."""
-_CHUNK = struct.Struct("<QQQII")
-_SIZE = struct.Struct("<Q")
 _UINT32 = struct.Struct("<I")
 
 
@@ -73,11 +71,12 @@ MALFORMED = (McapError, struct.error)  # what the reading of damaged bytes raise
 def parse(kind: type[Record], content: bytes) -> Record:
     """Record of a kind from its content.
 
-    Raises EndOfFile, struct.error if the content ends too early.
-    Raises McapError if a text is none, or a number is one that cannot be.
+    Raises McapError if the content ends too early, a text is none, or a number is one that cannot be.
     """
     try:
         return cast("Record", kind.read(ReadDataStream(BytesIO(content))))  # type: ignore[attr-defined]
+    except (EndOfFile, struct.error) as error:
+        raise McapError(f"a {kind.__name__.lower()} record ends before its content") from error
     except (ValueError, IndexError, OverflowError) as error:
         raise McapError(str(error)) from error
 
@@ -100,26 +99,6 @@ def records(content: bytes) -> Iterator[tuple[int, int, int]]:
             raise McapError("a record ends before its content")
         yield opcode, at, length
         at += length
-
-
-def chunk_of(content: bytes) -> Chunk:
-    """As mcap.records.Chunk.read, from bytes.
-
-    Raises McapError if the record ends before its content.
-    """
-    try:
-        start, end, size, checksum, name = _CHUNK.unpack_from(content)
-        at = _CHUNK.size + name
-        (length,) = _SIZE.unpack_from(content, at)
-        compression = content[_CHUNK.size : at].decode()
-    except struct.error as error:
-        raise McapError("a chunk record ends before its content") from error
-    except UnicodeDecodeError as error:
-        raise McapError(str(error)) from error
-    data = content[at + _SIZE.size : at + _SIZE.size + length]
-    if len(data) < length:
-        raise McapError("a chunk record ends before its content")
-    return Chunk(compression, data, end, start, checksum, size)
 
 
 def packed(content: bytes, first_ns: int, last_ns: int) -> Chunk:

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Schema
 
-from imutui.logbook import mcap_format
 from imutui.logbook.layout import windows
-from imutui.logbook.mcap_format import HEAD, MESSAGE
+from imutui.logbook.mcap_format import HEAD, MESSAGE, PARSED, parse
 
 OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
 """Columns of a table of records: of a message, offset and length are those of its data."""
@@ -189,8 +187,8 @@ def _one_of(batches: list[Batch]) -> Batch:
     return Batch(b"".join(batch.content for batch in batches), np.concatenate(tables))
 
 
-def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int, int]]:
-    """Batches of messages, and between them opcode, offset and length of the other records."""
+def records_of(content: bytes, rows: np.ndarray) -> Iterator[McapRecord | Batch]:
+    """Yield the records of a table as objects, messages in batches; raises McapError at one that cannot be read."""
     others = rows[:, OPCODE] != _MESSAGE
     first = 0
     for row in [*np.flatnonzero(others).tolist(), len(rows)]:
@@ -198,17 +196,5 @@ def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int,
             yield Batch(content, rows[first:row])
         if row < len(rows):
             opcode, _, at, length = rows[row].tolist()
-            yield opcode, at, length
+            yield parse(PARSED[opcode], content[at : at + length])
         first = row + 1
-
-
-def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
-    try:
-        return mcap_format.parse(mcap_format.PARSED[opcode], data[at : at + length])
-    except (EndOfFile, struct.error) as error:
-        raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
-
-
-def records_of(content: bytes, rows: np.ndarray) -> list[McapRecord | Batch]:
-    """Records of a table as objects, messages in batches."""
-    return [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, rows)]

@@ -15,7 +15,7 @@ from typing import IO, NamedTuple, TypeAlias
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Footer, McapRecord
+from mcap.records import Attachment, Chunk, Footer, McapRecord
 
 from imutui.logbook import mcap_format
 from imutui.logbook.mcap_format import (
@@ -301,13 +301,13 @@ class _Walk:
 
     def _chunk(self, body: bytes, end: int) -> list[Item]:
         self._inside = None
-        content = self._inflater.content(mcap_format.chunk_of(body))
+        content = self._inflater.content(mcap_format.parse(Chunk, body))
         found = tabulate(content)
         if found.end != len(content):
             raise McapError("its content ends in the middle of a record")
         short = found.short
         rows = found.rows[~short] if short.any() else found.rows
-        items = records_of(content, rows)
+        items = list(records_of(content, rows))
         self._inside = content
         # all entries at once; one by one, which takes longer, only to report which one is wrong
         if self._marks:

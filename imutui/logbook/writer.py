@@ -110,16 +110,8 @@ class LogWriter:
 
     def all_encoded(self, messages: Iterable[Encoded]) -> None:
         """Write the bytes of some messages of `schemas`, in order."""
-        counts, channels, add = self._counts, self._channels, self._writer.add_message
-        if not counts[schemas.TRANSFORMS]:
-            for message in messages:
-                self._add(*message)
-            return
-        with self._or_abandoned():
-            for topic, data, log_ns, stamp_ns in messages:
-                count = counts[topic]
-                counts[topic] = count + 1
-                add(channels[topic], log_ns, data, stamp_ns, count & 0xFFFFFFFF)
+        for message in messages:
+            self._add(*message)
 
     def _add(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
         if topic == schemas.IMU and not self._counts[schemas.TRANSFORMS]:
