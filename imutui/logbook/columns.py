@@ -16,6 +16,7 @@ TOPICS = {
     IMU: schemas.IMU, TEMPERATURE: schemas.TEMPERATURE, RAW: schemas.RAW, TABLE: schemas.REFERENCE,
     STATE: schemas.STATE, ESTIMATE: schemas.ESTIMATE,
 }  # fmt: skip
+ROLES = {topic: role for role, topic in TOPICS.items()}
 _PACKET: tuple[str, ...] = schemas.RAW_DTYPE.names or ()
 _TABLE = {"angles_deg": "angles_deg", "rates_dps": "rates_dps"}
 _SOURCES = {

@@ -18,7 +18,7 @@ from filters.errors import InputError
 from imutui import outside_file
 from imutui.command_line import command
 from imutui.logbook import foreign_log, layout, sample_check, schemas
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, ROLES, STATE, TABLE, TEMPERATURE, Channels, Columns
 from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import MAGIC, Index
@@ -204,15 +204,10 @@ class Content(Channels):
     def __init__(self, log: Log, raw: bool) -> None:
         super().__init__()
         self.log = log
-        self._topics = {
-            schemas.IMU: IMU,
-            schemas.RAW: RAW if raw else IGNORED,
-            schemas.TEMPERATURE: TEMPERATURE,
-            schemas.REFERENCE: TABLE,
-            schemas.STATE: STATE,
-            schemas.DIAGNOSTICS: OTHER,
-            schemas.EVENTS: OTHER,
-        }
+        ignored = [schemas.ESTIMATE] if raw else [schemas.ESTIMATE, schemas.RAW]
+        self._topics = (
+            ROLES | dict.fromkeys(ignored, IGNORED) | dict.fromkeys([schemas.DIAGNOSTICS, schemas.EVENTS], OTHER)
+        )
         self._diagnostics: bytes | None = None
         self._waiting = Waiting()
         self.has_samples = False
