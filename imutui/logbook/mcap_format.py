@@ -3,13 +3,14 @@
 Knows bytes, no files: `walk` reads a file in order, `summary` looks at its ends.
 """
 
+import mmap
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TypeVar, cast
+from typing import IO, TypeVar, cast
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -212,18 +213,19 @@ class Index:
         return {channel.topic: names.get(channel.schema_id, "") for channel in self.channels.values()}
 
 
-def read_index(end: bytes, size: int, section: Callable[[int, int], bytes], *, chunks: bool = True) -> Index | None:
+def read_index(data: IO[bytes] | mmap.mmap, size: int, *, chunks: bool = True) -> Index | None:
     """Index of a file that ends as it must.
 
-    `end`: the file's last `TAIL` bytes.
     `size`: of the file, bytes.
-    `section`: gives the file's bytes from one offset up to another.
     `chunks`: whether to read where chunks are; of a week there are half a million.
     Returns none if the file does not end with the magic, or has no summary.
-    Raises McapError if there is no footer before the magic, or the checksum is wrong.
-    Raises one of mcap_format.MALFORMED if the section does not read as records.
+    Raises McapError if there is no footer before the magic, the checksum is wrong, or a record cannot be read.
     """
-    if len(end) < TAIL or not end.endswith(MAGIC):
+    if size < len(MAGIC) + TAIL:
+        return None
+    data.seek(size - TAIL)
+    end = data.read(TAIL)
+    if not end.endswith(MAGIC):
         return None
     opcode, length, start, _, checksum = FOOTER.unpack_from(end)
     if opcode != Opcode.FOOTER or length != FOOTER_SIZE:
@@ -232,7 +234,8 @@ def read_index(end: bytes, size: int, section: Callable[[int, int], bytes], *, c
         return None
     if start > size - TAIL:
         raise McapError("the summary lies outside of the file")
-    content = section(start, size - TAIL)
+    data.seek(start)
+    content = data.read(size - TAIL - start)
     # the checksum is over the section and the footer up to itself
     if checksum not in (0, zlib.crc32(end[: FOOTER.size - 4], zlib.crc32(content))):
         raise McapError("summary checksum")

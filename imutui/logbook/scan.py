@@ -91,9 +91,9 @@ class Scan:
             raise UnreadableLogError(reader.foreign(self.path))
 
 
-def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> Scan:
+def scan(path: Path) -> Scan:
     """Walk a file for what is known of its bytes. Raises UnreadableLogError as `Scan.items`."""
     found = Scan(path)
-    for _ in found.items(progress):
+    for _ in found.items():
         pass
     return found

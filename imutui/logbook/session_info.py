@@ -249,12 +249,12 @@ FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0, acce
 """What is known of a recording before its file states anything: no instrument, no ranges, no site; specific force."""
 
 
-def truth(text: str) -> bool:
-    """Return the truth value that `SessionInfo.strings` writes; raises ValueError for any other text."""
-    return bool(("False", "True").index(text))
-
-
-_CONVERTERS: dict[type, Callable[[str], Any]] = {bool: truth, int: int, float: float, str: str}
+_CONVERTERS: dict[type, Callable[[str], Any]] = {
+    bool: lambda text: bool(("False", "True").index(text)),
+    int: int,
+    float: float,
+    str: str,
+}
 _NUMBERS = (-1e18, 1e18)
 _WITHIN = {
     "g_unit": (1.0, 100.0),

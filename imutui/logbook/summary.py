@@ -31,7 +31,6 @@ NO_LOG = "not a log"
 
 CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 """Names under which the effective configuration and the quality summary travel in a log."""
-_NO_INDEX = "it has no summary"
 _END = 2 * 2**20  # bytes at either end that are looked at
 _LARGEST = 16 * 2**20
 _FIRST_ITEMS = 512
@@ -80,11 +79,11 @@ def read(path: Path) -> Summary:
             whole = _from_summary(stream, found)
         except MALFORMED:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
-        without_index = not whole and found.why == _NO_INDEX
         if not whole:
             _from_ends(stream, found)
-        if without_index and found.state == UNFINISHED:
-            found.state, found.why = FINISHED, ""
+            stream.seek(max(len(MAGIC), found.bytes - len(MAGIC)))
+            if found.state == UNFINISHED and stream.read() == MAGIC:
+                found.state, found.why = FINISHED, ""
         if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
     _judge(found)
@@ -111,17 +110,8 @@ def _judge(found: Summary) -> None:
 
 def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     """Take what the summary section says; False if the file has none."""
-    if found.bytes < len(MAGIC) + mcap_format.TAIL:
-        return False
-
-    def section(first: int, last: int) -> bytes:
-        stream.seek(first)
-        return stream.read(max(0, last - first))
-
-    end = section(found.bytes - mcap_format.TAIL, found.bytes)
-    index = mcap_format.read_index(end, found.bytes, section, chunks=False)
+    index = mcap_format.read_index(stream, found.bytes, chunks=False)
     if index is None:
-        found.why = _NO_INDEX if end.endswith(MAGIC) else found.why
         return False
     for metadata in index.metadata:
         _take_metadata(stream, metadata, found)
@@ -177,7 +167,7 @@ def _from_ends(stream: IO[bytes], found: Summary) -> None:
     found.by_ends = True
     if found.state != DAMAGED:
         found.state = DAMAGED if how else UNFINISHED
-        found.why = how or found.why or "it ends without its index: the recorder was killed, or the file was cut"
+        found.why = how or "it ends without its index: the recorder was killed, or the file was cut"
     if first is not None:
         last = last or first
         found.started_ns = first.publish_time

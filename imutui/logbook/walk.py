@@ -390,12 +390,10 @@ class _Walk:
 
     def _index(self) -> Index | None:
         """Return the summary, if there is one that is right; bytes may follow the file's end."""
+        assert isinstance(self._data, mmap.mmap)
         for size in (self._size, self._data.rfind(MAGIC, max(len(MAGIC), self._size - _TRAILING)) + len(MAGIC)):
-            tail = size - mcap_format.TAIL
-            if tail < len(MAGIC):
-                continue
             try:
-                index = mcap_format.read_index(self._data[tail:size], size, lambda first, last: self._data[first:last])
+                index = mcap_format.read_index(self._data, size)
             except MALFORMED:
                 continue
             if index is not None:
