@@ -258,14 +258,12 @@ class _Work(Channels):
         if isinstance(record, Attachment):
             known.attachments[record.name] = record.data
             return
-        known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
+        known.metadata[record.name] = record.metadata
         if record.name != METADATA:
             return
         known.session = known.metadata[METADATA]
         try:
-            info = SessionInfo.from_strings(known.session)
-            info.axes(), info.settings()
-            known.info = info
+            known.info = SessionInfo.from_strings(known.session)
         except InputError as error:
             known.session_trouble = str(error)
         for channel in self.channels.values():

@@ -227,10 +227,8 @@ class Content(Channels):
 
     def _session(self, record: Metadata) -> None:
         self.log.own = True
-        with_strings = {str(k): str(v) for k, v in record.metadata.items()}
         try:
-            self.log.info = SessionInfo.from_strings(with_strings)
-            self.log.info.axes(), self.log.info.settings()
+            self.log.info = SessionInfo.from_strings(record.metadata)
         except InputError as error:
             raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
 

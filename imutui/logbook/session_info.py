@@ -201,7 +201,7 @@ class SessionInfo:
     def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":
         """Fields from MCAP metadata.
 
-        Raises InputError if a number does not read as one; the message names the field.
+        Raises InputError if a number does not read as one, naming the field, or if its axes or settings cannot be.
         """
         values: dict[str, Any] = {}
         for f in fields(cls):
@@ -214,20 +214,13 @@ class SessionInfo:
                 low, high = _WITHIN.get(f.name, _NUMBERS)
                 if convert is not str and not low <= values[f.name] <= high:
                     raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
-        return replace(FOREIGN, **values)
+        info = replace(FOREIGN, **values)
+        info.axes(), info.settings()
+        return info
 
     def identity(self) -> IdentityEntry:
         """Whose samples these are, and who recorded them, for a result."""
-        return {
-            "instrument": in_line(self.instrument),
-            "serial_number": in_line(self.serial_number),
-            "firmware": in_line(self.firmware),
-            "operator": in_line(self.operator),
-            "table": in_line(self.table),
-            "place": in_line(self.place),
-            "note": in_line(self.note),
-            "software": in_line(self.software),
-        }
+        return cast("IdentityEntry", {name: in_line(getattr(self, name)) for name in IdentityEntry.__annotations__})
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""

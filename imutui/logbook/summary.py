@@ -141,7 +141,7 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
 def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
     if index.name == METADATA and HEAD.size <= index.length <= _LARGEST and index.offset <= found.bytes:
         stream.seek(index.offset + HEAD.size)
-        found.session = _strings(parse(Metadata, stream.read(index.length - HEAD.size)).metadata)
+        found.session = parse(Metadata, stream.read(index.length - HEAD.size)).metadata
 
 
 def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
@@ -183,7 +183,7 @@ def _beginning(head: bytes, found: Summary, messages: Messages, inflater: mcap_f
         first = next(messages.of(item, imu_topic(found.types) or ""), None)
         match item:
             case Metadata() if item.name == METADATA:
-                found.session = _strings(item.metadata)
+                found.session = item.metadata
             case Attachment():
                 found.attachments[item.name] = len(item.data)
             case Channel():
@@ -228,10 +228,6 @@ def _take_description(items: list[Item], messages: Messages, found: Summary) -> 
             told |= schemas.decode_diagnostics(message.data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)
-
-
-def _strings(metadata: dict[str, str]) -> dict[str, str]:
-    return {str(key): str(value) for key, value in metadata.items()}
 
 
 # -- the quality summary that a recorder attaches on closing, as anybody may have written it ---------------------------
