@@ -107,11 +107,6 @@ def packed(content: bytes, first_ns: int, last_ns: int) -> Chunk:
     return Chunk("zstd", zstandard.compress(content), last_ns, first_ns, zlib.crc32(content), len(content))
 
 
-def chunk_times(content: bytes) -> tuple[int, int]:
-    """Log times of the first and the last message of a chunk record, UTC, ns."""
-    return int.from_bytes(content[:8], "little"), int.from_bytes(content[8:16], "little")
-
-
 class Inflater:
     """Contents of chunks, checked and within bounds: the one decompressor of all that read a log.
 

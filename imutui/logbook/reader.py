@@ -18,7 +18,7 @@ from filters.errors import InputError
 from imutui import outside_file
 from imutui.command_line import command
 from imutui.logbook import foreign_log, layout, sample_check, schemas
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, ROLES, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, ROLES, STATE, TABLE, TEMPERATURE, Channels
 from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import MAGIC, Index
@@ -28,7 +28,7 @@ from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.samples import Samples, Waiting
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
-from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
+from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, walk
 
 
 class UnreadableLogError(InputError):
@@ -279,7 +279,6 @@ class Content(Channels):
         log.samples = self._waiting.rest() if last else self._waiting.ready()
         log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
         log.table, log.states = Table(**self.columns.all(TABLE)), Table(**self.columns.all(STATE))
-        self.columns = Columns()
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:
@@ -307,7 +306,7 @@ def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
                 case End():
                     log.finished = item.finished and not item.checksum_wrong
                     log.damage = log.damage or _damage_of_end(item)
-                case ChunkHead() | Unknown() | Index():
+                case ChunkHead() | Index():
                     pass
                 case _:
                     yield item

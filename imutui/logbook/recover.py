@@ -130,17 +130,8 @@ class _Output:
 
     def attach(self, record: Attachment) -> None:
         """Write an attachment."""
-        at, length = self._put(_bytes_of(record))
-        index = AttachmentIndex(
-            offset=at,
-            length=length,
-            log_time=record.log_time,
-            create_time=record.create_time,
-            data_size=len(record.data),
-            name=record.name,
-            media_type=record.media_type,
-        )
-        self._attachments.append(index)
+        place, times = self._put(_bytes_of(record)), (record.log_time, record.create_time)
+        self._attachments.append(AttachmentIndex(*place, *times, len(record.data), record.name, record.media_type))
 
     def describe(self, record: Metadata) -> None:
         """Write metadata."""

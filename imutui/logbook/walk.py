@@ -69,26 +69,22 @@ class ChunkHead:
     first_ns: int
     last_ns: int
     short: int = 0  # messages shorter than their own head, which are left out
-    repeated: bool = False  # whether it stood there before; its records do not follow then
-
-
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A record of a kind that the format leaves to others."""
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """How the file ends."""
+    """How the file ends, and what was left out before."""
 
     finished: bool = False  # whether the footer and the magic are there
     cut: bool = False  # whether the file ends before its footer does
     trailing: int = 0  # bytes behind the footer that do not belong there
     indexed: bool = False  # whether the footer names a summary
     checksum_wrong: bool = False  # whether the checksum over all data is wrong though every record is whole
+    unknown: int = 0  # records of kinds that the format leaves to others
+    repeated: int = 0  # chunks that stood there before
 
 
-Item: TypeAlias = McapRecord | Batch | ChunkHead | Unknown | Damage | Index | End
+Item: TypeAlias = McapRecord | Batch | ChunkHead | Damage | Index | End
 
 
 def walk(
@@ -164,6 +160,7 @@ class _Walk:
         self._summed, self._sum = 0, 0
         self._in_summary = self._damaged = self._wrong = False
         self._footer: Footer | None = None
+        self._unknown = self._repeated = 0
         self.whole = 0  # where the last whole record before the footer ends
 
     def items(self, start: int = 0) -> Iterator[Item]:
@@ -201,14 +198,12 @@ class _Walk:
         yield self._end(at)
 
     def _end(self, at: int) -> End:
-        if self._footer is None:
-            return End(cut=True)
-        rest = self._data[at : at + len(MAGIC)]
-        finished, indexed = rest == MAGIC, bool(self._footer.summary_start)
-        if not finished and MAGIC.startswith(rest):
-            return End(cut=True, indexed=indexed, checksum_wrong=self._wrong)
-        trailing = self._size - at - (len(MAGIC) if finished else 0)
-        return End(finished, False, trailing, indexed, self._wrong)
+        ended, rest = self._footer is not None, self._data[at : at + len(MAGIC)]
+        finished = ended and rest == MAGIC
+        cut = not ended or (not finished and MAGIC.startswith(rest))
+        trailing = 0 if cut else self._size - at - (len(MAGIC) if finished else 0)
+        indexed = self._footer is not None and bool(self._footer.summary_start)
+        return End(finished, cut, trailing, indexed, ended and self._wrong, self._unknown, self._repeated)
 
     def _add_to_sum(self, end: int) -> None:
         if not self._in_summary and not self._damaged:
@@ -229,8 +224,11 @@ class _Walk:
             self._end_of_data(at)
         elif opcode == Opcode.FOOTER:
             self._footer = mcap_format.parse(Footer, self._data[at + HEAD.size : end])
-        elif opcode == Opcode.CHUNK and self._marks:
-            items = self._once(self._data[at + HEAD.size : end], items)
+        elif opcode == Opcode.CHUNK and self._marks and self._repeats(self._data[at + HEAD.size : end]):
+            self._repeated += 1
+            return [], end
+        elif opcode >= mcap_format.PRIVATE:
+            self._unknown += not self._in_summary
         return ([], end) if self._in_summary else (items, end)
 
     def _end_of_data(self, at: int) -> None:
@@ -239,13 +237,11 @@ class _Walk:
         (stated,) = struct.unpack_from("<I", self._data, at + HEAD.size)
         self._wrong = bool(stated) and not self._damaged and self._sum != stated
 
-    def _once(self, body: bytes, items: list[Item]) -> list[Item]:
-        """Return a chunk's items, or its head alone if the same chunk stood there before."""
-        key = len(body) << 64 | zlib.crc32(body) << 32 | zlib.adler32(body)
-        if key in self._chunks:
-            return [ChunkHead(*mcap_format.chunk_times(body), repeated=True)]
+    def _repeats(self, body: bytes) -> bool:
+        """Whether the same chunk stood there before."""
+        key, known = len(body) << 64 | zlib.crc32(body) << 32 | zlib.adler32(body), len(self._chunks)
         self._chunks.add(key)
-        return items
+        return len(self._chunks) == known
 
     def _whole(self, at: int) -> tuple[list[Item], int]:
         """Return the items and the end of a record that is whole; raise _BrokenRecordError otherwise."""
@@ -279,8 +275,6 @@ class _Walk:
 
     def _items(self, opcode: int, first: int, end: int) -> list[Item]:
         """Return the items of a record's content; raise one of MALFORMED if it is not what it must be."""
-        if opcode >= mcap_format.PRIVATE:
-            return [Unknown()]
         if opcode == Opcode.CHUNK:
             return self._chunk(self._data[first:end], end)
         if opcode == Opcode.MESSAGE_INDEX:
@@ -301,7 +295,8 @@ class _Walk:
 
     def _chunk(self, body: bytes, end: int) -> list[Item]:
         self._inside = None
-        content = self._inflater.content(mcap_format.parse(Chunk, body))
+        chunk = mcap_format.parse(Chunk, body)
+        content = self._inflater.content(chunk)
         found = tabulate(content)
         if found.end != len(content):
             raise McapError("its content ends in the middle of a record")
@@ -313,7 +308,7 @@ class _Walk:
         if self._marks:
             told = told_behind(self._data, end)
             self._fitting = told.end if not self._indexes or told.fits(content) else 0
-        return [ChunkHead(*mcap_format.chunk_times(body), int(short.sum())), *items]
+        return [ChunkHead(chunk.message_start_time, chunk.message_end_time, int(short.sum())), *items]
 
     def _check_index(self, body: bytes) -> None:
         told = told_behind(HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body, 0)
