@@ -169,12 +169,11 @@ def _from_ends(stream: IO[bytes], found: Summary) -> None:
         found.state = DAMAGED if how else UNFINISHED
         found.why = how or "it ends without its index: the recorder was killed, or the file was cut"
     if first is not None:
-        last = last or first
         found.started_ns = first.publish_time
+    if first is not None and last is not None:
         found.seconds = (last.publish_time - first.publish_time) / 1e9
         # other programs may leave the numbers out
-        known = last.sequence or last is first
-        found.samples = last.sequence - first.sequence + 1 if known else None
+        found.samples = last.sequence - first.sequence + 1 if last.sequence or last == first else None
 
 
 def _beginning(head: bytes, found: Summary, messages: Messages, inflater: mcap_format.Inflater) -> Message | None:
