@@ -79,27 +79,11 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
     return RecordTable(rows, at, starts)
 
 
-class Told(NamedTuple):
-    """What the indexes behind a chunk say of its messages, true or not."""
+def indexed_up_to(data: bytes | mmap.mmap, at: int, content: bytes | None) -> int:
+    """Return where the message indexes end that begin at an offset: at the first bytes that are none.
 
-    channels: np.ndarray  # channel id of each, shape (n,)
-    entries: np.ndarray  # log time and where it begins in the chunk's content, uint64, shape (n, 2)
-    end: int  # where the first byte is that is no index with as many entries as it says
-
-    def fits(self, content: bytes) -> bool:
-        """Whether there are such messages."""
-        times, at = self.entries.T
-        if not at.size:
-            return True
-        if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
-            return False
-        heads = windows(np.frombuffer(content, np.uint8), at.astype(np.int64) + HEAD.size, MESSAGE.size)
-        found = heads.view(MESSAGE_HEAD)[:, 0]
-        return bool(((found["channel"] == self.channels) & (found["log_ns"].view("<u8") == times)).all())
-
-
-def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
-    """What the message indexes say that begin at an offset."""
+    `content`: of their chunk. If there are no such messages in it, the function returns 0; None is not compared.
+    """
     channels, counts, entries = [], [], []
     while at + INDEX_HEAD.size <= len(data):
         opcode, length, channel, size = INDEX_HEAD.unpack_from(data, at)
@@ -110,8 +94,15 @@ def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
         counts.append(size // _ENTRY)
         entries.append(data[first:end])
         at = end
-    ids = np.repeat(np.array(channels, np.uint16), counts)
-    return Told(ids, np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2), at)
+    times, places = np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2).T
+    if content is None or not places.size:
+        return at
+    if int(places.max()) > len(content) - HEAD.size - MESSAGE.size:
+        return 0
+    found = windows(np.frombuffer(content, np.uint8), places.astype(np.int64) + HEAD.size, MESSAGE.size)
+    heads = found.view(MESSAGE_HEAD)[:, 0]
+    fits = (heads["channel"] == np.repeat(channels, counts)) & (heads["log_ns"].view("<u8") == times)
+    return at if fits.all() else 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from imutui.logbook.mcap_format import (
     Index,
     Inflater,
 )
-from imutui.logbook.mcap_stream import Batch, records_of, tabulate, told_behind
+from imutui.logbook.mcap_stream import Batch, indexed_up_to, records_of, tabulate
 
 CUT, CHECKSUM = "the file ends in the middle of ", "a checksum is wrong"
 _DEPTH = 3  # heads of records that must make sense one after the other before bytes count as records
@@ -306,13 +306,12 @@ class _Walk:
         self._inside = content
         # all entries at once; one by one, which takes longer, only to report which one is wrong
         if self._marks:
-            told = told_behind(self._data, end)
-            self._fitting = told.end if not self._indexes or told.fits(content) else 0
+            self._fitting = indexed_up_to(self._data, end, content if self._indexes else None)
         return [ChunkHead(chunk.message_start_time, chunk.message_end_time, int(short.sum())), *items]
 
     def _check_index(self, body: bytes) -> None:
-        told = told_behind(HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body, 0)
-        if not told.end or (self._indexes and self._inside is not None and not told.fits(self._inside)):
+        record = HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+        if not indexed_up_to(record, 0, self._inside if self._indexes else None):
             raise McapError("it does not fit its chunk")
 
     def _messages(self, at: int, end: int) -> tuple[list[Item], int]:
