@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Channel, Message, Metadata, MetadataIndex, Statistics
+from mcap.records import Attachment, Channel, Message, Metadata, Statistics
 
 from imutui import outside_file
 from imutui.document_shape import problem
@@ -86,7 +86,11 @@ def read(path: Path) -> Summary:
                 found.state, found.why = FINISHED, ""
         if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
-    _judge(found)
+    # a file of another kind is none of ours, however whole
+    if found.types and imu_topic(found.types) is None:
+        found.state, found.why = NO_LOG, "it has no samples of type sensor_msgs/msg/Imu"
+    elif found.state == FINISHED and found.samples == 0:
+        found.why = "it holds no samples"
     return found
 
 
@@ -95,14 +99,6 @@ def imu_topic(types: dict[str, str]) -> str | None:
     wanted = schemas.TYPES[schemas.IMU]
     topics = [topic for topic, name in types.items() if name in (wanted, wanted.replace("/msg/", "/"))]
     return schemas.IMU if schemas.IMU in topics else next(iter(topics), None)
-
-
-def _judge(found: Summary) -> None:
-    """A file of another kind is none of ours, however whole."""
-    if found.types and imu_topic(found.types) is None:
-        found.state, found.why = NO_LOG, "it has no samples of type sensor_msgs/msg/Imu"
-    elif found.state == FINISHED and found.samples == 0:
-        found.why = "it holds no samples"
 
 
 # -- a finished file ---------------------------------------------------------------------------------------------------
@@ -114,9 +110,15 @@ def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     if index is None:
         return False
     for metadata in index.metadata:
-        _take_metadata(stream, metadata, found)
+        if metadata.name == METADATA and HEAD.size <= metadata.length <= _LARGEST and metadata.offset <= found.bytes:
+            stream.seek(metadata.offset + HEAD.size)
+            found.session = parse(Metadata, stream.read(metadata.length - HEAD.size)).metadata
     for attachment in index.attachments:
-        _take_attachment(stream, attachment, found)
+        found.attachments[attachment.name] = attachment.data_size
+        at = attachment.offset + attachment.length - 4 - attachment.data_size
+        if attachment.name == SUMMARY and attachment.data_size <= _LARGEST and 0 <= at <= found.bytes:
+            stream.seek(at)
+            found.result = quality(stream.read(attachment.data_size))
     found.types = index.types
     if index.statistics is not None:
         _take_statistics(index.statistics, index.channels, found)
@@ -136,20 +138,6 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
     counted = found.result.get("duration_s")
     if isinstance(counted, int | float) and found.samples:
         found.seconds = float(counted)
-
-
-def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
-    if index.name == METADATA and HEAD.size <= index.length <= _LARGEST and index.offset <= found.bytes:
-        stream.seek(index.offset + HEAD.size)
-        found.session = parse(Metadata, stream.read(index.length - HEAD.size)).metadata
-
-
-def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
-    found.attachments[index.name] = index.data_size
-    at = index.offset + index.length - 4 - index.data_size
-    if index.name == SUMMARY and index.data_size <= _LARGEST and 0 <= at <= found.bytes:
-        stream.seek(at)
-        found.result = quality(stream.read(index.data_size))
 
 
 # -- any other file ----------------------------------------------------------------------------------------------------
