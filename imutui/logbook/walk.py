@@ -6,7 +6,6 @@ behind damage. A chunk is whole if its checksum is right and its content ends wi
 
 import bisect
 import mmap
-import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -221,7 +220,9 @@ class _Walk:
             items, end = self._whole(at)
         opcode = self._data[at]
         if opcode == Opcode.DATA_END:
-            self._end_of_data(at)
+            self._add_to_sum(at)
+            self._in_summary, stated = True, int.from_bytes(self._data[at + HEAD.size : end], "little")
+            self._wrong = stated not in (0, self._sum) and not self._damaged
         elif opcode == Opcode.FOOTER:
             self._footer = mcap_format.parse(Footer, self._data[at + HEAD.size : end])
         elif opcode == Opcode.CHUNK and self._marks and self._repeats(self._data[at + HEAD.size : end]):
@@ -230,12 +231,6 @@ class _Walk:
         elif opcode >= mcap_format.PRIVATE:
             self._unknown += not self._in_summary
         return ([], end) if self._in_summary else (items, end)
-
-    def _end_of_data(self, at: int) -> None:
-        self._add_to_sum(at)
-        self._in_summary = True
-        (stated,) = struct.unpack_from("<I", self._data, at + HEAD.size)
-        self._wrong = bool(stated) and not self._damaged and self._sum != stated
 
     def _repeats(self, body: bytes) -> bool:
         """Whether the same chunk stood there before."""
@@ -279,7 +274,9 @@ class _Walk:
             return self._chunk(self._data[first:end], end)
         if opcode == Opcode.MESSAGE_INDEX:
             if self._marks and first >= self._fitting:
-                self._check_index(self._data[first:end])
+                whole = self._data[first - HEAD.size : end]
+                if not indexed_up_to(whole, 0, self._inside if self._indexes else None):
+                    raise McapError("it does not fit its chunk")
             return []
         if opcode in _SIZES and end - first != _SIZES[opcode]:
             raise McapError("its length is wrong")
@@ -287,10 +284,9 @@ class _Walk:
             return []
         body = self._data[first:end]
         record = mcap_format.parse(mcap_format.PARSED[opcode], body)
-        if isinstance(record, Attachment) and self._marks:
-            (stated,) = struct.unpack("<I", body[-4:])
-            if stated and stated != zlib.crc32(body[:-4]):
-                raise McapError("a checksum is wrong")
+        summed = isinstance(record, Attachment) and self._marks
+        if summed and int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+            raise McapError("a checksum is wrong")
         return [record] if opcode in _ITEMS else []
 
     def _chunk(self, body: bytes, end: int) -> list[Item]:
@@ -309,22 +305,15 @@ class _Walk:
             self._fitting = indexed_up_to(self._data, end, content if self._indexes else None)
         return [ChunkHead(chunk.message_start_time, chunk.message_end_time, int(short.sum())), *items]
 
-    def _check_index(self, body: bytes) -> None:
-        record = HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
-        if not indexed_up_to(record, 0, self._inside if self._indexes else None):
-            raise McapError("it does not fit its chunk")
-
     def _messages(self, at: int, end: int) -> tuple[list[Item], int]:
         """Return the messages outside of chunks that begin at an offset, as one batch, and where they end."""
         content = self._data[at : max(end, min(at + _BLOCK, self._size))]
         found = tabulate(content, _ONLY_MESSAGES)
         opcodes = np.frombuffer(content, np.uint8)[found.starts]
-        others = np.flatnonzero(opcodes != Opcode.MESSAGE)
-        count = int(others[0]) if others.size else opcodes.size
-        short = np.flatnonzero(found.short[:count])
-        if short.size and not short[0]:
+        in_a_row = int(np.argmax(np.append(opcodes != Opcode.MESSAGE, True)))
+        count = int(np.argmax(np.append(found.short[:in_a_row], True)))
+        if not count:
             raise McapError("a message is shorter than its header")
-        count = int(short[0]) if short.size else count
         end = int(found.starts[count]) if count < opcodes.size else found.end
         return [Batch(content, found.rows[:count])], at + end
 
