@@ -11,9 +11,9 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 
 from filters.errors import InputError
 from imutui.logbook import layout, reader, sample_check, schemas, summary
-from imutui.logbook.columns import ESTIMATE, IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, ROLES, TEMPERATURE, Channels, Columns
 from imutui.logbook.layout import UndecodableError
-from imutui.logbook.mcap_stream import CHANNEL, JOINED, MESSAGE_HEAD, Batch, joined
+from imutui.logbook.mcap_stream import JOINED, MESSAGE_HEAD, Batch, joined
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.samples import Held, Samples
@@ -23,14 +23,6 @@ from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.walk import ChunkHead, reason
 
 MESSAGES = 2**18  # messages in a part: a quarter of an hour at 133 Hz
-_PLAIN = {
-    schemas.RAW: RAW,
-    schemas.IMU: IMU,
-    schemas.TEMPERATURE: TEMPERATURE,
-    schemas.REFERENCE: TABLE,
-    schemas.STATE: STATE,
-    schemas.ESTIMATE: ESTIMATE,
-}
 _SHOWN = 20
 
 # ------------------------------------------------------------------------------------------------------- message runs
@@ -172,22 +164,6 @@ class Audit:
     result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
 
 
-def _take_belonging(known: Audit, record: Metadata | Attachment) -> None:
-    """Add metadata or an attachment; of several of one name, the last is kept."""
-    if isinstance(record, Attachment):
-        known.attachments[record.name] = record.data
-        return
-    known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
-    if record.name == METADATA:
-        known.session = known.metadata[record.name]
-        try:
-            info = SessionInfo.from_strings(known.session)
-            info.axes(), info.settings()
-            known.info = info
-        except InputError as error:
-            known.session_trouble = str(error)
-
-
 def _take_note(known: Audit, part: Part) -> None:
     """Add what a part tells of the whole."""
     if len(samples := part.samples):
@@ -273,30 +249,38 @@ class _Work(Channels):
         super().__init__()
         self.audit = known
         self._heads: list[tuple[np.ndarray, np.ndarray]] = []
-        self._runs: dict[int, HeadRun | None] = {}
+        self._runs: dict[int, HeadRun] = {}
         self._degc = Held(1, from_start=True)
 
     def belonging(self, record: Metadata | Attachment) -> None:
-        """Take metadata or an attachment; a session makes the channels those of imutui."""
-        _take_belonging(self.audit, record)
+        """Take metadata or an attachment, of several of one name the last; a session makes the channels imutui's."""
+        known = self.audit
+        if isinstance(record, Attachment):
+            known.attachments[record.name] = record.data
+            return
+        known.metadata[record.name] = record.metadata
+        if record.name != METADATA:
+            return
+        known.session = known.metadata[METADATA]
+        try:
+            known.info = SessionInfo.from_strings(known.session)
+        except InputError as error:
+            known.session_trouble = str(error)
         for channel in self.channels.values():
             self._assign(channel, self.types.get(channel.schema_id, ""))
 
     def met(self, found: Scan, items: Iterator[Content]) -> Iterator[McapRecord | Batch]:
-        """Yield the items without the heads of chunks; keep the order in which channels have messages."""
-        index = None
+        """Yield the items without the heads of chunks."""
+        declared = False
         for item in items:
-            if found.index is not None and found.index is not index:
+            if found.index is not None and not declared:
                 # the index comes before all records; it has the declarations that the file may have lost
-                index = found.index
-                yield from [*index.schemas.values(), *index.channels.values()]
+                declared = True
+                yield from [*found.index.schemas.values(), *found.index.channels.values()]
             if isinstance(item, ChunkHead):
                 self.audit.undecodable_count += item.short
-                continue
-            if isinstance(item, Batch):
-                for channel in np.flatnonzero(np.bincount(item.table[:, CHANNEL])).tolist():
-                    self._runs.setdefault(channel, None)
-            yield item
+            else:
+                yield item
 
     def take(self, batch: Batch) -> int:
         """Take messages; returns how many wait to be a part."""
@@ -309,7 +293,7 @@ class _Work(Channels):
         ours = channel.message_encoding == "cdr" and schemas.is_own(channel.topic, typename)
         # samples of another program are read as a replay takes them
         own = ours and bool(self.audit.session or self.audit.session_trouble)
-        self._roles[channel.id] = _PLAIN.get(channel.topic, OTHER) if own else IGNORED
+        self._roles[channel.id] = ROLES.get(channel.topic, OTHER) if own else IGNORED
 
     def _other(self, topic: str, message: Message) -> None:
         data = message.data
@@ -332,7 +316,7 @@ class _Work(Channels):
         heads = np.concatenate([np.empty(0, MESSAGE_HEAD), *(heads for heads, _ in self._heads)])
         roles = np.concatenate([np.empty(0, np.uint8), *(roles for _, roles in self._heads)])
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
-            self._runs[channel] = joined_runs(self._runs[channel], run_of(heads[heads["channel"] == channel]))
+            self._runs[channel] = joined_runs(self._runs.get(channel), run_of(heads[heads["channel"] == channel]))
         rows, packets, temperatures = (self.columns.all(role) for role in (IMU, RAW, TEMPERATURE))
         self._degc.take(temperatures["stamp_ns"], temperatures["degc"][:, None])
         samples = Samples(**rows, degc=self._degc.at(rows["stamp_ns"])[:, 0])
@@ -346,8 +330,7 @@ class _Work(Channels):
 
     def close(self) -> None:
         """Say of each topic what is known of its channels."""
-        for number, run in self._runs.items():
-            assert run is not None
+        for number, run in sorted(self._runs.items()):
             if number in self.channels:
                 topic = self.channels[number].topic
                 self.audit.messages[topic] = joined_runs(self.audit.messages.get(topic), run)

@@ -16,29 +16,27 @@ TOPICS = {
     IMU: schemas.IMU, TEMPERATURE: schemas.TEMPERATURE, RAW: schemas.RAW, TABLE: schemas.REFERENCE,
     STATE: schemas.STATE, ESTIMATE: schemas.ESTIMATE,
 }  # fmt: skip
+ROLES = {topic: role for role, topic in TOPICS.items()}
 _PACKET: tuple[str, ...] = schemas.RAW_DTYPE.names or ()
-_TABLE = {"angles_deg": "angles_deg", "rates_dps": "rates_dps"}
-_SOURCES = {
+_TABLE: dict[str, tuple[str, Any]] = {"angles_deg": ("angles_deg", "3f8"), "rates_dps": ("rates_dps", "3f8")}
+_COLUMNS: dict[int, dict[str, tuple[str, Any]]] = {
     IMU: {
-        "gyro": "angular_velocity", "accel": "linear_acceleration", "gyro_covariance": "angular_velocity_covariance",
-        "accel_covariance": "linear_acceleration_covariance",
+        "gyro": ("angular_velocity", "3f8"),
+        "accel": ("linear_acceleration", "3f8"),
+        "gyro_covariance": ("angular_velocity_covariance", "f8"),
+        "accel_covariance": ("linear_acceleration_covariance", "f8"),
     },
-    TEMPERATURE: {"degc": "temperature"},
-    RAW: dict(zip(_PACKET, _PACKET, strict=True)),
+    TEMPERATURE: {"degc": ("temperature", "f8")},
+    RAW: {name: (name, schemas.RAW_DTYPE[name]) for name in _PACKET},
     TABLE: _TABLE,
-    STATE: _TABLE | {"uncertainty_ns": "uncertainty_ns"},
+    STATE: _TABLE | {"uncertainty_ns": ("uncertainty_ns", "i8")},
     ESTIMATE: {},
-}  # fmt: skip
-"""Columns of each role, and the fields of its messages that fill them."""
-_ROWS: dict[int, list[Any]] = {
-    IMU: [("gyro", "f8", 3), ("accel", "f8", 3), ("gyro_covariance", "f8"), ("accel_covariance", "f8")],
-    TEMPERATURE: [("degc", "f8")],
-    RAW: [(name, schemas.RAW_DTYPE[name]) for name in _PACKET],
-    TABLE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3)],
-    STATE: [("angles_deg", "f8", 3), ("rates_dps", "f8", 3), ("uncertainty_ns", "i8")],
-    ESTIMATE: [],
 }
-DTYPES: dict[int, np.dtype[Any]] = {role: np.dtype([("stamp_ns", "i8"), *fields]) for role, fields in _ROWS.items()}
+"""Columns of each role: the field of its messages that fills each, and its format."""
+DTYPES = {
+    role: np.dtype([("stamp_ns", "i8"), *((column, form) for column, (_, form) in columns.items())])
+    for role, columns in _COLUMNS.items()
+}
 _PACKETS = (schemas.TYPES[schemas.RAW], schemas.S1_PACKET)
 
 
@@ -139,7 +137,7 @@ def _fill(role: int, rows: np.ndarray, here: np.ndarray, records: np.ndarray) ->
         stamps = records["header.stamp.sec"].astype(np.int64) * 1_000_000_000 + records["header.stamp.nanosec"]
         # a header without a stamp leaves the publish time
         rows["stamp_ns"][here] = np.where(stamps != 0, stamps, rows["stamp_ns"][here])
-    for column, name in _SOURCES[role].items():
+    for column, (name, _) in _COLUMNS[role].items():
         if name in (records.dtype.names or ()):  # packets without details lack some
             # of a covariance the first element says whether there is an estimate
             rows[column][here] = records[name][:, 0] if name.endswith("covariance") else records[name]

@@ -27,8 +27,6 @@ SIZE = ".size"
 
 Values = dict[str, Any]
 """Members of a message by name: numbers, texts, `Values` of a nested message, lists of them."""
-Lengths = tuple[int, ...]
-"""Length of each string, with its NUL, and of each sequence of a message, in order."""
 
 
 class UndecodableError(Exception):
@@ -113,19 +111,6 @@ class _Fields:
 
 
 @cache
-def dtype_of(typename: str, lengths: Lengths = (), order: str = "<") -> np.dtype[Any]:
-    """Return the layout of a message type with strings and sequences of given lengths.
-
-    The names of its fields are paths such as `header.stamp.sec`; a nested message whose members are numbers of one kind
-    has a field of its own as well, such as `angular_velocity`, shape (3,).
-    """
-    left = iter(lengths)
-    fields = _Fields(lambda name, at: next(left), order)
-    fields.message(typename)
-    return fields.dtype()
-
-
-@cache
 def _blank(typename: str, texts: tuple[tuple[str, str], ...]) -> tuple[bytes, np.dtype[Any]]:
     """Return a message whose numbers are zero, and its layout."""
     return _blank_of(typename, dict(texts))
@@ -150,7 +135,10 @@ def _blank_of(typename: str, values: Values) -> tuple[bytes, np.dtype[Any]]:
 
 
 def blanks(typename: str, count: int, **texts: str) -> np.ndarray:
-    """Return messages of a type as records to be filled; their numbers are zero.
+    """Return messages of a type as records to be filled; their numbers are zero, sequences empty.
+
+    The names of the fields are paths such as `header.stamp.sec`; a nested message whose members are numbers of one kind
+    has a field of its own as well, such as `angular_velocity`, shape (3,).
 
     `texts`: strings by path, with "__" for "."; any other string is empty.
     """

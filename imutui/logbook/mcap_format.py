@@ -3,17 +3,18 @@
 Knows bytes, no files: `walk` reads a file in order, `summary` looks at its ends.
 """
 
+import mmap
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TypeVar, cast
+from typing import IO, TypeVar, cast
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -58,8 +59,6 @@ PARSED: dict[int, type[McapRecord]] = {
     Opcode.FOOTER: Footer,
 }
 """Kinds of records that become objects; messages and chunks stay bytes."""
-_CHUNK = struct.Struct("<QQQII")
-_SIZE = struct.Struct("<Q")
 _UINT32 = struct.Struct("<I")
 
 
@@ -73,11 +72,12 @@ MALFORMED = (McapError, struct.error)  # what the reading of damaged bytes raise
 def parse(kind: type[Record], content: bytes) -> Record:
     """Record of a kind from its content.
 
-    Raises EndOfFile, struct.error if the content ends too early.
-    Raises McapError if a text is none, or a number is one that cannot be.
+    Raises McapError if the content ends too early, a text is none, or a number is one that cannot be.
     """
     try:
         return cast("Record", kind.read(ReadDataStream(BytesIO(content))))  # type: ignore[attr-defined]
+    except (EndOfFile, struct.error) as error:
+        raise McapError(f"a {kind.__name__.lower()} record ends before its content") from error
     except (ValueError, IndexError, OverflowError) as error:
         raise McapError(str(error)) from error
 
@@ -102,34 +102,9 @@ def records(content: bytes) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
-def chunk_of(content: bytes) -> Chunk:
-    """As mcap.records.Chunk.read, from bytes.
-
-    Raises McapError if the record ends before its content.
-    """
-    try:
-        start, end, size, checksum, name = _CHUNK.unpack_from(content)
-        at = _CHUNK.size + name
-        (length,) = _SIZE.unpack_from(content, at)
-        compression = content[_CHUNK.size : at].decode()
-    except struct.error as error:
-        raise McapError("a chunk record ends before its content") from error
-    except UnicodeDecodeError as error:
-        raise McapError(str(error)) from error
-    data = content[at + _SIZE.size : at + _SIZE.size + length]
-    if len(data) < length:
-        raise McapError("a chunk record ends before its content")
-    return Chunk(compression, data, end, start, checksum, size)
-
-
 def packed(content: bytes, first_ns: int, last_ns: int) -> Chunk:
     """Chunk of a content whose messages have log times between two, UTC, ns."""
     return Chunk("zstd", zstandard.compress(content), last_ns, first_ns, zlib.crc32(content), len(content))
-
-
-def chunk_times(content: bytes) -> tuple[int, int]:
-    """Log times of the first and the last message of a chunk record, UTC, ns."""
-    return int.from_bytes(content[:8], "little"), int.from_bytes(content[8:16], "little")
 
 
 class Inflater:
@@ -233,18 +208,19 @@ class Index:
         return {channel.topic: names.get(channel.schema_id, "") for channel in self.channels.values()}
 
 
-def read_index(end: bytes, size: int, section: Callable[[int, int], bytes], *, chunks: bool = True) -> Index | None:
+def read_index(data: IO[bytes] | mmap.mmap, size: int, *, chunks: bool = True) -> Index | None:
     """Index of a file that ends as it must.
 
-    `end`: the file's last `TAIL` bytes.
     `size`: of the file, bytes.
-    `section`: gives the file's bytes from one offset up to another.
     `chunks`: whether to read where chunks are; of a week there are half a million.
     Returns none if the file does not end with the magic, or has no summary.
-    Raises McapError if there is no footer before the magic, or the checksum is wrong.
-    Raises one of mcap_format.MALFORMED if the section does not read as records.
+    Raises McapError if there is no footer before the magic, the checksum is wrong, or a record cannot be read.
     """
-    if len(end) < TAIL or not end.endswith(MAGIC):
+    if size < len(MAGIC) + TAIL:
+        return None
+    data.seek(size - TAIL)
+    end = data.read(TAIL)
+    if not end.endswith(MAGIC):
         return None
     opcode, length, start, _, checksum = FOOTER.unpack_from(end)
     if opcode != Opcode.FOOTER or length != FOOTER_SIZE:
@@ -253,7 +229,8 @@ def read_index(end: bytes, size: int, section: Callable[[int, int], bytes], *, c
         return None
     if start > size - TAIL:
         raise McapError("the summary lies outside of the file")
-    content = section(start, size - TAIL)
+    data.seek(start)
+    content = data.read(size - TAIL - start)
     # the checksum is over the section and the footer up to itself
     if checksum not in (0, zlib.crc32(end[: FOOTER.size - 4], zlib.crc32(content))):
         raise McapError("summary checksum")

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Schema
 
-from imutui.logbook import mcap_format
 from imutui.logbook.layout import windows
-from imutui.logbook.mcap_format import HEAD, MESSAGE
+from imutui.logbook.mcap_format import HEAD, MESSAGE, PARSED, parse
 
 OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
 """Columns of a table of records: of a message, offset and length are those of its data."""
@@ -26,7 +24,7 @@ _LENGTH_OF_RECORD = struct.Struct("<xQ")
 INDEX_HEAD = struct.Struct("<BQHI")  # of a message index, with its record's head: channel id, bytes of its entries
 _ENTRY = 16  # a time and a place
 _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
-_NONE, _NO_ROWS = np.empty(0, np.int64), np.empty((0, 4), np.int64)
+_NO_ROWS = np.empty((0, 4), np.int64)
 
 
 class RecordTable(NamedTuple):
@@ -44,16 +42,14 @@ class RecordTable(NamedTuple):
         return np.asarray((self.rows[:, CHANNEL] < 0) & (self.rows[:, OPCODE] == _MESSAGE))
 
 
-def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, told: np.ndarray = _NONE) -> RecordTable:
+def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK) -> RecordTable:
     """The whole records in bytes.
 
     `wanted`: of each opcode whether it is, bool, shape (256,).
-    `told`: where messages begin as indexes tell, true or not, uint64: those that do are found at once.
     """
     end = len(content)
     # eight bytes each, where a list takes forty: records may be as short as their heads
-    found, head = array("q", _following(content, told).tobytes()), HEAD.size
-    at = found.pop() if found else 0
+    found, at, head = array("q"), 0, HEAD.size
     length_at, append, last = _LENGTH_OF_RECORD.unpack_from, found.append, end - head
     while at <= last:
         (length,) = length_at(content, at)
@@ -83,38 +79,11 @@ def tabulate(content: bytes, wanted: np.ndarray = _IN_CHUNK, told: np.ndarray = 
     return RecordTable(rows, at, starts)
 
 
-def _following(content: bytes, told: np.ndarray) -> np.ndarray:
-    """The first of these offsets, from 0 on, at which records follow each other; only the last may not be whole."""
-    starts = np.sort(told)
-    starts = starts[: np.searchsorted(starts, len(content) - HEAD.size, side="right")].astype(np.int64)
-    if not starts.size or starts[0]:
-        return _NONE
-    lengths = windows(np.frombuffer(content, np.uint8), starts + 1, 8).view("<u8")[:-1, 0]
-    others = np.flatnonzero(lengths != (np.diff(starts) - HEAD.size).astype(np.uint64))
-    return starts[: others[0] + 1] if others.size else starts
+def indexed_up_to(data: bytes | mmap.mmap, at: int, content: bytes | None) -> int:
+    """Return where the message indexes end that begin at an offset: at the first bytes that are none.
 
-
-class Told(NamedTuple):
-    """What the indexes behind a chunk say of its messages, true or not."""
-
-    channels: np.ndarray  # channel id of each, shape (n,)
-    entries: np.ndarray  # log time and where it begins in the chunk's content, uint64, shape (n, 2)
-    end: int  # where the first byte is that is no index with as many entries as it says
-
-    def fits(self, content: bytes) -> bool:
-        """Whether there are such messages."""
-        times, at = self.entries.T
-        if not at.size:
-            return True
-        if int(at.max()) > len(content) - HEAD.size - MESSAGE.size:
-            return False
-        heads = windows(np.frombuffer(content, np.uint8), at.astype(np.int64) + HEAD.size, MESSAGE.size)
-        found = heads.view(MESSAGE_HEAD)[:, 0]
-        return bool(((found["channel"] == self.channels) & (found["log_ns"].view("<u8") == times)).all())
-
-
-def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
-    """What the message indexes say that begin at an offset."""
+    `content`: of their chunk. If there are no such messages in it, the function returns 0; None is not compared.
+    """
     channels, counts, entries = [], [], []
     while at + INDEX_HEAD.size <= len(data):
         opcode, length, channel, size = INDEX_HEAD.unpack_from(data, at)
@@ -125,8 +94,15 @@ def told_behind(data: bytes | mmap.mmap, at: int) -> Told:
         counts.append(size // _ENTRY)
         entries.append(data[first:end])
         at = end
-    ids = np.repeat(np.array(channels, np.uint16), counts)
-    return Told(ids, np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2), at)
+    times, places = np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2).T
+    if content is None or not places.size:
+        return at
+    if int(places.max()) > len(content) - HEAD.size - MESSAGE.size:
+        return 0
+    found = windows(np.frombuffer(content, np.uint8), places.astype(np.int64) + HEAD.size, MESSAGE.size)
+    heads = found.view(MESSAGE_HEAD)[:, 0]
+    fits = (heads["channel"] == np.repeat(channels, counts)) & (heads["log_ns"].view("<u8") == times)
+    return at if fits.all() else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,8 +178,8 @@ def _one_of(batches: list[Batch]) -> Batch:
     return Batch(b"".join(batch.content for batch in batches), np.concatenate(tables))
 
 
-def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int, int]]:
-    """Batches of messages, and between them opcode, offset and length of the other records."""
+def records_of(content: bytes, rows: np.ndarray) -> Iterator[McapRecord | Batch]:
+    """Yield the records of a table as objects, messages in batches; raises McapError at one that cannot be read."""
     others = rows[:, OPCODE] != _MESSAGE
     first = 0
     for row in [*np.flatnonzero(others).tolist(), len(rows)]:
@@ -211,32 +187,5 @@ def _split(content: bytes, rows: np.ndarray) -> Iterator[Batch | tuple[int, int,
             yield Batch(content, rows[first:row])
         if row < len(rows):
             opcode, _, at, length = rows[row].tolist()
-            yield opcode, at, length
+            yield parse(PARSED[opcode], content[at : at + length])
         first = row + 1
-
-
-def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
-    try:
-        return mcap_format.parse(mcap_format.PARSED[opcode], data[at : at + length])
-    except (EndOfFile, struct.error) as error:
-        raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
-
-
-def chunk_records(body: bytes, inflater: mcap_format.Inflater) -> list[McapRecord | Batch]:
-    """A chunk's records: all of them are there, or none is given.
-
-    `body`: content of the chunk's record.
-    Raises McapError, struct.error if it is not what it must be.
-    """
-    content = inflater.content(mcap_format.chunk_of(body))
-    table = tabulate(content)
-    if table.end != len(content):
-        raise McapError("a chunk's content ends in the middle of a record")
-    if table.short.any():
-        raise McapError("a message is shorter than its header")
-    return records_of(content, table.rows)
-
-
-def records_of(content: bytes, rows: np.ndarray) -> list[McapRecord | Batch]:
-    """Records of a table as objects, messages in batches."""
-    return [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, rows)]

@@ -18,7 +18,7 @@ from filters.errors import InputError
 from imutui import outside_file
 from imutui.command_line import command
 from imutui.logbook import foreign_log, layout, sample_check, schemas
-from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, STATE, TABLE, TEMPERATURE, Channels, Columns
+from imutui.logbook.columns import IGNORED, IMU, OTHER, RAW, ROLES, STATE, TABLE, TEMPERATURE, Channels
 from imutui.logbook.foreign_log import Cure, RefusedLogError, Survey
 from imutui.logbook.layout import UndecodableError
 from imutui.logbook.mcap_format import MAGIC, Index
@@ -28,7 +28,7 @@ from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.samples import Samples, Waiting
 from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import FOREIGN, METADATA, SessionInfo
-from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, Unknown, walk
+from imutui.logbook.walk import CHECKSUM, CUT, ChunkHead, Damage, End, walk
 
 
 class UnreadableLogError(InputError):
@@ -204,15 +204,10 @@ class Content(Channels):
     def __init__(self, log: Log, raw: bool) -> None:
         super().__init__()
         self.log = log
-        self._topics = {
-            schemas.IMU: IMU,
-            schemas.RAW: RAW if raw else IGNORED,
-            schemas.TEMPERATURE: TEMPERATURE,
-            schemas.REFERENCE: TABLE,
-            schemas.STATE: STATE,
-            schemas.DIAGNOSTICS: OTHER,
-            schemas.EVENTS: OTHER,
-        }
+        ignored = [schemas.ESTIMATE] if raw else [schemas.ESTIMATE, schemas.RAW]
+        self._topics = (
+            ROLES | dict.fromkeys(ignored, IGNORED) | dict.fromkeys([schemas.DIAGNOSTICS, schemas.EVENTS], OTHER)
+        )
         self._diagnostics: bytes | None = None
         self._waiting = Waiting()
         self.has_samples = False
@@ -232,10 +227,8 @@ class Content(Channels):
 
     def _session(self, record: Metadata) -> None:
         self.log.own = True
-        with_strings = {str(k): str(v) for k, v in record.metadata.items()}
         try:
-            self.log.info = SessionInfo.from_strings(with_strings)
-            self.log.info.axes(), self.log.info.settings()
+            self.log.info = SessionInfo.from_strings(record.metadata)
         except InputError as error:
             raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
 
@@ -286,7 +279,6 @@ class Content(Channels):
         log.samples = self._waiting.rest() if last else self._waiting.ready()
         log.packets, log.packet_stamp_ns = packets["packets"], packets["stamp_ns"]
         log.table, log.states = Table(**self.columns.all(TABLE)), Table(**self.columns.all(STATE))
-        self.columns = Columns()
 
 
 def records(path: Path, log: Log, rows: int = JOINED) -> Iterator[McapRecord | Batch]:
@@ -314,7 +306,7 @@ def _until_damage(stream: IO[bytes], log: Log) -> Iterator[McapRecord | Batch]:
                 case End():
                     log.finished = item.finished and not item.checksum_wrong
                     log.damage = log.damage or _damage_of_end(item)
-                case ChunkHead() | Unknown() | Index():
+                case ChunkHead() | Index():
                     pass
                 case _:
                     yield item

@@ -109,10 +109,6 @@ class _Output:
         self.schemas: list[Schema] = []
         self.channels: list[Channel] = []
         self._declarations: list[bytes] = []  # of the next chunk
-        self._messages: list[bytes | bytearray] = []
-        self._held = 0  # bytes of these
-        # channels, log times and lengths of these messages
-        self._columns: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
@@ -134,39 +130,21 @@ class _Output:
 
     def attach(self, record: Attachment) -> None:
         """Write an attachment."""
-        self.flush()
-        at, length = self._put(_bytes_of(record))
-        index = AttachmentIndex(
-            offset=at,
-            length=length,
-            log_time=record.log_time,
-            create_time=record.create_time,
-            data_size=len(record.data),
-            name=record.name,
-            media_type=record.media_type,
-        )
-        self._attachments.append(index)
+        place, times = self._put(_bytes_of(record)), (record.log_time, record.create_time)
+        self._attachments.append(AttachmentIndex(*place, *times, len(record.data), record.name, record.media_type))
 
     def describe(self, record: Metadata) -> None:
         """Write metadata."""
-        self.flush()
         self._metadata.append(MetadataIndex(*self._put(_bytes_of(record)), record.name))
 
     def add(self, messages: bytes | bytearray, channels: np.ndarray, times: np.ndarray, lengths: np.ndarray) -> None:
-        """Add message records in a row; shape (n,) each, with the records' heads in `lengths`."""
-        self._messages.append(messages)
-        self._held += len(messages)
-        self._columns.append((channels, times, lengths))
-        if self._held > _CHUNK:
-            self.flush()
+        """Write message records in a row as a chunk, and the indexes of its channels.
 
-    def flush(self) -> None:
-        """Write the messages that were added as a chunk, and the indexes of its channels."""
-        if not self._messages:
-            return
-        channels, times, lengths = (np.concatenate(column) for column in zip(*self._columns, strict=True))
-        content = b"".join([*self._declarations, *self._messages])
-        starts = len(content) - self._held + np.cumsum(lengths) - lengths
+        `channels`, `times`, `lengths`: of each record, shape (n,), n > 0; log times in UTC, ns, lengths with the heads.
+        """
+        declarations = b"".join(self._declarations)
+        content = declarations + messages
+        starts = len(declarations) + np.cumsum(lengths) - lengths
         entries = np.column_stack([times, starts.astype(np.uint64)]).astype("<u8")
         first, last = int(entries[:, 0].min()), int(entries[:, 0].max())
         chunk = packed(content, first, last)
@@ -189,11 +167,10 @@ class _Output:
             uncompressed_size=len(content),
         )
         self._chunks.append(index)
-        self._declarations, self._messages, self._columns, self._held = [], [], [], 0
+        self._declarations = []
 
     def finish(self) -> str:
         """Write the summary; return the SHA-256 of the file."""
-        self.flush()
         self._put(_bytes_of(DataEnd(self._sum)))
         start, self._sum = self._at, 0
         statistics = Statistics(
@@ -243,7 +220,6 @@ class _Copy:
         """Copy an item of the source; each of its chunks becomes one or more."""
         match item:
             case ChunkHead():
-                self._output.flush()
                 self.kept.chunks += 1
                 self.kept.homeless += item.short  # nothing tells whose they are
             case Batch():

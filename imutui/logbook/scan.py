@@ -13,7 +13,7 @@ from imutui.logbook.mcap_format import HEAD, MAGIC, Index, prefixed
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import METADATA
-from imutui.logbook.walk import ChunkHead, Damage, End, Mark, Unknown, walk
+from imutui.logbook.walk import ChunkHead, Damage, End, Mark, walk
 
 RECOVERED = "imutui.recovered"  # metadata record of a file that was rebuilt: from what, and what was lost
 _ATTACHED = (summary.CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
@@ -66,19 +66,13 @@ class Scan:
                         self.damages.append(replace(item, after_ns=last_ns))
                         continue
                     case End():
-                        self.end = item
+                        self.end, self.unknown, self.repeated = item, item.unknown, item.repeated
                         continue
                     case Index():
                         self.index = item
                         continue
-                    case Unknown():
-                        self.unknown += 1
-                        continue
                     case Header():
                         self.profile = item.profile
-                    case ChunkHead(repeated=True):
-                        self.repeated += 1
-                        continue
                     case ChunkHead():
                         for number in range(open_from, len(self.damages)):
                             self.damages[number] = replace(self.damages[number], before_ns=item.first_ns)
@@ -91,9 +85,9 @@ class Scan:
             raise UnreadableLogError(reader.foreign(self.path))
 
 
-def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> Scan:
+def scan(path: Path) -> Scan:
     """Walk a file for what is known of its bytes. Raises UnreadableLogError as `Scan.items`."""
     found = Scan(path)
-    for _ in found.items(progress):
+    for _ in found.items():
         pass
     return found

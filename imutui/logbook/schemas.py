@@ -59,7 +59,7 @@ FLAG_LOST_BEFORE = 1
 FLAG_HOST_STAMP = 2
 FLAG_LIMIT = 4
 
-RAW_DTYPE = layout.dtype_of(S1_PACKET)
+RAW_DTYPE = layout.blanks(S1_PACKET, 0).dtype
 """Packets as records: `S1_PACKET`, of which `RawPacket` is the beginning; a unit without details has zeros in them."""
 NO_ESTIMATE = -1.0  # first element of a covariance of sensor_msgs/Imu whose quantity has no estimate
 _IMU_FRAME, _IMU_LINK = "imu_link_ned", "imu_link"

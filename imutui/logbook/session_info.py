@@ -201,7 +201,7 @@ class SessionInfo:
     def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":
         """Fields from MCAP metadata.
 
-        Raises InputError if a number does not read as one; the message names the field.
+        Raises InputError if a number does not read as one, naming the field, or if its axes or settings cannot be.
         """
         values: dict[str, Any] = {}
         for f in fields(cls):
@@ -214,20 +214,13 @@ class SessionInfo:
                 low, high = _WITHIN.get(f.name, _NUMBERS)
                 if convert is not str and not low <= values[f.name] <= high:
                     raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
-        return replace(FOREIGN, **values)
+        info = replace(FOREIGN, **values)
+        info.axes(), info.settings()
+        return info
 
     def identity(self) -> IdentityEntry:
         """Whose samples these are, and who recorded them, for a result."""
-        return {
-            "instrument": in_line(self.instrument),
-            "serial_number": in_line(self.serial_number),
-            "firmware": in_line(self.firmware),
-            "operator": in_line(self.operator),
-            "table": in_line(self.table),
-            "place": in_line(self.place),
-            "note": in_line(self.note),
-            "software": in_line(self.software),
-        }
+        return cast("IdentityEntry", {name: in_line(getattr(self, name)) for name in IdentityEntry.__annotations__})
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""
@@ -249,12 +242,12 @@ FOREIGN = SessionInfo(instrument="", rate_range_dps=0.0, accel_range_g=0.0, acce
 """What is known of a recording before its file states anything: no instrument, no ranges, no site; specific force."""
 
 
-def truth(text: str) -> bool:
-    """Return the truth value that `SessionInfo.strings` writes; raises ValueError for any other text."""
-    return bool(("False", "True").index(text))
-
-
-_CONVERTERS: dict[type, Callable[[str], Any]] = {bool: truth, int: int, float: float, str: str}
+_CONVERTERS: dict[type, Callable[[str], Any]] = {
+    bool: lambda text: bool(("False", "True").index(text)),
+    int: int,
+    float: float,
+    str: str,
+}
 _NUMBERS = (-1e18, 1e18)
 _WITHIN = {
     "g_unit": (1.0, 100.0),

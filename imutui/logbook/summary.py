@@ -5,22 +5,23 @@ our samples are numbered, so their number and time are exact; what lies between 
 """
 
 import contextlib
+import itertools
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, Literal
 
-import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import Attachment, Channel, Message, Metadata, Statistics
 
 from imutui import outside_file
+from imutui.document_shape import problem
 from imutui.logbook import file_lock, layout, mcap_format, schemas
-from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, OPCODES, parse
-from imutui.logbook.mcap_stream import CHANNEL, MESSAGE_HEAD, Batch, chunk_records
+from imutui.logbook.mcap_format import HEAD, MAGIC, MALFORMED, parse
+from imutui.logbook.mcap_stream import Messages
 from imutui.logbook.session_info import METADATA
+from imutui.logbook.walk import CUT, ChunkHead, Damage, End, Item, within
 
 FINISHED = "finished"
 UNFINISHED = "unfinished"
@@ -30,10 +31,9 @@ NO_LOG = "not a log"
 
 CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 """Names under which the effective configuration and the quality summary travel in a log."""
-_NO_INDEX = "it has no summary"
-_TAIL = 2 * 2**20
+_END = 2 * 2**20  # bytes at either end that are looked at
 _LARGEST = 16 * 2**20
-_FIRST_RECORDS = 64
+_FIRST_ITEMS = 512
 _MOST = 96 * 2**20
 _ZSTD = mcap_format.prefixed("zstd")
 
@@ -79,14 +79,18 @@ def read(path: Path) -> Summary:
             whole = _from_summary(stream, found)
         except MALFORMED:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
-        without_index = not whole and found.why == _NO_INDEX
         if not whole:
             _from_ends(stream, found)
-        if without_index and found.state == UNFINISHED:
-            found.state, found.why = FINISHED, ""
+            stream.seek(max(len(MAGIC), found.bytes - len(MAGIC)))
+            if found.state == UNFINISHED and stream.read() == MAGIC:
+                found.state, found.why = FINISHED, ""
         if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
-    _judge(found)
+    # a file of another kind is none of ours, however whole
+    if found.types and imu_topic(found.types) is None:
+        found.state, found.why = NO_LOG, "it has no samples of type sensor_msgs/msg/Imu"
+    elif found.state == FINISHED and found.samples == 0:
+        found.why = "it holds no samples"
     return found
 
 
@@ -97,35 +101,24 @@ def imu_topic(types: dict[str, str]) -> str | None:
     return schemas.IMU if schemas.IMU in topics else next(iter(topics), None)
 
 
-def _judge(found: Summary) -> None:
-    """A file of another kind is none of ours, however whole."""
-    if found.types and imu_topic(found.types) is None:
-        found.state, found.why = NO_LOG, "it has no samples of type sensor_msgs/msg/Imu"
-    elif found.state == FINISHED and found.samples == 0:
-        found.why = "it holds no samples"
-
-
 # -- a finished file ---------------------------------------------------------------------------------------------------
 
 
 def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     """Take what the summary section says; False if the file has none."""
-    if found.bytes < len(MAGIC) + mcap_format.TAIL:
-        return False
-
-    def section(first: int, last: int) -> bytes:
-        stream.seek(first)
-        return stream.read(max(0, last - first))
-
-    end = section(found.bytes - mcap_format.TAIL, found.bytes)
-    index = mcap_format.read_index(end, found.bytes, section, chunks=False)
+    index = mcap_format.read_index(stream, found.bytes, chunks=False)
     if index is None:
-        found.why = _NO_INDEX if end.endswith(MAGIC) else found.why
         return False
     for metadata in index.metadata:
-        _take_metadata(stream, metadata, found)
+        if metadata.name == METADATA and HEAD.size <= metadata.length <= _LARGEST and metadata.offset <= found.bytes:
+            stream.seek(metadata.offset + HEAD.size)
+            found.session = parse(Metadata, stream.read(metadata.length - HEAD.size)).metadata
     for attachment in index.attachments:
-        _take_attachment(stream, attachment, found)
+        found.attachments[attachment.name] = attachment.data_size
+        at = attachment.offset + attachment.length - 4 - attachment.data_size
+        if attachment.name == SUMMARY and attachment.data_size <= _LARGEST and 0 <= at <= found.bytes:
+            stream.seek(at)
+            found.result = quality(stream.read(attachment.data_size))
     found.types = index.types
     if index.statistics is not None:
         _take_statistics(index.statistics, index.channels, found)
@@ -147,144 +140,81 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
         found.seconds = float(counted)
 
 
-def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
-    if index.name == METADATA and HEAD.size <= index.length <= _LARGEST and index.offset <= found.bytes:
-        stream.seek(index.offset + HEAD.size)
-        found.session = _strings(parse(Metadata, stream.read(index.length - HEAD.size)).metadata)
-
-
-def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
-    found.attachments[index.name] = index.data_size
-    at = index.offset + index.length - 4 - index.data_size
-    if index.name == SUMMARY and index.data_size <= _LARGEST and 0 <= at <= found.bytes:
-        stream.seek(at)
-        found.result = quality(stream.read(index.data_size))
-
-
 # -- any other file ----------------------------------------------------------------------------------------------------
 
 
 def _from_ends(stream: IO[bytes], found: Summary) -> None:
     """Take what the beginning and the last whole chunk say, and how the file ends."""
-    inflater = mcap_format.Inflater(found.bytes, _MOST)
-    first, topics = _beginning(stream, found, inflater)
-    last, how = _ending(stream, found, topics, inflater)
+    messages, inflater = Messages(), mcap_format.Inflater(found.bytes, _MOST)
+    for most in (_END, _LARGEST):  # before the samples may be long attachments
+        stream.seek(0)
+        if (first := _beginning(stream.read(most), found, messages, inflater)) or found.bytes <= most:
+            break
+    stream.seek(max(0, found.bytes - _END))
+    last, how = _ending(stream.read(), found, messages, inflater)
     found.by_ends = True
     if found.state != DAMAGED:
         found.state = DAMAGED if how else UNFINISHED
-        found.why = how or found.why or "it ends without its index: the recorder was killed, or the file was cut"
+        found.why = how or "it ends without its index: the recorder was killed, or the file was cut"
     if first is not None:
-        last = first if last is None else last
-        found.started_ns = int(first["publish_ns"])
-        found.seconds = (int(last["publish_ns"]) - found.started_ns) / 1e9
+        found.started_ns = first.publish_time
+    if first is not None and last is not None:
+        found.seconds = (last.publish_time - first.publish_time) / 1e9
         # other programs may leave the numbers out
-        known = bool(last["sequence"]) or last is first
-        found.samples = int(last["sequence"]) - int(first["sequence"]) + 1 if known else None
+        found.samples = last.sequence - first.sequence + 1 if last.sequence or last == first else None
 
 
-def _beginning(
-    stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater
-) -> tuple[np.ndarray | None, dict[str, int]]:
-    """Metadata and attachments before the first chunk with samples; head of the first sample, and channels by topic."""
-    at, types, topics = len(MAGIC), dict[int, str](), dict[str, int]()
-    for _ in range(_FIRST_RECORDS):
-        stream.seek(at)
-        head = stream.read(HEAD.size)
-        if len(head) < HEAD.size:
-            break
-        opcode, length = HEAD.unpack(head)
-        if opcode not in OPCODES or length > _LARGEST or at + HEAD.size + length > found.bytes:
-            break
-        content = stream.read(length)
-        with contextlib.suppress(*MALFORMED):
-            if opcode == Opcode.METADATA:
-                record = parse(Metadata, content)
-                found.session = _strings(record.metadata) if record.name == METADATA else found.session
-            elif opcode == Opcode.ATTACHMENT:
-                attachment = parse(Attachment, content)
-                found.attachments[attachment.name] = len(attachment.data)
-            elif opcode == Opcode.CHUNK:
-                inside = chunk_records(content, inflater)
-                for item in inside:
-                    if isinstance(item, Schema):
-                        types[item.id] = item.name
-                    elif isinstance(item, Channel):
-                        topics.setdefault(item.topic, item.id)
-                        found.types[item.topic] = types.get(item.schema_id, "")
-                if (samples := _heads(inside, topics.get(imu_topic(found.types) or ""))).size:
-                    return samples[0], topics
-        at += HEAD.size + length
-    return None, {}
-
-
-def _heads(inside: list[McapRecord | Batch], channel: int | None) -> np.ndarray:
-    """Heads of a chunk's messages of a channel."""
-    each = [batch.heads for batch in inside if isinstance(batch, Batch)]
-    return np.concatenate([heads[heads["channel"] == channel] for heads in each]) if each else np.empty(0, MESSAGE_HEAD)
+def _beginning(head: bytes, found: Summary, messages: Messages, inflater: mcap_format.Inflater) -> Message | None:
+    """Take metadata, attachments and channels before the first chunk with samples; return the first sample."""
+    for item in itertools.islice(within(head, inflater), _FIRST_ITEMS):
+        first = next(messages.of(item, imu_topic(found.types) or ""), None)
+        match item:
+            case Metadata() if item.name == METADATA:
+                found.session = item.metadata
+            case Attachment():
+                found.attachments[item.name] = len(item.data)
+            case Channel():
+                found.types = {channel.topic: schema.name for channel, schema in messages.channels.values()}
+        if first is not None:
+            return first
+    return None
 
 
 def _ending(
-    stream: IO[bytes], found: Summary, topics: dict[str, int], inflater: mcap_format.Inflater
-) -> tuple[np.ndarray | None, str]:
-    """Head of the last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
-    stream.seek(max(0, found.bytes - _TAIL))
-    tail = stream.read()
-    at, how, judged, described = len(tail), "", False, False
-    while (at := _chunk_before(tail, at)) >= 0:
-        _, length = HEAD.unpack_from(tail, at)
-        try:
-            inside = chunk_records(tail[at + HEAD.size : at + HEAD.size + length], inflater)
-        except MALFORMED:
-            how, judged = how or "a chunk near its end cannot be read", True
-            continue
-        described = described or _take_description(inside, topics.get(schemas.DIAGNOSTICS), found)
-        if not judged:
-            how, judged = _behind(tail, at), True
-        if (samples := _heads(inside, topics.get(imu_topic(found.types) or ""))).size:
+    tail: bytes, found: Summary, messages: Messages, inflater: mcap_format.Inflater
+) -> tuple[Message | None, str]:
+    """Return the last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
+    how, described, mark = "", False, len(tail)
+    while (mark := tail.rfind(_ZSTD, 0, mark)) > mcap_format.COMPRESSION_OFFSET:
+        at = mark - mcap_format.COMPRESSION_OFFSET
+        items = _chunk_at(tail, at, inflater) if tail[at] == Opcode.CHUNK else []
+        for item in items:
+            if isinstance(item, Damage) and not item.why.startswith(CUT):
+                chunk = "a chunk near its end cannot be read"
+                how = how or (chunk if item.what == "chunk" else "bytes that are no record follow its last chunk")
+            elif isinstance(item, End) and item.trailing:
+                how = how or "bytes that do not belong there follow its end"
+        described = described or _take_description(items, messages, found)
+        topic = imu_topic(found.types) or ""
+        if samples := [message for item in items for message in messages.of(item, topic)]:
             return samples[-1], how
     return None, how
 
 
-def _take_description(inside: list[McapRecord | Batch], channel: int | None, found: Summary) -> bool:
+def _chunk_at(tail: bytes, at: int, inflater: mcap_format.Inflater) -> list[Item]:
+    """Return the items of the chunk that may begin at an offset, and those behind it before the next chunk."""
+    items = within(tail, inflater, at)
+    return [next(items), *itertools.takewhile(lambda item: not isinstance(item, ChunkHead), items)]
+
+
+def _take_description(items: list[Item], messages: Messages, found: Summary) -> bool:
     """Take note and operator as they are now, where they were changed since the file was begun; whether they were."""
     told: dict[str, str] = {}
-    for batch in (item for item in inside if isinstance(item, Batch)):
-        for row in np.flatnonzero(batch.table[:, CHANNEL] == channel).tolist() if channel is not None else ():
-            with contextlib.suppress(layout.UndecodableError):
-                told |= schemas.decode_diagnostics(batch.message(row).data) or {}
+    for message in (message for item in items for message in messages.of(item, schemas.DIAGNOSTICS)):
+        with contextlib.suppress(layout.UndecodableError):
+            told |= schemas.decode_diagnostics(message.data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)
-
-
-def _chunk_before(tail: bytes, end: int) -> int:
-    """Where the last chunk begins that is whole and begins before `end`; -1 if there is none."""
-    head = mcap_format.COMPRESSION_OFFSET
-    mark = end + head
-    while (mark := tail.rfind(_ZSTD, 0, max(0, mark))) >= 0:
-        at = mark - head
-        if at >= 0 and tail[at] == Opcode.CHUNK:
-            _, length = HEAD.unpack_from(tail, at)
-            if at < end and at + HEAD.size + length <= len(tail):
-                return at
-        mark += len(_ZSTD) - 1
-    return -1
-
-
-def _behind(tail: bytes, at: int) -> str:
-    """What is wrong with the records from a chunk on, if it is more than that the last one is not whole."""
-    while at + HEAD.size <= len(tail):
-        opcode, length = HEAD.unpack_from(tail, at)
-        if opcode == Opcode.FOOTER and at + FOOTER.size <= len(tail):
-            rest = tail[at + FOOTER.size :]
-            return "" if MAGIC.startswith(rest) else "bytes that do not belong there follow its end"
-        if opcode not in OPCODES:
-            return "bytes that are no record follow its last chunk"
-        at += HEAD.size + length
-    return ""
-
-
-def _strings(metadata: dict[str, str]) -> dict[str, str]:
-    return {str(key): str(value) for key, value in metadata.items()}
 
 
 # -- the quality summary that a recorder attaches on closing, as anybody may have written it ---------------------------
@@ -304,7 +234,8 @@ def quality(content: bytes) -> dict[str, object]:
         return {}
     if not isinstance(document, dict):
         return {}
-    return {key: document[key] for key, fits in _SHAPES.items() if key in document and fits(document[key])}
+    told = {key: document[key] for key in _SHAPES if key in document}
+    return {key: value for key, value in told.items() if not problem(value, _SHAPES[key], key)}
 
 
 def _finite(text: str) -> float | None:
@@ -317,36 +248,18 @@ def _whole(text: str) -> int | None:
     return int(text) if len(text) < 20 else None
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_figure(value: object) -> bool:
-    """Whether it is a number, one that is not known, a verdict, a text, or a list of numbers."""
-    flat = value is None or isinstance(value, str | bool) or _is_number(value)
-    return flat or (isinstance(value, list) and all(item is None or _is_number(item) for item in value))
-
-
-def _is_figures(value: object) -> bool:
-    return isinstance(value, dict) and all(map(_is_figure, value.values()))
-
-
-_WORDS = ("GREEN", "AMBER", "RED", "OFF")
-_SHAPES: dict[str, Callable[[object], bool]] = {
-    "verdict": lambda value: value in _WORDS,
-    "samples": _is_count,
-    "duration_s": _is_number,
-    "lost_packets": _is_count,
-    "bad_checksums": _is_count,
-    "converged": lambda value: isinstance(value, bool),
-    "converged_s": _is_figures,
-    "final": _is_figures,
-    "sd": _is_figures,
-    "nis": _is_figures,
-    "gaps": lambda value: isinstance(value, list) and all(map(_is_figures, value)),
-    "alarms": lambda value: isinstance(value, list) and all(isinstance(alarm, str) for alarm in value),
+_Figure = str | bool | float | None | list[float | None]
+_SHAPES: dict[str, Any] = {
+    "verdict": Literal["GREEN", "AMBER", "RED", "OFF"],
+    "samples": int,
+    "duration_s": float,
+    "lost_packets": int,
+    "bad_checksums": int,
+    "converged": bool,
+    "converged_s": dict[str, _Figure],
+    "final": dict[str, _Figure],
+    "sd": dict[str, _Figure],
+    "nis": dict[str, _Figure],
+    "gaps": list[dict[str, _Figure]],
+    "alarms": list[str],
 }

@@ -6,7 +6,6 @@ behind damage. A chunk is whole if its checksum is right and its content ends wi
 
 import bisect
 import mmap
-import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import IO, NamedTuple, TypeAlias
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Footer, McapRecord
+from mcap.records import Attachment, Chunk, Footer, McapRecord
 
 from imutui.logbook import mcap_format
 from imutui.logbook.mcap_format import (
@@ -26,8 +25,9 @@ from imutui.logbook.mcap_format import (
     MALFORMED,
     ChecksumError,
     Index,
+    Inflater,
 )
-from imutui.logbook.mcap_stream import Batch, records_of, tabulate, told_behind
+from imutui.logbook.mcap_stream import Batch, indexed_up_to, records_of, tabulate
 
 CUT, CHECKSUM = "the file ends in the middle of ", "a checksum is wrong"
 _DEPTH = 3  # heads of records that must make sense one after the other before bytes count as records
@@ -68,26 +68,22 @@ class ChunkHead:
     first_ns: int
     last_ns: int
     short: int = 0  # messages shorter than their own head, which are left out
-    repeated: bool = False  # whether it stood there before; its records do not follow then
-
-
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A record of a kind that the format leaves to others."""
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """How the file ends."""
+    """How the file ends, and what was left out before."""
 
     finished: bool = False  # whether the footer and the magic are there
     cut: bool = False  # whether the file ends before its footer does
     trailing: int = 0  # bytes behind the footer that do not belong there
     indexed: bool = False  # whether the footer names a summary
     checksum_wrong: bool = False  # whether the checksum over all data is wrong though every record is whole
+    unknown: int = 0  # records of kinds that the format leaves to others
+    repeated: int = 0  # chunks that stood there before
 
 
-Item: TypeAlias = McapRecord | Batch | ChunkHead | Unknown | Damage | Index | End
+Item: TypeAlias = McapRecord | Batch | ChunkHead | Damage | Index | End
 
 
 def walk(
@@ -109,6 +105,11 @@ def walk(
         yield from _Walk(data, marks, progress, indexes=indexes).items()
 
 
+def within(data: bytes, inflater: Inflater, start: int = 0) -> Iterator[Item]:
+    """Yield the items in some bytes of a log up to the first `Damage`; the first record begins at `start`."""
+    yield from _Walk(data, inflater=inflater).items(start)
+
+
 def follow(stream: IO[bytes]) -> Iterator[Item]:
     """Yield the items of a log that may still grow.
 
@@ -121,7 +122,7 @@ def follow(stream: IO[bytes]) -> Iterator[Item]:
     at = 0
     while True:
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            found = _Walk(data, (), lambda share: None, indexes=False)
+            found = _Walk(data)
             yield from found.items(at)
             at = found.whole
 
@@ -138,11 +139,17 @@ class _Walk:
     """One walk over a file's bytes."""
 
     def __init__(
-        self, data: mmap.mmap, marks: Sequence[Mark], progress: Callable[[float], None], *, indexes: bool
+        self,
+        data: mmap.mmap | bytes,
+        marks: Sequence[Mark] = (),
+        progress: Callable[[float], None] = lambda share: None,
+        *,
+        indexes: bool = False,
+        inflater: Inflater | None = None,
     ) -> None:
         self._data, self._size = data, len(data)
         self._marks, self._progress, self._indexes = marks, progress, indexes
-        self._inflater = mcap_format.Inflater(self._size)
+        self._inflater = inflater or Inflater(self._size)
         self._next = [-1] * len(marks)
         self._chunks: set[int] = set()
         self._starts: list[int] = []
@@ -152,6 +159,7 @@ class _Walk:
         self._summed, self._sum = 0, 0
         self._in_summary = self._damaged = self._wrong = False
         self._footer: Footer | None = None
+        self._unknown = self._repeated = 0
         self.whole = 0  # where the last whole record before the footer ends
 
     def items(self, start: int = 0) -> Iterator[Item]:
@@ -189,14 +197,12 @@ class _Walk:
         yield self._end(at)
 
     def _end(self, at: int) -> End:
-        if self._footer is None:
-            return End(cut=True)
-        rest = self._data[at : at + len(MAGIC)]
-        finished, indexed = rest == MAGIC, bool(self._footer.summary_start)
-        if not finished and MAGIC.startswith(rest):
-            return End(cut=True, indexed=indexed, checksum_wrong=self._wrong)
-        trailing = self._size - at - (len(MAGIC) if finished else 0)
-        return End(finished, False, trailing, indexed, self._wrong)
+        ended, rest = self._footer is not None, self._data[at : at + len(MAGIC)]
+        finished = ended and rest == MAGIC
+        cut = not ended or (not finished and MAGIC.startswith(rest))
+        trailing = 0 if cut else self._size - at - (len(MAGIC) if finished else 0)
+        indexed = self._footer is not None and bool(self._footer.summary_start)
+        return End(finished, cut, trailing, indexed, ended and self._wrong, self._unknown, self._repeated)
 
     def _add_to_sum(self, end: int) -> None:
         if not self._in_summary and not self._damaged:
@@ -214,26 +220,23 @@ class _Walk:
             items, end = self._whole(at)
         opcode = self._data[at]
         if opcode == Opcode.DATA_END:
-            self._end_of_data(at)
+            self._add_to_sum(at)
+            self._in_summary, stated = True, int.from_bytes(self._data[at + HEAD.size : end], "little")
+            self._wrong = stated not in (0, self._sum) and not self._damaged
         elif opcode == Opcode.FOOTER:
             self._footer = mcap_format.parse(Footer, self._data[at + HEAD.size : end])
-        elif opcode == Opcode.CHUNK and self._marks:
-            items = self._once(self._data[at + HEAD.size : end], items)
+        elif opcode == Opcode.CHUNK and self._marks and self._repeats(self._data[at + HEAD.size : end]):
+            self._repeated += 1
+            return [], end
+        elif opcode >= mcap_format.PRIVATE:
+            self._unknown += not self._in_summary
         return ([], end) if self._in_summary else (items, end)
 
-    def _end_of_data(self, at: int) -> None:
-        self._add_to_sum(at)
-        self._in_summary = True
-        (stated,) = struct.unpack_from("<I", self._data, at + HEAD.size)
-        self._wrong = bool(stated) and not self._damaged and self._sum != stated
-
-    def _once(self, body: bytes, items: list[Item]) -> list[Item]:
-        """Return a chunk's items, or its head alone if the same chunk stood there before."""
-        key = len(body) << 64 | zlib.crc32(body) << 32 | zlib.adler32(body)
-        if key in self._chunks:
-            return [ChunkHead(*mcap_format.chunk_times(body), repeated=True)]
+    def _repeats(self, body: bytes) -> bool:
+        """Whether the same chunk stood there before."""
+        key, known = len(body) << 64 | zlib.crc32(body) << 32 | zlib.adler32(body), len(self._chunks)
         self._chunks.add(key)
-        return items
+        return len(self._chunks) == known
 
     def _whole(self, at: int) -> tuple[list[Item], int]:
         """Return the items and the end of a record that is whole; raise _BrokenRecordError otherwise."""
@@ -267,13 +270,13 @@ class _Walk:
 
     def _items(self, opcode: int, first: int, end: int) -> list[Item]:
         """Return the items of a record's content; raise one of MALFORMED if it is not what it must be."""
-        if opcode >= mcap_format.PRIVATE:
-            return [Unknown()]
         if opcode == Opcode.CHUNK:
             return self._chunk(self._data[first:end], end)
         if opcode == Opcode.MESSAGE_INDEX:
             if self._marks and first >= self._fitting:
-                self._check_index(self._data[first:end])
+                whole = self._data[first - HEAD.size : end]
+                if not indexed_up_to(whole, 0, self._inside if self._indexes else None):
+                    raise McapError("it does not fit its chunk")
             return []
         if opcode in _SIZES and end - first != _SIZES[opcode]:
             raise McapError("its length is wrong")
@@ -281,43 +284,36 @@ class _Walk:
             return []
         body = self._data[first:end]
         record = mcap_format.parse(mcap_format.PARSED[opcode], body)
-        if isinstance(record, Attachment) and self._marks:
-            (stated,) = struct.unpack("<I", body[-4:])
-            if stated and stated != zlib.crc32(body[:-4]):
-                raise McapError("a checksum is wrong")
+        summed = isinstance(record, Attachment) and self._marks
+        if summed and int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+            raise McapError("a checksum is wrong")
         return [record] if opcode in _ITEMS else []
 
     def _chunk(self, body: bytes, end: int) -> list[Item]:
         self._inside = None
-        content = self._inflater.content(mcap_format.chunk_of(body))
-        told = told_behind(self._data, end)
-        found = tabulate(content, told=told.entries[:, 1])
+        chunk = mcap_format.parse(Chunk, body)
+        content = self._inflater.content(chunk)
+        found = tabulate(content)
         if found.end != len(content):
             raise McapError("its content ends in the middle of a record")
         short = found.short
         rows = found.rows[~short] if short.any() else found.rows
-        items = records_of(content, rows)
+        items = list(records_of(content, rows))
         self._inside = content
         # all entries at once; one by one, which takes longer, only to report which one is wrong
-        self._fitting = told.end if not self._indexes or told.fits(content) else 0
-        return [ChunkHead(*mcap_format.chunk_times(body), int(short.sum())), *items]
-
-    def _check_index(self, body: bytes) -> None:
-        told = told_behind(HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body, 0)
-        if not told.end or (self._indexes and self._inside is not None and not told.fits(self._inside)):
-            raise McapError("it does not fit its chunk")
+        if self._marks:
+            self._fitting = indexed_up_to(self._data, end, content if self._indexes else None)
+        return [ChunkHead(chunk.message_start_time, chunk.message_end_time, int(short.sum())), *items]
 
     def _messages(self, at: int, end: int) -> tuple[list[Item], int]:
         """Return the messages outside of chunks that begin at an offset, as one batch, and where they end."""
         content = self._data[at : max(end, min(at + _BLOCK, self._size))]
         found = tabulate(content, _ONLY_MESSAGES)
         opcodes = np.frombuffer(content, np.uint8)[found.starts]
-        others = np.flatnonzero(opcodes != Opcode.MESSAGE)
-        count = int(others[0]) if others.size else opcodes.size
-        short = np.flatnonzero(found.short[:count])
-        if short.size and not short[0]:
+        in_a_row = int(np.argmax(np.append(opcodes != Opcode.MESSAGE, True)))
+        count = int(np.argmax(np.append(found.short[:in_a_row], True)))
+        if not count:
             raise McapError("a message is shorter than its header")
-        count = int(short[0]) if short.size else count
         end = int(found.starts[count]) if count < opcodes.size else found.end
         return [Batch(content, found.rows[:count])], at + end
 
@@ -377,12 +373,10 @@ class _Walk:
 
     def _index(self) -> Index | None:
         """Return the summary, if there is one that is right; bytes may follow the file's end."""
+        assert isinstance(self._data, mmap.mmap)
         for size in (self._size, self._data.rfind(MAGIC, max(len(MAGIC), self._size - _TRAILING)) + len(MAGIC)):
-            tail = size - mcap_format.TAIL
-            if tail < len(MAGIC):
-                continue
             try:
-                index = mcap_format.read_index(self._data[tail:size], size, lambda first, last: self._data[first:last])
+                index = mcap_format.read_index(self._data, size)
             except MALFORMED:
                 continue
             if index is not None:
@@ -412,16 +406,16 @@ def reason(error: BaseException) -> str:
 WINDOW = 8 * 2**20  # bytes that are read before those behind them are released
 
 
-def forget(data: mmap.mmap, first: int, last: int) -> None:
+def forget(data: mmap.mmap | bytes, first: int, last: int) -> None:
     """Release the memory that holds a file's bytes between two offsets; the kernel reads them anew on demand."""
     begin = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
     length = last // mmap.PAGESIZE * mmap.PAGESIZE - begin
     # not every system has the call
-    if length > 0 and hasattr(mmap, "MADV_DONTNEED"):
+    if isinstance(data, mmap.mmap) and length > 0 and hasattr(mmap, "MADV_DONTNEED"):
         data.madvise(mmap.MADV_DONTNEED, begin, length)
 
 
-def find(data: mmap.mmap, mark: bytes, start: int) -> int:
+def find(data: mmap.mmap | bytes, mark: bytes, start: int) -> int:
     """Return the offset of the first such bytes from `start` on; -1 if there are none."""
     size = len(data)
     for first in range(start, size, WINDOW):

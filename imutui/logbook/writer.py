@@ -102,29 +102,18 @@ class LogWriter:
 
     def imu(self, log_ns: int, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> None:
         """Write an output sample: rad/s and m/s² (specific force) in body axes; not `valid`: none at this stamp."""
-        self._add(schemas.IMU, schemas.encode_imus(stamp_ns, gyro, accel, valid)[0], log_ns, stamp_ns)
-
-    def encoded(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
-        """Write the bytes of a message of `schemas`."""
-        self._add(topic, data, log_ns, stamp_ns)
+        self.encoded(schemas.IMU, schemas.encode_imus(stamp_ns, gyro, accel, valid)[0], log_ns, stamp_ns)
 
     def all_encoded(self, messages: Iterable[Encoded]) -> None:
         """Write the bytes of some messages of `schemas`, in order."""
-        counts, channels, add = self._counts, self._channels, self._writer.add_message
-        if not counts[schemas.TRANSFORMS]:
-            for message in messages:
-                self._add(*message)
-            return
-        with self._or_abandoned():
-            for topic, data, log_ns, stamp_ns in messages:
-                count = counts[topic]
-                counts[topic] = count + 1
-                add(channels[topic], log_ns, data, stamp_ns, count & 0xFFFFFFFF)
+        for message in messages:
+            self.encoded(*message)
 
-    def _add(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
+    def encoded(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
+        """Write the bytes of a message of `schemas`."""
         if topic == schemas.IMU and not self._counts[schemas.TRANSFORMS]:
             # what the samples' frame is, before the first of them, at its time: viewers would show years before it
-            self._add(schemas.TRANSFORMS, schemas.encode_transforms(stamp_ns), log_ns, stamp_ns)
+            self.encoded(schemas.TRANSFORMS, schemas.encode_transforms(stamp_ns), log_ns, stamp_ns)
         count = self._counts[topic]
         self._counts[topic] = count + 1
         try:

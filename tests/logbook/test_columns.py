@@ -77,11 +77,8 @@ def test_damaged_files_say_the_same_whatever_the_size_of_batches(
 @given(
     st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=60), st.integers(-30, 30)), max_size=12),
     st.binary(max_size=20),
-    st.lists(st.integers(0, 2**64 - 1) | st.integers(0, 300), max_size=3),
 )
-def test_records_are_those_that_one_finds_head_by_head(
-    parts: list[tuple[int, bytes, int]], rest: bytes, lies: list[int]
-) -> None:
+def test_records_are_those_that_one_finds_head_by_head(parts: list[tuple[int, bytes, int]], rest: bytes) -> None:
     content = b"".join(
         HEAD.pack(opcode if opcode > 20 else 5, max(0, len(body) + (wrong if wrong > 25 else 0))) + body
         for opcode, body, wrong in parts
@@ -99,10 +96,9 @@ def test_records_are_those_that_one_finds_head_by_head(
             rows.append([opcode, channel, at + before, HEAD.size + length - before])
         starts.append(at)
         at += HEAD.size + length
-    for told in ([], starts, starts[1:], [*starts, at], [*lies, *starts[::-1]], lies):
-        found = mcap_stream.tabulate(content, wanted, np.array(told, np.uint64))
-        assert (found.rows.tolist(), found.starts.tolist(), found.end) == (rows, starts, at)
-        assert found.short.tolist() == [row[:2] == [5, -1] for row in rows]
+    found = mcap_stream.tabulate(content, wanted)
+    assert (found.rows.tolist(), found.starts.tolist(), found.end) == (rows, starts, at)
+    assert found.short.tolist() == [row[:2] == [5, -1] for row in rows]
 
 
 def message(kind: int, stamp: int, rng: random.Random) -> bytes:

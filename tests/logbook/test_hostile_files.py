@@ -229,3 +229,13 @@ def test_a_device_is_no_file_to_read(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(ValueError, match="longer than 99 bytes"):
         outside_file.read(Path("long"), 99)
     assert outside_file.read(Path("long"), 100) == bytes(100)
+
+
+@pytest.mark.parametrize("layout", ["lz4", "uncompressed", "no chunks"])
+def test_what_the_end_of_an_unfinished_log_does_not_say_is_not_known(layout: str, tmp_path: Path) -> None:
+    """It was listed with one sample and no duration: the last chunk is found by the name of its compression, zstd."""
+    source = rewritten(recorded(tmp_path / "a.mcap", 4), tmp_path / "b.mcap", **{"chunk_size": 9000} | LAYOUTS[layout])
+    source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
+    found = brief(source)
+    assert (found.state, found.samples, found.seconds) == ("unfinished", None, None)
+    assert found.started is not None

@@ -170,7 +170,7 @@ def test_a_message_that_cannot_be_decoded_ends_the_reading_at_its_place(tmp_path
 def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "a.mcap", SessionInfo(), "", START)
     log.imu(START, START, np.zeros(3), np.zeros(3))
-    log._add(schemas.DIAGNOSTICS, b"\0\1\0\0", START, START)
+    log.encoded(schemas.DIAGNOSTICS, b"\0\1\0\0", START, START)
     log.finish({}, START)
     read = reader.read(tmp_path / "a.mcap")
     assert read.samples.stamp_ns.size == 1

@@ -13,8 +13,9 @@ from collections.abc import Callable
 import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
+from mcap.records import Chunk
 
-from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, chunk_of, records
+from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, parse, records
 
 WORDS = (
     "nan", "inf", "-inf", "1e400", "-1e400", "1e308", "1e-320", "9" * 400, "-" + "9" * 20, "18446744073709551615",
@@ -120,7 +121,7 @@ def _opened(part: Part) -> Part | list[Part]:
     """A chunk as the records in it."""
     if part[0] != _CHUNK:
         return part
-    inside = zstandard.decompress(chunk_of(part[1]).data)
+    inside = zstandard.decompress(parse(Chunk, part[1]).data)
     return [(opcode, inside[at : at + n]) for opcode, at, n in records(inside)]
 
 
