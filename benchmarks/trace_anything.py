@@ -183,7 +183,7 @@ def ends(case: Case, folder: Path) -> tuple[str, str]:
             holdout = None if case.holdout is None else logs[case.holdout]
             traced = trace(logs, holdout=holdout, seed=case.seed)
             dumps(traced.document)
-            trace_tables.text(traced.document, traced.source, 80)
+            trace_tables.text(traced.document, traced.document["source"], 80)
             return "result", traced.document["sentence"]
     except Exception as error:  # noqa: BLE001 - whatever it is, is counted
         if isinstance(error, InputError):

@@ -70,18 +70,18 @@ def command(
     )
     for entry in traced.document["runs"]:
         say_assumed(Path(entry["log"]), entry["assumed"])
-    for sentence in traced.damage:
+    for sentence in traced.document["damage"]:
         say(f"imutui: {sentence}")
     answer(
         traced.document,
-        lambda: trace_tables.text(traced.document, traced.source, width(), signs=in_signs),
+        lambda: trace_tables.text(traced.document, traced.document["source"], width(), signs=in_signs),
         json=json,
     )
     written = [] if output is None else _write_effects(output, traced, force)
     if report is not None:
         own = [path.name for path in written if path.parent.resolve() == report.resolve()]
         write_page(report, [traced.document], force=force, own=own)
-    raise typer.Exit(FINDINGS if traced.damage else FINE)
+    raise typer.Exit(FINDINGS if traced.document["damage"] else FINE)
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> list[Path]:
@@ -89,7 +89,7 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> list[Path]:
     from filters.effects import plain_names
     from imutui.logbook import atomic_file
 
-    atomic_file.write(output, traced.effects, overwrite=force)
+    atomic_file.write(output, traced.document["effects_file"], overwrite=force)
     included = traced.trace.included
     if included:
         names = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in included)

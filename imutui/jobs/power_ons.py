@@ -66,7 +66,7 @@ def parts_of(reads: Sequence[LoggedRun], numbers: Sequence[int]) -> list[LoggedR
         before = [other for other, own in zip(made, numbers, strict=False) if own == number]
         if before:
             last = before[-1]
-            info = power_on.continued(read.info, last.info, last.path, last.sha256, before[0].first_ns)
+            info = power_on.continued(read.info, last.info, last.path, last.sha256, before[0].log.first_ns)
             made.append(replace(read, info=info))
         else:
             made.append(read)
@@ -98,7 +98,7 @@ def _chains(count: int, before: dict[int, int]) -> Iterable[list[int]]:
 
 def _after_power_on(read: LoggedRun) -> float:
     """When a log begins, s after the first known sample of its power-on, by its own account."""
-    return (read.first_ns - (read.info.power_on_ns or read.first_ns)) / 1e9
+    return (read.log.first_ns - (read.info.power_on_ns or read.log.first_ns)) / 1e9
 
 
 def _check_apart(parts: Sequence[LoggedRun]) -> None:

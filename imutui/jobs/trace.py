@@ -47,9 +47,6 @@ class Traced:
 
     document: TraceDocument  # contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give
     trace: Trace  # what joins the filter, and the residuals for figures
-    source: str  # which logs it is of
-    effects: str  # text of the effects file
-    damage: tuple[str, ...]  # what is wrong with the files, a sentence each
 
 
 def trace(
@@ -139,20 +136,18 @@ def _traced(
     notes += own_notes
     if by_hand and not all(read.info.site_stated for read in reads):
         notes.append(_SITE_NOT_STATED)
-    damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     entries = [_run(read, heldout=read is held) for read in reads]
     notes += [f"{entry['id']}: {fault['said']}" for entry in entries for fault in entry["health"]]
     document = _document(found, entries, notes)
-    source = _source(fitted, held)
-    document["source"], document["damage"] = source, list(damage)
+    document["source"] = _source(fitted, held)
+    document["damage"] = [sentence for read in reads if (sentence := _damage(read))]
     units = dict.fromkeys(unit for read in reads if (unit := effects_file.unit_of(read.info)))
-    effects = effects_file.dumps(found, source, tuple(units))
-    document["effects_file"] = effects
+    document["effects_file"] = effects_file.dumps(found, document["source"], tuple(units))
     document["curves"] = cast(
         "list[RunCurvesEntry]",
         _plain(residuals.curves(found.series, None if held is None else held.run.name)),
     )
-    return Traced(document, found, source, effects, damage)
+    return Traced(document, found)
 
 
 def _trace_known(
@@ -284,10 +279,10 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "history_known": run.history_known,
         "log_sha256": read.sha256,
         "identity": info.identity(),
-        "assumed": list(read.assumed),
+        "assumed": list(read.log.assumed),
         "health": channel_health.of_log(read.path, info, read.reading).entries(moving=False),
         # the stamps of an import begin when its file was last written
-        "start_utc": "" if info.sampling == "imported" else utc_text(read.first_ns),
+        "start_utc": "" if info.sampling == "imported" else utc_text(read.log.first_ns),
         "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],
     }
 
@@ -298,9 +293,9 @@ def _lacking(read: LoggedRun) -> str:
 
 
 def _damage(read: LoggedRun) -> str:
-    if read.damage:
-        return f"{read.path}: {read.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
-    return "" if read.finished else f"{read.path} is unfinished; all up to its last flush is used."
+    if read.log.damage:
+        return f"{read.path}: {read.log.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
+    return "" if read.log.finished else f"{read.path} is unfinished; all up to its last flush is used."
 
 
 def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:

@@ -90,7 +90,7 @@ def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest
     moves = line_search.moving(run)
     own = np.where(moves[:, None], np.nan, residual(run))
     own = np.hstack([axes.gyro_to_body(own[:, :3]), axes.accel_to_body(own[:, 3:])])
-    number = ((read.first_ns + run.t * 1e9) // (period * 1e9)).astype(np.int64)
+    number = ((read.log.first_ns + run.t * 1e9) // (period * 1e9)).astype(np.int64)
     number -= (first := int(number[0]))
     enough = 0.5 * period / float(np.median(np.diff(run.t)))
     temperature = np.full(run.t.size, np.nan) if run.temperature is None else run.temperature
@@ -109,7 +109,7 @@ def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest
         not moves.any(),
         axes.accel_to_instrument(C).T,
         (*along, *(3 + axis for axis in along)),
-        tuple(_tones(run, own, read.first_ns, axes)),
+        tuple(_tones(run, own, read.log.first_ns, axes)),
         run.site.gravity,
         specification.of_model(read.info.instrument).accel_bias_limit,
     )

@@ -13,8 +13,9 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
+from filters.effects import plain_names
 from imutui.jobs import log_files
-from imutui.report import effect_words
+from imutui.logbook import effects_file
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -198,7 +199,8 @@ class ResultPage(Page):
             self.post_message(requests.OfferProfile(path))
 
     def action_load_effects(self) -> None:
-        name = effect_words.included(self.outcome.included) or "no effect"
+        effects = effects_file.parse(self.outcome.effects.encode()).effects
+        name = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in effects) or "no effect"
         self.post_message(requests.LoadEffects(name, self.outcome.effects))
 
 
