@@ -18,7 +18,7 @@ from filters.effects import plain_names
 from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.run import Run
-from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
+from filters.tracing.trace_document import RunEntry, TraceDocument
 from imutui.document_shape import VERSION
 from imutui.jobs import channel_health, power_ons, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
@@ -106,7 +106,7 @@ def _provisional(
     paths: Sequence[Path],
     names: Sequence[str],
     reading: Reading,
-    wanted: "_Wanted",
+    wanted: _Wanted,
     heldout: Path | None,
 ) -> str:
     """What the beginnings of long logs say; empty if they can't be traced by themselves."""
@@ -120,7 +120,7 @@ def _provisional(
 
 
 def _traced(
-    reads: list[LoggedRun], heldout: Path | None, wanted: "_Wanted", notes: list[str], progress: Progress
+    reads: list[LoggedRun], heldout: Path | None, wanted: _Wanted, notes: list[str], progress: Progress
 ) -> Traced:
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
@@ -131,39 +131,53 @@ def _traced(
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += [_lacking(read) for read in reads if read.run.unread]
-    find = _trace_turned if by_hand else _trace_known
-    found, own_notes = find(fitted, held, wanted.about, wanted.seed, progress)
+    found, own_notes = _found(fitted, held, wanted, progress, by_hand=by_hand)
     notes += own_notes
     if by_hand and not all(read.info.site_stated for read in reads):
         notes.append(_SITE_NOT_STATED)
     entries = [_run(read, heldout=read is held) for read in reads]
     notes += [f"{entry['id']}: {fault['said']}" for entry in entries for fault in entry["health"]]
-    document = _document(found, entries, notes)
-    document["source"] = _source(fitted, held)
-    document["damage"] = [sentence for read in reads if (sentence := _damage(read))]
+    source = _source(fitted, held)
     units = dict.fromkeys(unit for read in reads if (unit := effects_file.unit_of(read.info)))
-    document["effects_file"] = effects_file.dumps(found, document["source"], tuple(units))
-    document["curves"] = cast(
-        "list[RunCurvesEntry]",
-        _plain(residuals.curves(found.series, None if held is None else held.run.name)),
-    )
-    return Traced(document, found)
+    own: Any = found.document
+    first = (
+        "untestable", "integrity", "lines", "noise_level", "findings", "refuted", "common", "weak", "drift",
+        "remainder", "status",
+    )  # fmt: skip
+    document = {  # in the order of docs/formats.md
+        "version": VERSION,
+        "runs": entries,
+        **{key: own[key] for key in first},
+        "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
+        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence")},
+        "notes": notes,
+        "library": f"imutui {imutui.__version__}",
+        "diary": None,
+        "source": source,
+        "damage": [sentence for read in reads if (sentence := _damage(read))],
+        "effects_file": effects_file.dumps(found, source, tuple(units)),
+        "curves": residuals.curves(found.series, None if held is None else held.run.name),
+    }
+    return Traced(cast("TraceDocument", _plain(document)), found)
 
 
-def _trace_known(
-    fitted: Sequence[LoggedRun],
-    held: LoggedRun | None,
-    asked: Sequence[str],
-    seed: int,
-    progress: Progress,
+def _found(
+    fitted: Sequence[LoggedRun], held: LoggedRun | None, wanted: _Wanted, progress: Progress, *, by_hand: bool
 ) -> tuple[Trace, list[str]]:
-    """Trace logs whose motion is known, and notes on what they can be expected to show."""
+    """Trace logs, of a unit turned by hand from readings alone; return notes on what they can be expected to show."""
+    training, heldout = [read.run for read in fitted], None if held is None else held.run
+    if by_hand:
+        # these bring solvers along, which other traces need not wait for
+        from filters.multiposition.calibration import calibrate
+        from filters.multiposition.report import notes, report
+
+        calibration = calibrate(training, heldout, wanted.seed, progress)
+        return report(calibration, wanted.about, wanted.seed), notes(calibration)
     from filters.tracing.trace import trace as trace_runs
 
-    notes = run_consistency.expectations(fitted, held)
-    heldout = None if held is None else held.run
-    found = trace_runs([read.run for read in fitted], heldout, asked=asked, seed=seed, progress=progress)
-    return found, notes + _not_in_the_file(found)
+    expected = run_consistency.expectations(fitted, held)
+    found = trace_runs(training, heldout, asked=wanted.about, seed=wanted.seed, progress=progress)
+    return found, expected + _not_in_the_file(found)
 
 
 def _not_in_the_file(found: Trace) -> list[str]:
@@ -175,26 +189,6 @@ def _not_in_the_file(found: Trace) -> list[str]:
         for f in found.document["findings"]
         if f["include_as"] == "A" and f["confirmed"] is not False and (f["effect"], tuple(f["channels"])) not in has
     ]
-
-
-def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
-    """All of a trace's document, in the order of docs/formats.md, with numbers as JSON has them."""
-    own: Any = found.document
-    first = (
-        "untestable", "integrity", "lines", "noise_level", "findings", "refuted", "common", "weak", "drift",
-        "remainder", "status",
-    )  # fmt: skip
-    document = {
-        "version": VERSION,
-        "runs": runs_read,
-        **{key: own[key] for key in first},
-        "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
-        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence")},
-        "notes": notes,
-        "library": f"imutui {imutui.__version__}",
-        "diary": None,
-    }
-    return cast("TraceDocument", _plain(document))
 
 
 def _experiment(experiment: SeparatingExperiment) -> dict[str, Any]:
@@ -304,7 +298,6 @@ def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- turned
-# A unit that was turned by hand is traced from readings alone, since the motion is not known.
 
 _TURNED = "turned"
 _SITE_NOT_STATED = (
@@ -328,23 +321,3 @@ def _is_turned(reads: Sequence[LoggedRun]) -> bool:
             " can be given to the filter on the other (-o FILE, imutui replay --effects FILE)."
         )
     return bool(turned)
-
-
-def _trace_turned(
-    fitted: Sequence[LoggedRun],
-    held: LoggedRun | None,
-    asked: Sequence[str],
-    seed: int,
-    progress: Progress,
-) -> tuple[Trace, list[str]]:
-    """Trace logs of a unit turned by hand, and notes on them.
-
-    `fitted`: each a power-on.
-    `seed`: of intervals.
-    """
-    # these bring solvers along, which other traces need not wait for
-    from filters.multiposition.calibration import calibrate
-    from filters.multiposition.report import notes, report
-
-    found = calibrate([read.run for read in fitted], None if held is None else held.run, seed, progress)
-    return report(found, asked, seed), notes(found)
