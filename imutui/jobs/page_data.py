@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from filters.errors import InputError
-from filters.kalman.settings import GAP_PERIODS
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
-from imutui.jobs import check, driver_curves, replay, residuals
+from imutui.jobs import check, driver_curves, replay, residuals, result_files
 from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.linear_correction import Term, of_effects_file, of_states
+from imutui.jobs.replay_input import Gaps
 from imutui.jobs.residuals import NoiseLevel
 from imutui.jobs.result_files import Result
 from imutui.logbook import effects_file, reader
@@ -25,8 +25,6 @@ from imutui.logbook.results import EstimatePoints, ResultDocument, RunDocument
 
 # -------------------------------------------------------------------------------------------------------- log quality
 # How whole the readings of a log are: gaps, readings that are none, losses, temperatures, what `check` finds.
-
-_BURSTS = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +50,11 @@ class Quality:
 def quality_of(log: Log) -> Quality:
     """How whole the readings of a log are, with what `imutui check` finds."""
     t, counters = log.seconds(), log.diagnostics
-    steps = np.diff(t)
     seconds = float(t[-1] - t[0])
-    period = 1.0 / log.info.rate_hz if log.own else seconds / max(steps.size, 1)
-    gaps = steps[steps > GAP_PERIODS * period]
-    # bursts of a host's stamps are no gaps in the samples
-    gaps = gaps[:0] if not counters and gaps.size > max(1.0, _BURSTS * t.size) else gaps
+    period = 1.0 / log.info.rate_hz if log.own else seconds / max(t.size - 1, 1)
+    found = Gaps(period)
+    found.take(t)
+    gaps = found.steps[:0] if not counters and found.bursts else found.steps
     known = log.samples.degc[np.isfinite(log.samples.degc)]
     return Quality(
         str(log.path),
@@ -70,7 +67,7 @@ def quality_of(log: Log) -> Quality:
         int(counters["lost_packets"]) if "lost_packets" in counters else None,
         int(counters["bad_checksums"]) if "bad_checksums" in counters else None,
         (float(known.min()), float(known.max())) if known.size else None,
-        tuple(f"{found['what']} {found['where']}".strip() for found in check.check(log.path)["findings"]),
+        tuple(f"{one['what']} {one['where']}".strip() for one in check.check(log.path)["findings"]),
     )
 
 
@@ -235,14 +232,7 @@ def _same(again: ResultDocument, d: ResultDocument) -> bool:
 
 def _log(path: Path, sha256: str | None, reading: Reading = AS_STATED) -> tuple[Log | None, str]:
     """A log that is where a result says and unchanged, or why there is none."""
-    try:
-        if not path.is_file():
-            return None, f"{path} is not there"
-        if reader.sha256(path) != sha256:
-            return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
-        return reader.read(path, reading=reading), ""
-    except (OSError, InputError) as error:
-        return None, f"{path} cannot be read ({error})"
+    return result_files.of_log(path, sha256, lambda path: reader.read(path, reading=reading))
 
 
 def _attached(log: Log) -> str:
