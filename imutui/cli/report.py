@@ -152,7 +152,8 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json
     document = batch.result(name, [rows[log] for log in found.logs], found.root, str(output), show_progress)
     for unit in document["units"]:
         if unit["verdict"] is not None:
-            _unit_page(output / batch.folder_of(unit), batch.paths_of(document, unit), force=force)
+            own = [Path(found.root) / log for log in unit["logs"]]
+            _unit_page(output / batch.folder_of(unit["name"]), own, force=force)
     before = names_in(output)
     written = batch_report.write(output, document, overwrite=force)
     say_replaced(output, before, written)

@@ -31,8 +31,6 @@ def check(
 
     `path`: any log, finished or not.
     `progress`: told the share done, 0 to 1, and what is being done.
-    Returns `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what
-      was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
     found, content, rules = scan.Scan(path), Audit(), list[DataRule]()

@@ -8,7 +8,6 @@ from filters.errors import InputError
 from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples
 from imutui.logbook.log_stream import MODE
-from imutui.logbook.pieces import Outline
 from imutui.logbook.reading import AS_STATED, Reading
 
 __all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
@@ -30,11 +29,6 @@ class Export:
     kind: str  # one of `FORMATS`
     overwrite: bool = False  # whether existing files may be replaced
     reading: Reading = AS_STATED  # the part to take, and how another program's log is read
-
-    @property
-    def whole(self) -> bool:
-        """Whether the export takes all of the log."""
-        return self.reading.start is None and self.reading.end is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +55,8 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     known = pieces.outline(wanted.log, reading=wanted.reading)
     made = samples.table(known, wanted.reading.start, wanted.reading.end)
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
-    reference = _reference(wanted, known) if wanted.whole else None
+    attached = samples.attached_reference(known) if wanted.reading.start is wanted.reading.end is None else None
+    reference = attached and (wanted.output.with_name(f"{wanted.output.name}.reference{attached[0]}"), attached[1])
     if reference is not None and reference[0].exists() and not wanted.overwrite:
         raise atomic_file.taken(reference[0])
     with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
@@ -72,8 +67,3 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
         atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
     names = tuple(column.name for column in made.columns)
     return Exported(rows, names, made.units(), made.about, made.damage(), known.log.assumed, reference and reference[0])
-
-
-def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:
-    found = samples.attached_reference(known)
-    return found and (wanted.output.with_name(f"{wanted.output.name}.reference{found[0]}"), found[1])

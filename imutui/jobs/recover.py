@@ -36,10 +36,6 @@ def recover(
     `overwrite`: replace it if it exists.
     `progress`: told the share done, 0 to 1, and what is being done.
     `mode`: permissions of the file, and of its sum beside it.
-    Returns `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what
-      was kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are
-      missing, None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be
-      told, but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
     Raises UnreadableLogError if there is no such file, or nothing whole in it.
     Raises InputError if the source is being written, or is the output.
     Raises FileExistsError if the output exists and may not be replaced.

@@ -17,7 +17,7 @@ from filters.errors import InputError
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import ChannelCurvesEntry, CurveEntry, RunCurvesEntry
 from filters.types import Array
-from imutui.jobs import residuals, runs
+from imutui.jobs import runs
 from imutui.logbook.reading import Reading
 
 _SCALE = np.repeat([180.0 / np.pi, 1e3 / STANDARD_GRAVITY], 3)
@@ -166,7 +166,7 @@ def of_log(path: Path, reading: Reading, start: float | None, end: float | None)
     t, r, period = _thinned(run.t[part], raw, 1.0 / run.rate_hz)
     if t.size < _FEWEST:
         return Residual(why=f"{path.name} is too short for a residual.")
-    (entry,) = residuals.curves([RunSeries(path.stem, period, t, r, r)], None)
+    (entry,) = curves([RunSeries(path.stem, period, t, r, r)], None)
     return Residual(entry["channels"], _levels(r, period, follows))
 
 

@@ -95,11 +95,7 @@ def read_together(logs: Sequence[Path], power_on_numbers: tuple[int, ...]) -> li
     run_consistency.check_together(reads)
     for read in reads:
         run_consistency.check_reference(read)
-    return [read.run for read in power_ons.join(_of_power_ons(reads, power_on_numbers))[0]]
-
-
-def _of_power_ons(reads: Sequence[LoggedRun], numbers: tuple[int, ...]) -> Sequence[LoggedRun]:
-    return power_ons.parts_of(reads, numbers) if numbers else reads
+    return [read.run for read in power_ons.join(reads, power_on_numbers)[0]]
 
 
 def _provisional(
@@ -126,7 +122,7 @@ def _traced(
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
-    reads, joined = power_ons.join(_of_power_ons(reads, wanted.power_ons))
+    reads, joined = power_ons.join(reads, wanted.power_ons)
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]

@@ -289,26 +289,17 @@ def _outcome(unit: UnitField, *, moved: bool) -> Outcome:
     return "pass"
 
 
-def folder_of(unit: UnitField) -> str:
-    """Name of the folder with a unit's page: its own name as any file system takes it."""
-    return _folder(unit["name"])
-
-
 def folders_of(found: LogList) -> set[str]:
     """Names of the folders that the pages of these logs' units may go to, before any log is filtered."""
     serials = {log: log_summary.read(Path(found.path(log))).session.get("serial_number", "") for log in found.logs}
-    return {_folder(serial or Path(log).stem) for log, serial in serials.items()}
+    return {folder_of(serial or Path(log).stem) for log, serial in serials.items()}
 
 
-def _folder(name: str) -> str:
+def folder_of(name: str) -> str:
+    """Return the name of the folder with a unit's page: its own name as any file system takes it."""
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip(".") or "unit"
 
 
 def is_fine(document: BatchDocument) -> bool:
     """Whether all units pass."""
     return all(unit["outcome"] == "pass" for unit in document["units"])
-
-
-def paths_of(document: BatchDocument, unit: UnitField) -> list[Path]:
-    """Logs of a unit."""
-    return [Path(document["root"]) / log for log in unit["logs"]]
