@@ -362,7 +362,7 @@ class _Laboratory:
         from imutui.jobs.trace import trace
         from imutui.logbook import atomic_file, json_text
 
-        document = trace(self._logs(rounds), power_on_numbers=_power_ons(rounds)).document
+        document = trace(self._logs(rounds), power_on_numbers=_power_ons(rounds))
         texts = {"result.json": json_text.dumps(document) + "\n", "effects.toml": document["effects_file"]}
         for name, text in texts.items():
             atomic_file.write(self._folder / name, text, overwrite=True)

@@ -55,7 +55,8 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     known = pieces.outline(wanted.log, reading=wanted.reading)
     made = samples.table(known, wanted.reading.start, wanted.reading.end)
     made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
-    attached = samples.attached_reference(known) if wanted.reading.start is wanted.reading.end is None else None
+    whole = wanted.reading.start is None and wanted.reading.end is None
+    attached = samples.attached_reference(known) if whole else None
     reference = attached and (wanted.output.with_name(f"{wanted.output.name}.reference{attached[0]}"), attached[1])
     if reference is not None and reference[0].exists() and not wanted.overwrite:
         raise atomic_file.taken(reference[0])

@@ -256,13 +256,14 @@ def _temperature(content: "Audit") -> dict[str, float] | None:
 
 
 def _effects(content: "Audit") -> list[str]:
+    from imutui.jobs.log_files import effect_names
     from imutui.logbook import effects_file
 
     attached = content.attachments.get(effects_file.ATTACHMENT)
     if not attached:
         return []
     try:
-        return [f"{e.effect} ({' '.join(e.channels)})" for e in effects_file.parse(attached).effects]
+        return list(effect_names(attached))
     except InputError as error:
         return [f"a file that cannot be used: {error}"]
 

@@ -233,13 +233,17 @@ def effects_file(path: Path) -> EffectsFile:
         return EffectsFile(path, error="is no file")
     try:
         content = path.read_bytes()
-        document = effects.parse(content)
+        names = effect_names(content)
     except OSError as error:
         return EffectsFile(path, error=f"can't be read: {error.strerror or error}")
     except InputError as error:
         return EffectsFile(path, error=str(error))
-    names = tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in document.effects)
-    return EffectsFile(path, content.decode("utf-8-sig"), document.source, names)
+    return EffectsFile(path, content.decode("utf-8-sig"), effects.parse(content).source, names)
+
+
+def effect_names(content: bytes) -> tuple[str, ...]:
+    """Return the effects of an effects file, such as "thermal_lin (gy)"; raises InputError if it is none."""
+    return tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in effects.parse(content).effects)
 
 
 def _meant_as_effects(path: Path) -> bool:

@@ -33,7 +33,7 @@ def trace_logs(logs: Sequence[Path], tell: Tell) -> "TraceDocument":
         list(logs),
         progress=lambda share, what: tell(share, "\n".join([what, *found])),
         so_far=lambda text: found.extend([text] if text else []),
-    ).document
+    )
 
 
 def look_at_log(kind: str, path: Path, tell: Tell) -> "InfoDocument | CheckDocument":

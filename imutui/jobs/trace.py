@@ -41,14 +41,6 @@ class _Wanted:
     power_ons: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Traced:
-    """Result of a trace."""
-
-    document: TraceDocument  # contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give
-    trace: Trace  # what joins the filter, and the residuals for figures
-
-
 def trace(
     logs: Sequence[Path],
     reading: Reading = AS_STATED,
@@ -59,8 +51,8 @@ def trace(
     about: tuple[str, ...] = (),
     seed: int = 0,
     power_on_numbers: tuple[int, ...] = (),
-) -> Traced:
-    """Trace a unit over its logs, one log a run or a part of one.
+) -> TraceDocument:
+    """Trace a unit over its logs, one log a run or a part of one; return the document of contracts section 6.
 
     `logs`: at least one.
     `reading`: what replaces the statements of the logs; its effects do not count.
@@ -108,7 +100,7 @@ def _provisional(
     """What the beginnings of long logs say; empty if they can't be traced by themselves."""
     try:
         reads = [runs.read_beginning(path, name, reading) for path, name in zip(paths, names, strict=True)]
-        found = _traced(reads, heldout, wanted, [], lambda share, what: None).document
+        found = _traced(reads, heldout, wanted, [], lambda share, what: None)
     except InputError:
         return ""  # whether the whole can be traced is said when it is read
     minutes = sum(read.run.seconds for read in reads) / len(reads) / 60.0
@@ -117,7 +109,7 @@ def _provisional(
 
 def _traced(
     reads: list[LoggedRun], heldout: Path | None, wanted: _Wanted, notes: list[str], progress: Progress
-) -> Traced:
+) -> TraceDocument:
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
@@ -154,7 +146,7 @@ def _traced(
         "effects_file": effects_file.dumps(found, source, tuple(units)),
         "curves": residuals.curves(found.series, None if held is None else held.run.name),
     }
-    return Traced(cast("TraceDocument", _plain(document)), found)
+    return cast("TraceDocument", _plain(document))
 
 
 def _found(

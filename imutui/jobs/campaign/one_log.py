@@ -199,5 +199,5 @@ def _traced(path: Path, settings: Settings) -> tuple[list[FindingField] | None, 
             ],
             "confirmed": finding["confirmed"],
         }
-        for finding in found.document["findings"]
+        for finding in found["findings"]
     ], None

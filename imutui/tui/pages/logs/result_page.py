@@ -13,9 +13,8 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
-from filters.effects import plain_names
 from imutui.jobs import log_files
-from imutui.logbook import effects_file
+from imutui.report import effect_words
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -199,8 +198,7 @@ class ResultPage(Page):
             self.post_message(requests.OfferProfile(path))
 
     def action_load_effects(self) -> None:
-        effects = effects_file.parse(self.outcome.effects.encode()).effects
-        name = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in effects) or "no effect"
+        name = effect_words.included(log_files.effect_names(self.outcome.effects.encode())) or "no effect"
         self.post_message(requests.LoadEffects(name, self.outcome.effects))
 
 
