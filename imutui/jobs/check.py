@@ -52,7 +52,7 @@ def check(
         "state": state_of(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
-        "health": [] if health is None else health.entries,
+        "health": [] if health is None else health.entries(),
         "assumed": list(content.assumed),
         "notes": list(_notes(log)),
         "bytes": found.size,

@@ -122,7 +122,6 @@ def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
     if log is None:
         return LogData(effects=asked["effects"] or "", missing=(f"{why}: {without}.",))
     effects = asked["effects"] or _attached(log) if "final" in d and d["effects"] else ""
-    start, end = asked["start"], asked["end"]
     made = LogData(quality=(quality_of(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
     if "final" not in d:
         return made
@@ -142,7 +141,7 @@ def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
             )
     except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
-    told = residuals.of_log(path, replace(Reading.of(asked), effects=None), start, end)
+    told = residuals.of_log(path, replace(Reading.of(asked), effects=None))
     missing += [told.why] if told.why else []
     return replace(
         made, courses=courses, curves=told.curves, levels=told.levels, levels_of=path.name, missing=tuple(missing)
@@ -174,7 +173,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         overrides: dict[str, str | float] = (
             {"reference": run["reference"]} if run["reference"] in ("level", "gravity") else {}
         )
-        told = residuals.of_log(path, Reading(overrides=overrides), None, None)
+        told = residuals.of_log(path, Reading(overrides=overrides))
         levels = told.levels
         courses, why = _without_and_with(path, overrides, d["effects_file"])
         missing += [why] if why else []

@@ -145,11 +145,10 @@ class Residual:
     why: str = ""  # why there are none, a sentence; empty where there are
 
 
-def of_log(path: Path, reading: Reading, start: float | None, end: float | None) -> Residual:
+def of_log(path: Path, reading: Reading) -> Residual:
     """Residual of a log, its spectrum and Allan deviation by channel, and its noise.
 
-    `reading`: reference and overrides of the session.
-    `start`, `end`: part of it, s since its first sample.
+    `reading`: reference and overrides of the session, and the part of it.
     """
     from filters.tracing import residual
 
@@ -158,7 +157,8 @@ def of_log(path: Path, reading: Reading, start: float | None, end: float | None)
     except InputError as error:
         return Residual(why=f"{path.name}: the residual and its Allan deviation are left out ({error}).")
     run = read.run
-    use = (run.t >= (-np.inf if start is None else start)) & (run.t <= (np.inf if end is None else end))
+    start, end = (-np.inf if reading.start is None else reading.start), (np.inf if reading.end is None else reading.end)
+    use = (run.t >= start) & (run.t <= end)
     first, last = (int(np.argmax(use)), int(use.size - np.argmax(use[::-1]))) if use.any() else (0, run.t.size)
     part = slice(first, last)
     raw = residual.residual(run, part)
