@@ -27,7 +27,6 @@ from imutui.jobs.campaign.summary_document import Kind, LimitField
 from imutui.jobs.campaign.unit_at_rest import AXES, UnitAtRest
 from imutui.logbook import summary as log_summary
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.reading import Reading
 
 _OVERLAP_S = 1.0  # time that two recordings have in common before they are of two units
 _WORST = ("RED", "AMBER", "OFF", "GREEN")
@@ -122,7 +121,7 @@ def result(
     at_rest = []
     for name, own in paths.items():
         tell(f"comparing {name}")
-        at_rest += [unit] if (unit := unit_at_rest.unit_at_rest(name, own, period, Reading())) else []
+        at_rest += [unit] if (unit := unit_at_rest.unit_at_rest(name, own, period)) else []
     common = common_errors.found_in(at_rest, period)
     seen = {unit.name: unit for unit in at_rest}
     limits = {name: _limits(own, seen.get(name), common) for name, own in of_units.items()}

@@ -64,12 +64,12 @@ def row_period(logs: Sequence[Path]) -> float:
     return float(max(1, int(-(-longest // _MOST_ROWS))))
 
 
-def unit_at_rest(name: str, logs: Sequence[Path], period: float, reading: Reading) -> UnitAtRest | None:
+def unit_at_rest(name: str, logs: Sequence[Path], period: float) -> UnitAtRest | None:
     """A unit of its logs, in order of time; None where none can be read, or the motion of none is known.
 
     `period`: of a row, s.
     """
-    parts = [part for log in logs if (part := _of_log(name, log, period, reading)) is not None]
+    parts = [part for log in logs if (part := _of_log(name, log, period)) is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
     first, end = min(p.first for p in parts), max(p.first + len(p.rows) for p in parts)
@@ -81,9 +81,9 @@ def unit_at_rest(name: str, logs: Sequence[Path], period: float, reading: Readin
     return replace(lead, first=first, rows=rows, temperature=temperature)
 
 
-def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest | None:
+def _of_log(name: str, log: Path, period: float) -> UnitAtRest | None:
     try:
-        (read,) = runs.read_runs([log], [name], reading, 1, lambda share, what: None)
+        (read,) = runs.read_runs([log], [name], Reading(), 1, lambda share, what: None)
     except InputError:
         return None
     run, axes = read.run, read.info.axes()
