@@ -27,10 +27,9 @@ def check(
     progress: Callable[[float, str], None] = lambda share, text: None,
     reading: Reading = AS_STATED,
 ) -> CheckDocument:
-    """Look a log through.
+    """Look a log through, finished or not.
 
-    `path`: any log, finished or not.
-    `progress`: told the share done, 0 to 1, and what is being done.
+    `progress`: called with the share done, 0 to 1, and what is being done.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
     found, content, rules = scan.Scan(path), Audit(), list[DataRule]()

@@ -104,10 +104,7 @@ class LogData:
 
 
 def of_result(result: Result, progress: Callable[[str], None] = lambda text: None) -> LogData:
-    """What the logs of a result add to its page.
-
-    `result`: of `result_files.read`.
-    """
+    """Return what the logs of a result add to its page."""
     if "findings" in result:
         text = result["effects_file"]
         return replace(_of_trace(result, progress), effects=text, terms=of_effects_file(text))

@@ -29,12 +29,10 @@ def recover(
     progress: Callable[[float, str], None] = lambda share, text: None,
     mode: int = MODE,
 ) -> RecoverDocument:
-    """Rebuild a log.
+    """Rebuild a log that is unfinished, damaged or whole.
 
-    `path`: the source: unfinished, damaged, or whole.
     `output`: the file to make; there whole or not at all.
-    `overwrite`: replace it if it exists.
-    `progress`: told the share done, 0 to 1, and what is being done.
+    `progress`: called with the share done, 0 to 1, and what is being done.
     `mode`: permissions of the file, and of its sum beside it.
     Raises UnreadableLogError if there is no such file, or nothing whole in it.
     Raises InputError if the source is being written, or is the output.

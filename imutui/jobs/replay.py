@@ -290,11 +290,7 @@ def run(
     speed: float | None,
     progress: Callable[[float], None],
 ) -> Iterator[np.ndarray]:
-    """Feed samples to a filter and yield rows of estimates.
-
-    `estimator`: changed in place.
-    `speed`: times real time to pace the samples at.
-    """
+    """Feed samples to a filter, paced at `speed` times real time if it is given, and yield rows of estimates."""
     started = time.monotonic()
     size = _PART if speed is None else 1
     for part in feed.parts():

@@ -28,10 +28,7 @@ _DIGITS = 5
 
 
 def curves(series: Sequence[RunSeries], heldout: str | None) -> list[RunCurvesEntry]:
-    """Curves of all runs.
-
-    `heldout`: name of the run that nothing was fitted to.
-    """
+    """Return the curves of all runs; nothing was fitted to the one named `heldout`."""
     return [
         {
             "run": run.run,

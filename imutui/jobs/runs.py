@@ -187,10 +187,8 @@ def _outlines(paths: Sequence[Path], reading: Reading, tell: Tell) -> list[Outli
 
 
 class _LongLog:
-    """A log that is read in pieces.
+    """A log that is read in pieces, of which stretches are known.
 
-    `known`: of the log, with stretches of it.
-    `reading`: reference and overrides of the session.
     Raises InputError if it is too short, or its motion is not known.
     """
 

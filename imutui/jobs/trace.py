@@ -54,7 +54,6 @@ def trace(
 ) -> TraceDocument:
     """Trace a unit over its logs, one log a run or a part of one; return the document of contracts section 6.
 
-    `logs`: at least one.
     `reading`: what replaces the statements of the logs; its effects do not count.
     `progress`: called with the share done, 0 to 1, and what is being done.
     `so_far`: called with the result of the beginnings of long logs, before all of them is read.

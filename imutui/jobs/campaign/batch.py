@@ -110,11 +110,7 @@ def result(
     results: str,
     tell: Callable[[str], None] = lambda text: None,
 ) -> BatchDocument:
-    """Result of a batch.
-
-    `rows`: of its logs.
-    `root`: folder that their names are relative to.
-    """
+    """Return the result of a batch from the rows of its logs, whose names are relative to `root`."""
     of_units = _by_unit(rows)
     paths = {name: [Path(root) / row["log"] for row in own if row["error"] is None] for name, own in of_units.items()}
     period = unit_at_rest.row_period([path for own in paths.values() for path in own])

@@ -161,11 +161,7 @@ def _fed(client: "Client", tasks: Iterator[Task], address: str) -> Rows:
 
 
 def _row(status: str, result: Any, task: Task, address: str) -> Row | None:
-    """What has come of a task: its row, or one that says why there is none.
-
-    `status`: of its future.
-    `result`: the row, or type, error and traceback.
-    """
+    """Return the row of a task from its future's status and result, which for an error is type, error, traceback."""
     if status in ("cancelled", "lost"):
         raise ClusterError(
             f"the scheduler at {address} has gone. What is done stays in the results: start it again, and then the same"

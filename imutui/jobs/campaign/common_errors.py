@@ -75,10 +75,7 @@ def quorum(units: int) -> int:
 
 
 def found_in(units: Sequence[UnitAtRest], period: float) -> list[CommonField]:
-    """What units show together, statics first, then by time.
-
-    `period`: of their rows, s.
-    """
+    """Return what units, with rows of `period` s, show together: statics first, then by time."""
     if len(units) < 2:
         return []
     groups = [part.tolist() for part in np.array_split(np.arange(len(units)), -(-len(units) // _AT_ONCE))]

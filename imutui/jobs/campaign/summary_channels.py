@@ -25,10 +25,7 @@ class _Prepared:
 
 
 def channels(rows: Sequence[Row]) -> list[ChannelField]:
-    """All six channels; drift is corrected for the number of units and channels.
-
-    `rows`: of one model and one kind, with a result and a serial number.
-    """
+    """Return all six channels of a group; drift is corrected for the number of units and channels."""
     prepared = [_prepared(told) for told in fleet_values.channels(rows)]
     courses = [_courses(one) for one in prepared]
     timed = [[course for course in group if course is not None] for group in courses]

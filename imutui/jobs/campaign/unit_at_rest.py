@@ -65,10 +65,7 @@ def row_period(logs: Sequence[Path]) -> float:
 
 
 def unit_at_rest(name: str, logs: Sequence[Path], period: float) -> UnitAtRest | None:
-    """A unit of its logs, in order of time; None where none can be read, or the motion of none is known.
-
-    `period`: of a row, s.
-    """
+    """Return a unit from its logs in order of time, with rows of `period` s; None if none can be used."""
     parts = [part for log in logs if (part := _of_log(name, log, period)) is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
