@@ -84,7 +84,9 @@ def apply(
     feed = replay_input.filled(replay_input.at_once(log), replay.session_of(log, reading))
     info, settings = replay.prepare(feed, reading, advice="")
     document = effects_file.parse(effects)
-    found = _listen(settings, info, feed, _states_taken_out(document.effects), progress)
+    # of all states in order, those whose mean is a correction
+    wanted = np.array([_is_taken_out(effect) for effect in document.effects for _ in effect.states], bool)
+    found = _listen(settings, info, feed, wanted, progress)
     found = _of_sensed(found, document.effects, info)
     samples = log.samples
     gyro, accel, valid = samples.gyro.copy(), samples.accel.copy(), samples.valid.copy()
@@ -124,11 +126,6 @@ def _why_left(effect: Included) -> str:
 
 def _named(effect: Included) -> str:
     return plain_names.on_channels(effect.effect, effect.channels)
-
-
-def _states_taken_out(effects: tuple[Included, ...]) -> NDArray[np.bool_]:
-    """Of all states in order, those whose mean is a correction, shape (p,)."""
-    return np.array([_is_taken_out(effect) for effect in effects for _ in effect.states], bool)
 
 
 class _Found(NamedTuple):

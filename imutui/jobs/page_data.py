@@ -118,7 +118,8 @@ def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
     log, why = _log(path, d["log_sha256"], replace(Reading.of(asked), start=None, end=None))
     if log is None:
         return LogData(effects=asked["effects"] or "", missing=(f"{why}: {without}.",))
-    effects = asked["effects"] or _attached(log) if "final" in d and d["effects"] else ""
+    has_effects = "final" in d and d["effects"]
+    effects = replay.effects_of(log, Reading.of(asked)).decode("utf-8", "replace") if has_effects else ""
     made = LogData(quality=(quality_of(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
     if "final" not in d:
         return made
@@ -229,7 +230,3 @@ def _same(again: ResultDocument, d: ResultDocument) -> bool:
 def _log(path: Path, sha256: str | None, reading: Reading = AS_STATED) -> tuple[Log | None, str]:
     """A log that is where a result says and unchanged, or why there is none."""
     return result_files.of_log(path, sha256, lambda path: reader.read(path, reading=reading))
-
-
-def _attached(log: Log) -> str:
-    return log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE).decode("utf-8", "replace")

@@ -112,10 +112,8 @@ class Temperatures:
             if known.size:
                 self._count += known.size
                 self._sum += float(known.mean()) * known.size
-                self._least, self._greatest = (
-                    min(self._least, float(known.min())),
-                    max(self._greatest, float(known.max())),
-                )
+                self._least = min(self._least, float(known.min()))
+                self._greatest = max(self._greatest, float(known.max()))
             yield part
 
     def figures(self) -> tuple[float, float, float] | None:

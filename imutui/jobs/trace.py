@@ -117,7 +117,8 @@ def _traced(
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
-    notes += [_lacking(read) for read in reads if read.run.unread]
+    lacking = {read.run.name: ", ".join(CHANNELS[c] for c in read.run.unread) for read in reads if read.run.unread}
+    notes += [f"{name} has no readings of {channels}: left out" for name, channels in lacking.items()]
     found, own_notes = _found(fitted, held, wanted, progress, by_hand=by_hand)
     notes += own_notes
     if by_hand and not all(read.info.site_stated for read in reads):
@@ -266,11 +267,6 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "start_utc": "" if info.sampling == "imported" else utc_text(read.log.first_ns),
         "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],
     }
-
-
-def _lacking(read: LoggedRun) -> str:
-    names = ", ".join(CHANNELS[c] for c in read.run.unread)
-    return f"{read.run.name} has no readings of {names}: left out"
 
 
 def _damage(read: LoggedRun) -> str:
