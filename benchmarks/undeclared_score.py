@@ -155,16 +155,16 @@ def _told(document: Document, channel: str) -> set[str]:
     """Names of all that is reported of a channel, whether it was held or not, without what is only weak."""
     names = {f["effect"] for f in document["findings"] if channel in f["channels"]}
     names |= _refuted(document, channel) | _lines(document, channel)
-    names |= {entry["kind"] for entry in document.get("drift", []) if channel in entry["channels"]}
+    names |= {entry["kind"] for entry in document["drift"] if channel in entry["channels"]}
     return names | {f"common_{e['kind']}" for e in document["common"] if channel in e["channels"]}
 
 
 def _lines(document: Document, channel: str) -> set[str]:
-    return {"tone" for line in document.get("lines", []) if channel in line["channels"]}
+    return {"tone" for line in document["lines"] if channel in line["channels"]}
 
 
 def _refuted(document: Document, channel: str) -> set[str]:
-    return {f["effect"] for f in document.get("refuted", []) if channel in f["channels"]}
+    return {f["effect"] for f in document["refuted"] if channel in f["channels"]}
 
 
 def _rivals(document: Document, channel: str) -> set[str]:

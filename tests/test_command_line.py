@@ -50,7 +50,7 @@ def parsed(text: str) -> typer.Context:
     """What the command's own parser makes of a command; it refuses a wrong usage."""
     program, name, *words = shlex.split(text)
     assert program == "imutui"
-    group = typer.main.get_command(cli._app)
+    group = typer.main.get_command(cli._program(cli.COMMANDS))
     return group.commands[name].make_context(name, words)  # type: ignore[attr-defined, no-any-return]
 
 
@@ -111,7 +111,7 @@ def port_in_use(name: str) -> str:
 def left(name: str) -> str:
     from imutui.tui import messages
 
-    (_, said) = messages.left({"name": name, "recording": None})  # type: ignore[typeddict-item]
+    (_, said) = messages.left({"name": name, "recording": None, "ends_unwatched_s": None})  # type: ignore[typeddict-item]
     return "".join(f"`{line.strip()}`" for line in re.split(r"[A-Z][a-z ]+: ", said) if line)
 
 

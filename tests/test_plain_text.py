@@ -15,10 +15,12 @@ from helpers.fake_client import FakeClient
 from helpers.logs import START, recorded
 from helpers.paths import ROOT
 from helpers.pilot import shows, text_of
+from helpers.shapes import whole
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from filters.tracing.trace_document import RunEntry, TraceDocument
 from imutui import toml_text
 from imutui.jobs.info import brief
 from imutui.jobs.linear_correction import Term
@@ -157,11 +159,18 @@ def test_a_page_shows_nothing_that_acts(tmp_path: Path) -> None:
         "t_end_s": 2.0, "curve": curve, "unit": "mg", "run": NASTY, "p": 1e-9, "record": [],
         "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}],
     }  # fmt: skip
-    run = {"id": NASTY, "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
-    run |= {"log": NASTY, "source": NASTY, "log_sha256": NASTY, "start_utc": NASTY}
-    run["identity"] = dict.fromkeys(("instrument", "serial_number", "operator", "table", "place", "note"), NASTY)
+    named = dict.fromkeys(("instrument", "serial_number", "operator", "table", "place", "note", "firmware"), NASTY)
+    run = whole(
+        RunEntry, id=NASTY, kind="simulated", rate_hz=20.0, seconds=900.0, reference="level", log=NASTY, source=NASTY,
+        log_sha256=NASTY, start_utc=NASTY, identity=named,
+    )  # fmt: skip
     error: Any = {**traces.document()["error"][0], "channel": NASTY, "unit": NASTY}
-    document: Any = {**traces.document(), "runs": [run], "notes": [NASTY], "library": NASTY, "common": [common]}
+    document: Any = whole(TraceDocument, traces.document()) | {
+        "runs": [run],
+        "notes": [NASTY],
+        "library": NASTY,
+        "common": [common],
+    }
     made = document | {"findings": [], "error": [error], "source": f"trace of {NASTY}"}
     log = LogData(effects=NASTY, missing=(NASTY,), terms=(Term((), NASTY, "", "", 1.0),))
     page.write(tmp_path, [page.Story(made, log)])

@@ -235,7 +235,7 @@ def test_a_service_is_not_started_again_for_what_a_filter_found(
     unattended: bool, terminated: bool, by_itself: bool, code: int
 ) -> None:
     """Whoever stops it gets 0; one that ended by itself tells why it did; by hand the verdict counts."""
-    result: Any = {"log": "a.mcap", "converged": False, "health": []}
+    result: Any = {"log": "a.mcap", "converged": False, "health": [], "alarms": [], "parts": []}
     finding = {"text": "the unit was silent at the end", "exit_code": 4}
     connection: Any = SimpleNamespace(name="a", findings=[finding], ended_by_itself=by_itself)
     asked = Plan("p", unattended=unattended)

@@ -145,8 +145,12 @@ def test_an_explanation_by_what_does_not_drive_it_counts_against_the_tracer() ->
     )  # fmt: skip
     d = dict.fromkeys(CHANNELS, 0.0) | {"gx": 40.0}
     document: dict[str, Any] = {
-        "findings": [{"effect": "thermal_lin", "channels": ["gx"]}, {"effect": "scale", "channels": ["ay"]}],
-        "weak": [], "drift": [], "status": dict.fromkeys(CHANNELS, "clean") | {"gx": "explained", "ay": "explained"},
+        "findings": [
+            {"effect": "thermal_lin", "channels": ["gx"], "rivals": []},
+            {"effect": "scale", "channels": ["ay"], "rivals": []},
+        ],
+        "weak": [], "drift": [], "lines": [], "refuted": [], "common": [],
+        "status": dict.fromkeys(CHANNELS, "clean") | {"gx": "explained", "ay": "explained"},
     }  # fmt: skip
     judged = score.judged(truth, d, document, None)
     assert judged["explained_wrongly"] == {"gx": ["thermal_lin"]}

@@ -152,8 +152,9 @@ def check(
 
 def _is_steady(accel: np.ndarray) -> bool:
     """Return whether accelerometers hardly change, but for a hundredth of their readings."""
-    low, high = np.nanpercentile(accel, [1.0, 99.0], axis=0)
-    return bool((high - low).max() < 0.25 * np.linalg.norm(0.5 * (high + low)))
+    read = accel[:, np.isfinite(accel).any(axis=0)]
+    low, high = np.nanpercentile(read, [1.0, 99.0], axis=0)
+    return not read.size or bool((high - low).max() < 0.25 * np.linalg.norm(0.5 * (high + low)))
 
 
 def _noise(gyro: np.ndarray) -> float:

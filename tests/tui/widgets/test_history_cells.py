@@ -49,11 +49,11 @@ def test_the_time_axis_holds_the_run_and_wastes_little(seconds: float) -> None:
     assert span == 60.0 or span <= 1.34 * seconds
 
 
-@given(st.floats(0.0, 1e5), st.floats(60.0, 1e6), st.integers(3, 12))
-def test_ticks_are_round_and_few(begin: float, span: float, most: int) -> None:
-    ticks = history_cells.ticks(begin, span, most)
+@given(st.floats(60.0, 1e6), st.integers(3, 12))
+def test_ticks_are_round_and_few(span: float, most: int) -> None:
+    ticks = history_cells.ticks(span, most)
     assert len(ticks) <= most
-    assert all(begin - 1e-6 <= tick <= begin + span + 1e-6 for tick in ticks)
+    assert all(-1e-6 <= tick <= span + 1e-6 for tick in ticks)
 
 
 def test_a_settled_scale_shows_what_came_later() -> None:
