@@ -88,22 +88,17 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield f"It holds no readings of {', '.join(lacking)}: these channels are left out of replay and trace."
     if a.samples and a.temperatures is None:
         yield "It holds no temperature: effects of temperature can't be traced in it."
-    yield from _statuses(a)
-    if found.unknown:
-        yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
-    told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
-    for event in told[:SHOWN]:
-        yield f"{log.at(event.stamp_ns)}: {event.text}"
-
-
-def _statuses(a: Audit) -> Iterator[str]:
-    """Status words that are not zero; readings count whatever they say."""
     for word, said, count in status_words(a):
         if word:
             yield (
                 f"The unit's status word (BIT) was {said} in {count:,} of {a.packets:,} packets; readings count"
                 " whatever it says."
             )
+    if found.unknown:
+        yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
+    told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
+    for event in told[:SHOWN]:
+        yield f"{log.at(event.stamp_ns)}: {event.text}"
 
 
 def _worth_a_word(text: str) -> bool:

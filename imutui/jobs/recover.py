@@ -40,7 +40,6 @@ def recover(
     Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
-    _refuse_held(path)
     found, digest = Scan(path), reader.sha256(path)
     with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
         kept = rebuilding.rebuild(
@@ -64,17 +63,14 @@ def recover(
     return _document(found, output, kept, known, trouble, digest)
 
 
-def _refuse_held(path: Path) -> None:
-    with reader.opened(path) as stream:
-        if file_lock.is_held(stream):
-            raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
-
-
 def _refuse(path: Path, output: Path) -> None:
     if output.is_dir():
         raise InputError(f"{output} is a folder: name the file to make")
     if path.exists() and output.exists() and output.samefile(path):
         raise InputError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
+    with reader.opened(path) as stream:
+        if file_lock.is_held(stream):
+            raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
 
 
 def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:

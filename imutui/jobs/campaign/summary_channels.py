@@ -47,11 +47,9 @@ def _prepared(told: ChannelValues) -> _Prepared:
     for key, one in zip(keys, told.values, strict=True):
         logs.setdefault(key, []).append(one)
     order = zip((data.units[k] for k in data.unit_of()), data.names, strict=True)
-    return _Prepared(told, data, [sorted(logs[key], key=_when) for key in order])
-
-
-def _when(one: BiasValue) -> tuple[str, str]:
-    return one.row["start_utc"] or "", one.row["log"]
+    for own in logs.values():
+        own.sort(key=lambda one: (one.row["start_utc"] or "", one.row["log"]))
+    return _Prepared(told, data, [logs[key] for key in order])
 
 
 def _temperature(logs: Sequence[BiasValue]) -> float | None:
