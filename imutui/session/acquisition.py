@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from filters.health.finding import HealthEntry
     from imutui.logbook.results import RunDocument
 
+_LONGEST_WAIT_NS = 5_000_000_000
+
 
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
@@ -274,8 +276,12 @@ class Acquisition:
                 self.event("health", entry["said"], WARNING)
 
     def _written_ns(self, now_ns: int) -> int:
-        """When what is written now is said to be: what was read since waits for its block, and is written behind it."""
-        return self._last_read_ns if now_ns - self._last_read_ns < BLOCK_NS else now_ns
+        """Return the time at which a message of now is written: packets that were read since are written behind it.
+
+        On a busy machine they wait for longer than a block.
+        """
+        longest_ns = BLOCK_NS if self.reader.last_packet_ns <= self._last_read_ns else _LONGEST_WAIT_NS
+        return self._last_read_ns if now_ns - self._last_read_ns < longest_ns else now_ns
 
     def look_at_table(self) -> None:
         """Write what a table under command measures, and command what comes next; raises OSError."""
