@@ -20,7 +20,6 @@ from helpers import batches
 from helpers.batches import Error, along
 
 from imutui.jobs.campaign import common_errors, unit_at_rest
-from imutui.logbook.reading import Reading
 
 if TYPE_CHECKING:
     from filters.types import Array
@@ -60,7 +59,7 @@ def told(count: int, seed: int, seconds: float, common: Error, own: str) -> Told
     with tempfile.TemporaryDirectory() as folder:
         each = {unit: _own(own, seed, unit) for unit in range(count)}
         logs = batches.batch(Path(folder), count, seed, seconds, common, each)
-        found = [unit_at_rest.unit_at_rest(log.stem, [log], 1.0, Reading()) for log in logs]
+        found = [unit_at_rest.unit_at_rest(log.stem, [log], 1.0) for log in logs]
     units = [unit for unit in found if unit is not None]
     return common_errors.found_in(units, 1.0), bool(common_errors.by_themselves(units))
 

@@ -181,10 +181,10 @@ def ends(case: Case, folder: Path) -> tuple[str, str]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             holdout = None if case.holdout is None else logs[case.holdout]
-            traced = trace(logs, holdout=holdout, seed=case.seed)
-            dumps(traced.document)
-            trace_tables.text(traced.document, traced.source, 80)
-            return "result", traced.document["sentence"]
+            document = trace(logs, holdout=holdout, seed=case.seed)
+            dumps(document)
+            trace_tables.text(document, document["source"], 80)
+            return "result", document["sentence"]
     except Exception as error:  # noqa: BLE001 - whatever it is, is counted
         if isinstance(error, InputError):
             return "input", str(error)

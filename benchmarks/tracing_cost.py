@@ -126,7 +126,7 @@ def measure(what: str) -> tuple[float, int, float, float]:
         count = sum(run.t.size for run in runs)
     else:
         told = trace_logs([Path(what)], Reading(), so_far=lambda text: first.append(time.monotonic() - began))
-        count = told.document["runs"][0]["samples"]
+        count = told["runs"][0]["samples"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     return time.process_time() - start, count, first[-1], peak
 

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -137,10 +138,10 @@ def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
     from imutui.jobs.campaign import cluster, local
 
     if address is None:
-        return local.Processes(workers or len(os.sched_getaffinity(0)))
+        return partial(local.rows, workers=workers or len(os.sched_getaffinity(0)))
     if not cluster.available():
         raise lacking("--cluster takes dask.distributed", "cluster")
-    return cluster.Cluster(address, found.root, lambda text: say(f"imutui: {text}"))
+    return partial(cluster.rows, address=address, root=found.root, say=lambda text: say(f"imutui: {text}"))
 
 
 def _progress() -> "Callable[[Pace], None]":

@@ -10,7 +10,7 @@ from imutui.cli.exit_codes import FINDINGS, USAGE, answer, check_output, fail, l
 from imutui.cli.options import End, Force, Json, ReadAs, Start, say_assumed, states_reading
 
 if TYPE_CHECKING:
-    from imutui.jobs.export import Export, Exported
+    from imutui.jobs.export import Exported
 
 
 @states_reading
@@ -44,12 +44,10 @@ def command(
     if (extra := job.lacks(kind)) is not None:
         raise lacking("Parquet needs pyarrow", extra)
     check_output(output, force, log)
-    reading = read_as(
-        start=start,
-        end=end,
-    )
-    wanted = job.Export(log, output, kind, force, reading)
-    made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
+    made = job.export(
+        log, output, kind, read_as(start=start, end=end), overwrite=force, mode=config.load().file_mode,
+        progress=lambda rows: show_progress(f"{rows:,} rows"),
+    )  # fmt: skip
     say_assumed(log, made.assumed)
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
@@ -59,18 +57,18 @@ def command(
         "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
         "damage": made.damage, "assumed": list(made.assumed),
     }  # fmt: skip
-    answer(document, lambda: _text(wanted, made), json=json)
+    answer(document, lambda: _text(output, made), json=json)
     raise typer.Exit(FINDINGS if made.damage else 0)
 
 
-def _text(wanted: "Export", made: "Exported") -> str:
+def _text(output: Path, made: "Exported") -> str:
     import textwrap
 
     from imutui.command_line import joined
 
     columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
-    rows = textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width())
+    rows = textwrap.fill(f"{output}: {made.rows} rows: {columns}", width())
     reference = ("--reference", made.reference) if made.reference else ()
-    words = joined("imutui", "import", wanted.output, "-o", "LOG.mcap")
+    words = joined("imutui", "import", output, "-o", "LOG.mcap")
     flags = " ".join(filter(None, (made.about["import"], joined(*reference))))
     return f"{rows}\nTo read it back: {words} {flags}"

@@ -362,10 +362,11 @@ class _Laboratory:
         from imutui.jobs.trace import trace
         from imutui.logbook import atomic_file, json_text
 
-        traced = trace(self._logs(rounds), power_on_numbers=_power_ons(rounds))
-        for name, text in (("result.json", json_text.dumps(traced.document) + "\n"), ("effects.toml", traced.effects)):
+        document = trace(self._logs(rounds), power_on_numbers=_power_ons(rounds))
+        texts = {"result.json": json_text.dumps(document) + "\n", "effects.toml": document["effects_file"]}
+        for name, text in texts.items():
             atomic_file.write(self._folder / name, text, overwrite=True)
-        return traced.document
+        return document
 
     def _logs(self, rounds: "Sequence[RoundEntry]") -> list[Path]:
         return [self._folder / entry["log"] for entry in rounds]

@@ -1,5 +1,6 @@
 """`imutui report`."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -145,13 +146,14 @@ def _batch(name: str, logs: "Sequence[Path]", output: Path, *, force: bool, json
     head = stored_rows.head_of(output)
     found = found if head is None else found.below(head["root"])
     campaign = run.Campaign(found, Settings(), output, mode=effective.file_mode)
-    workers = local.Processes(len(os.sched_getaffinity(0)))
+    workers = partial(local.rows, workers=len(os.sched_getaffinity(0)))
     run.run(campaign, workers, lambda pace: show_progress(f"{pace.done} of {pace.wanted} logs"))
     rows = stored_rows.read(output).rows
     document = batch.result(name, [rows[log] for log in found.logs], found.root, str(output), show_progress)
     for unit in document["units"]:
         if unit["verdict"] is not None:
-            _unit_page(output / batch.folder_of(unit), batch.paths_of(document, unit), force=force)
+            own = [Path(found.root) / log for log in unit["logs"]]
+            _unit_page(output / batch.folder_of(unit["name"]), own, force=force)
     before = names_in(output)
     written = batch_report.write(output, document, overwrite=force)
     say_replaced(output, before, written)

@@ -11,7 +11,7 @@ from imutui.cli.options import Force, Json, Output, ReadAs, Reference, reference
 from imutui.cli.report import check_folder, write_page
 
 if TYPE_CHECKING:
-    from imutui.jobs.trace import Traced
+    from filters.tracing.trace_document import TraceDocument
 
 
 @states_reading
@@ -59,7 +59,7 @@ def command(
         reference=file,
     )
     say_if_not_kept()
-    traced = trace(
+    document = trace(
         logs,
         reading,
         progress,
@@ -68,35 +68,35 @@ def command(
         about=tuple(about or ()),
         seed=seed,
     )
-    for entry in traced.document["runs"]:
+    for entry in document["runs"]:
         say_assumed(Path(entry["log"]), entry["assumed"])
-    for sentence in traced.damage:
+    for sentence in document["damage"]:
         say(f"imutui: {sentence}")
     answer(
-        traced.document,
-        lambda: trace_tables.text(traced.document, traced.source, width(), signs=in_signs),
+        document,
+        lambda: trace_tables.text(document, document["source"], width(), signs=in_signs),
         json=json,
     )
-    written = [] if output is None else _write_effects(output, traced, force)
+    written = [] if output is None else _write_effects(output, document, force)
     if report is not None:
         own = [path.name for path in written if path.parent.resolve() == report.resolve()]
-        write_page(report, [traced.document], force=force, own=own)
-    raise typer.Exit(FINDINGS if traced.damage else FINE)
+        write_page(report, [document], force=force, own=own)
+    raise typer.Exit(FINDINGS if document["damage"] else FINE)
 
 
-def _write_effects(output: Path, traced: "Traced", force: bool) -> list[Path]:
+def _write_effects(output: Path, document: "TraceDocument", force: bool) -> list[Path]:
     """Write the effects file, and beside it the motion of the separating experiment; return what was written."""
     from filters.effects import plain_names
-    from imutui.logbook import atomic_file
+    from imutui.logbook import atomic_file, effects_file
 
-    atomic_file.write(output, traced.effects, overwrite=force)
-    included = traced.trace.included
+    atomic_file.write(output, document["effects_file"], overwrite=force)
+    included = effects_file.parse(document["effects_file"].encode()).effects
     if included:
         names = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in included)
         say(f"imutui: {output}: {names}")
     else:
         say(f"imutui: {output}: no effect; with it the filter is what it is without")
-    experiment = traced.document["separating_experiment"]
+    experiment = document["separating_experiment"]
     if experiment is not None:
         beside = output.with_name("experiment.toml")
         there = " (replaced)" if beside.exists() else ""

@@ -8,16 +8,17 @@ follow, a drift, stays in; so do the biases, which belong to a power-on.
 """
 
 import heapq
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.channels import DPS, G
+from filters.channels import CHANNELS, DPS, G
 from filters.effects import plain_names
 from filters.effects.records import Included
 from filters.effects.runtime import CausalEffects
@@ -83,7 +84,9 @@ def apply(
     feed = replay_input.filled(replay_input.at_once(log), replay.session_of(log, reading))
     info, settings = replay.prepare(feed, reading, advice="")
     document = effects_file.parse(effects)
-    found = _listen(settings, info, feed, _states_taken_out(document.effects), progress)
+    # of all states in order, those whose mean is a correction
+    wanted = np.array([_is_taken_out(effect) for effect in document.effects for _ in effect.states], bool)
+    found = _listen(settings, info, feed, wanted, progress)
     found = _of_sensed(found, document.effects, info)
     samples = log.samples
     gyro, accel, valid = samples.gyro.copy(), samples.accel.copy(), samples.valid.copy()
@@ -125,13 +128,7 @@ def _named(effect: Included) -> str:
     return plain_names.on_channels(effect.effect, effect.channels)
 
 
-def _states_taken_out(effects: tuple[Included, ...]) -> NDArray[np.bool_]:
-    """Of all states in order, those whose mean is a correction, shape (p,)."""
-    return np.array([_is_taken_out(effect) for effect in effects for _ in effect.states], bool)
-
-
-@dataclass(frozen=True, slots=True)
-class _Found:
+class _Found(NamedTuple):
     """What effects say of samples."""
 
     correction: Array  # accelerometer then gyro, body axes, SI, shape (N, 6)
@@ -191,11 +188,7 @@ def _listen(
     if listened.count < n:  # the reference has ended: what is sensed is then what is read
         rest = samples.rows(slice(listened.count, None))
         listened.rows(feed.t(rest), rest.gyro, rest.accel, rest.degc, np.full((len(rest), COLUMNS), np.nan))
-    return _Found(
-        np.concatenate([each.correction for each in listened.found]),
-        np.concatenate([each.use for each in listened.found]),
-        np.concatenate([each.sensed for each in listened.found]),
-    )
+    return _Found(*(np.concatenate(column) for column in zip(*listened.found, strict=True)))
 
 
 def _of_sensed(found: _Found, effects: Sequence[Included], info: SessionInfo) -> _Found:
@@ -210,14 +203,14 @@ def _of_sensed(found: _Found, effects: Sequence[Included], info: SessionInfo) ->
     solved = dps_g @ M.T
     correction = found.correction.copy()
     correction[rows] = np.hstack([axes.accel_to_body(solved[:, 3:] * G), axes.gyro_to_body(solved[:, :3] * DPS)])
-    return replace(found, correction=correction)
+    return found._replace(correction=correction)
 
 
 def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
     axes = info.axes()
-    gyro = np.abs(np.rad2deg(axes.gyro_to_instrument(correction[:, 3:]))).max(axis=0, initial=0.0)
-    accel = np.abs(axes.accel_to_instrument(correction[:, :3]) / info.g_unit * 1e3).max(axis=0, initial=0.0)
-    return dict(zip(("gx", "gy", "gz", "ax", "ay", "az"), [*gyro.tolist(), *accel.tolist()], strict=True))
+    gyro = np.rad2deg(axes.gyro_to_instrument(correction[:, 3:]))
+    accel = axes.accel_to_instrument(correction[:, :3]) / info.g_unit * 1e3
+    return dict(zip(CHANNELS, np.abs(np.hstack([gyro, accel])).max(axis=0, initial=0.0).tolist(), strict=True))
 
 
 def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> SessionInfo:
@@ -242,11 +235,9 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, *, overwri
                 writer.attach(name, media, log.attachments[name], first_ns)
         for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
             writer.encoded(topic, data, stamp, stamp)
-        writer.finish(_summary(log), log_time.now_ns())
-
-
-def _summary(log: Log) -> dict[str, object]:
-    return {"samples": len(log.samples), "duration_s": float(log.seconds()[-1]), "source": in_line(log.path.name)}
+        seconds = float(log.seconds()[-1])
+        summary = {"samples": len(log.samples), "duration_s": seconds, "source": in_line(log.path.name)}
+        writer.finish(summary, log_time.now_ns())
 
 
 def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
@@ -256,37 +247,24 @@ def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
     )
     table, samples = log.table, log.samples
     kind = log.reference or info.reference
-    warm = np.flatnonzero(np.isfinite(samples.degc))
-    yield _in_order(
-        (stamp, 1, schemas.REFERENCE, data)
-        for stamp, data in zip(
-            table.stamp_ns.tolist(),
-            schemas.encode_table_references(table.stamp_ns, kind, table.angles_deg, table.rates_dps),
-            strict=True,
-        )
-    )
-    yield _in_order(
-        (stamp, 2, schemas.TEMPERATURE, data)
-        for stamp, data in zip(
-            samples.stamp_ns[warm].tolist(),
-            schemas.encode_temperatures(samples.stamp_ns[warm], samples.degc[warm]),
-            strict=True,
-        )
-    )
-    yield (
-        (stamp, 3, schemas.IMU, data)
-        for first in range(0, len(samples), _ROWS)
-        for some in (samples.rows(slice(first, first + _ROWS)),)
-        for stamp, data in zip(
-            some.stamp_ns.tolist(),
-            schemas.encode_imus(some.stamp_ns, some.gyro, some.accel, some.valid),
-            strict=True,
-        )
+    references = schemas.encode_table_references(table.stamp_ns, kind, table.angles_deg, table.rates_dps)
+    yield _in_order(_messages(table.stamp_ns, 1, schemas.REFERENCE, references))
+    warm = samples.rows(np.isfinite(samples.degc))
+    temperatures = schemas.encode_temperatures(warm.stamp_ns, warm.degc)
+    yield _in_order(_messages(warm.stamp_ns, 2, schemas.TEMPERATURE, temperatures))
+    parts = (samples.rows(slice(first, first + _ROWS)) for first in range(0, len(samples), _ROWS))
+    yield itertools.chain.from_iterable(
+        _messages(part.stamp_ns, 3, schemas.IMU, schemas.encode_imus(part.stamp_ns, part.gyro, part.accel, part.valid))
+        for part in parts
     )
     if log.diagnostics:
         last = int(samples.stamp_ns[-1])
         data = schemas.encode_diagnostics(last, 0, "as it was recorded", log.diagnostics)
         yield iter([(last, 4, schemas.DIAGNOSTICS, data)])
+
+
+def _messages(stamps: Array, rank: int, topic: str, data: Iterable[bytes]) -> Iterator[_Message]:
+    return ((stamp, rank, topic, each) for stamp, each in zip(stamps.tolist(), data, strict=True))
 
 
 def _in_order(messages: Iterator[_Message]) -> Iterator[_Message]:

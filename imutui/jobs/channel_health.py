@@ -13,6 +13,8 @@ from imutui.logbook.reading import Reading
 from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 
+EARLIEST_NS, LATEST_NS = -(2**63), 2**63 - 1  # bounds that leave nothing out
+
 
 class LogHealth:
     """Feeds a log, a part at a time, to the monitor that the acquisition feeds."""
@@ -51,21 +53,14 @@ class LogHealth:
 
 
 def of_log(
-    path: Path, info: SessionInfo, reading: Reading, first_ns: int | None = None, last_ns: int | None = None
+    path: Path, info: SessionInfo, reading: Reading, first_ns: int = EARLIEST_NS, last_ns: int = LATEST_NS
 ) -> LogHealth:
-    """Return the health of a log's channels from one instant to another, UTC, ns; None for no bound."""
+    """Return the health of a log's channels from one instant to another, UTC, ns."""
     found = LogHealth(info)
     for part in reader.parts(path, pieces.ROWS, raw=True, reading=reading):
-        use = _between(part.packet_stamp_ns, first_ns, last_ns)
+        use, used = (
+            (stamps >= first_ns) & (stamps <= last_ns) for stamps in (part.packet_stamp_ns, part.samples.stamp_ns)
+        )
         found.packets(part.packet_stamp_ns[use], part.packets[use])
-        found.samples(part.samples.rows(_between(part.samples.stamp_ns, first_ns, last_ns)))
+        found.samples(part.samples.rows(used))
     return found
-
-
-def _between(stamps_ns: np.ndarray, first_ns: int | None, last_ns: int | None) -> np.ndarray | slice:
-    if first_ns is None and last_ns is None:
-        return slice(None)
-    bounds = np.iinfo(np.int64)
-    return (stamps_ns >= (bounds.min if first_ns is None else first_ns)) & (
-        stamps_ns <= (bounds.max if last_ns is None else last_ns)
-    )

@@ -27,12 +27,9 @@ def check(
     progress: Callable[[float, str], None] = lambda share, text: None,
     reading: Reading = AS_STATED,
 ) -> CheckDocument:
-    """Look a log through.
+    """Look a log through, finished or not.
 
-    `path`: any log, finished or not.
-    `progress`: told the share done, 0 to 1, and what is being done.
-    Returns `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what
-      was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
+    `progress`: called with the share done, 0 to 1, and what is being done.
     Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
     found, content, rules = scan.Scan(path), Audit(), list[DataRule]()
@@ -54,7 +51,7 @@ def check(
         "state": state_of(found),
         "fine": not findings,
         "findings": [{"code": f.code, "what": f.what, "where": f.where, "next": f.next} for f in findings],
-        "health": [] if health is None else health.entries,
+        "health": [] if health is None else health.entries(),
         "assumed": list(content.assumed),
         "notes": list(_notes(log)),
         "bytes": found.size,
@@ -91,22 +88,17 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield f"It holds no readings of {', '.join(lacking)}: these channels are left out of replay and trace."
     if a.samples and a.temperatures is None:
         yield "It holds no temperature: effects of temperature can't be traced in it."
-    yield from _statuses(a)
-    if found.unknown:
-        yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
-    told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
-    for event in told[:SHOWN]:
-        yield f"{log.at(event.stamp_ns)}: {event.text}"
-
-
-def _statuses(a: Audit) -> Iterator[str]:
-    """Status words that are not zero; readings count whatever they say."""
     for word, said, count in status_words(a):
         if word:
             yield (
                 f"The unit's status word (BIT) was {said} in {count:,} of {a.packets:,} packets; readings count"
                 " whatever it says."
             )
+    if found.unknown:
+        yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
+    told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
+    for event in told[:SHOWN]:
+        yield f"{log.at(event.stamp_ns)}: {event.text}"
 
 
 def _worth_a_word(text: str) -> bool:

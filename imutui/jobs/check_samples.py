@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from filters.health.finding import ADVICE, HealthEntry
+from filters.health.finding import ADVICE
 from filters.imu import CHANNELS
 from imutui.instrument.registry import of_model
 from imutui.jobs.channel_health import LogHealth
@@ -146,26 +146,21 @@ class _Groups:
         return (first + np.rint(late / sizes).astype(np.int64))[:-1], mean[:-1]
 
 
-class Health:
+class Health(LogHealth):
     """Faults of the channels, as the acquisition and `replay` report them."""
 
     def __init__(self, known: Audit) -> None:
-        self._health = LogHealth(known.info or SessionInfo(sampling="foreign"))
+        super().__init__(known.info or SessionInfo(sampling="foreign"))
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
         if part.packet_heads is not None:
-            self._health.packets(part.packet_heads["publish_ns"].astype(np.int64), part.packets)
-        self._health.samples(part.samples)
-
-    @property
-    def entries(self) -> list[HealthEntry]:
-        """What is found, as JSON has it."""
-        return self._health.entries()
+            self.packets(part.packet_heads["publish_ns"].astype(np.int64), part.packets)
+        self.samples(part.samples)
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found."""
-        for entry in self.entries:
+        for entry in self.entries():
             todo = ADVICE[entry["kind"]]
             yield Finding(
                 "health", f"{entry['said']}.", f"from {entry['since_s']:.1f} s", f"{todo[0].upper()}{todo[1:]}."

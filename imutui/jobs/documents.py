@@ -191,8 +191,8 @@ class RecoverDocument(TypedDict):
     attachments: list[str]
     damages: list[DamageField]
     lost: dict[str, int | None]  # messages and samples; None where nothing tells
-    complete: bool
-    readable: bool
-    sentences: list[str]
+    complete: bool  # whether nothing is lost, as far as can be told, but an unfinished end
+    readable: bool  # whether it can be replayed
+    sentences: list[str]  # on what was lost
     log_sha256: str
     output_sha256: str

@@ -43,10 +43,7 @@ class DriverCourse:
 
 
 def course_of(log: Log, begins_s: float = 0.0) -> DriverCourse:
-    """What may drive errors over a log.
-
-    `begins_s`: when its first sample was taken, s since power-on.
-    """
+    """Return what may drive errors over a log whose first sample was taken `begins_s` s after power-on."""
     axes = log.info.axes()
     gyro = axes.gyro_to_instrument(_blocks(log.samples.gyro)) / DPS
     accel = axes.accel_to_instrument(_blocks(log.samples.accel)) / G

@@ -8,10 +8,9 @@ from filters.errors import InputError
 from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples
 from imutui.logbook.log_stream import MODE
-from imutui.logbook.pieces import Outline
 from imutui.logbook.reading import AS_STATED, Reading
 
-__all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
+__all__ = ["FORMATS", "Exported", "export", "lacks"]
 
 FORMATS = formats.FORMATS
 
@@ -19,22 +18,6 @@ FORMATS = formats.FORMATS
 def lacks(kind: str) -> str | None:
     """Return the extra that a format needs and that is not installed, None if all is there."""
     return parquet.EXTRA if kind == "parquet" and not parquet.available() else None
-
-
-@dataclass(frozen=True, slots=True)
-class Export:
-    """What is to be exported."""
-
-    log: Path  # from there
-    output: Path  # the file to make
-    kind: str  # one of `FORMATS`
-    overwrite: bool = False  # whether existing files may be replaced
-    reading: Reading = AS_STATED  # the part to take, and how another program's log is read
-
-    @property
-    def whole(self) -> bool:
-        """Whether the export takes all of the log."""
-        return self.reading.start is None and self.reading.end is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,32 +33,38 @@ class Exported:
     reference: Path | None  # file with the log's motion, for `imutui import --reference`
 
 
-def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, mode: int = MODE) -> Exported:
-    """Write a log's samples as `imutui import` reads them.
+def export(
+    log: Path,
+    output: Path,
+    kind: str,
+    reading: Reading = AS_STATED,
+    *,
+    overwrite: bool = False,
+    mode: int = MODE,
+    progress: Callable[[int], None] = lambda rows: None,
+) -> Exported:
+    """Write a log's samples, or the part that a reading states, as `imutui import` reads them.
 
     `progress`: called with the number of rows written, now and then.
     Raises UnreadableLogError if the log cannot be read.
     Raises InputError if the part has no sample.
     Raises FileExistsError if a file exists and may not be replaced.
     """
-    known = pieces.outline(wanted.log, reading=wanted.reading)
-    made = samples.table(known, wanted.reading.start, wanted.reading.end)
-    made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
-    reference = _reference(wanted, known) if wanted.whole else None
-    if reference is not None and reference[0].exists() and not wanted.overwrite:
+    known = pieces.outline(log, reading=reading)
+    made = samples.table(known, reading.start, reading.end)
+    made = replace(made, about={**made.about, "log_sha256": reader.sha256(log)})
+    whole = reading.start is None and reading.end is None
+    attached = samples.attached_reference(known) if whole else None
+    reference = attached and (output.with_name(f"{output.name}.reference{attached[0]}"), attached[1])
+    if reference is not None and reference[0].exists() and not overwrite:
         raise atomic_file.taken(reference[0])
-    with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
-        rows = formats.write(wanted.kind, made, part, progress)
+    with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
+        rows = formats.write(kind, made, part, progress)
         if not rows:
-            raise InputError(f"{wanted.log}: --start and --end leave nothing to export.")
+            raise InputError(f"{log}: --start and --end leave nothing to export.")
     if reference is not None:
-        atomic_file.write(reference[0], reference[1], overwrite=wanted.overwrite, mode=mode)
+        atomic_file.write(reference[0], reference[1], overwrite=overwrite, mode=mode)
     names, assumed = tuple(column.name for column in made.columns), known.log.assumed
-    if wanted.whole and rows < known.samples:
+    if whole and rows < known.samples:
         assumed = (*assumed, f"samples without a reading are left out: {known.samples - rows:,}")
     return Exported(rows, names, made.units(), made.about, made.damage(), assumed, reference and reference[0])
-
-
-def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:
-    found = samples.attached_reference(known)
-    return found and (wanted.output.with_name(f"{wanted.output.name}.reference{found[0]}"), found[1])

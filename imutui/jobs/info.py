@@ -177,7 +177,7 @@ def info(
 
     found = Scan(path)
     content = audit(found, reading, lambda share: progress(share, f"reading {path.name}"))
-    ends = summary.read(path)
+    ends, degc = summary.read(path), content.temperatures
     progress(1.0, "done")
     told = {
         "version": VERSION,
@@ -189,7 +189,7 @@ def info(
         **_session(content),
         "assumed": list(content.assumed),
         **_extent(content, found),
-        "temperature_degc": _temperature(content),
+        "temperature_degc": degc and {"first": degc.first, "last": degc.last, "min": degc.least, "max": degc.greatest},
         "effects": _effects(content),
         "marks": _happened(content, mark=True),
         "events": _happened(content, mark=False),
@@ -250,19 +250,15 @@ def lacking_channels(content: "Audit") -> tuple[str, ...]:
     return sample_check.names(sample_check.in_instrument_axes(content.lacks, axes))
 
 
-def _temperature(content: "Audit") -> dict[str, float] | None:
-    degc = content.temperatures
-    return None if degc is None else {"first": degc.first, "last": degc.last, "min": degc.least, "max": degc.greatest}
-
-
 def _effects(content: "Audit") -> list[str]:
+    from imutui.jobs.log_files import effect_names
     from imutui.logbook import effects_file
 
     attached = content.attachments.get(effects_file.ATTACHMENT)
     if not attached:
         return []
     try:
-        return [f"{e.effect} ({' '.join(e.channels)})" for e in effects_file.parse(attached).effects]
+        return list(effect_names(attached))
     except InputError as error:
         return [f"a file that cannot be used: {error}"]
 

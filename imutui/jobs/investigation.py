@@ -81,8 +81,6 @@ def check_hours(table: "Table", hours: float) -> "tuple[list[CandidateMotion], f
 class Investigation:
     """One that goes on from its diary.
 
-    `laboratory`: the unit and the table.
-    `tell`: see `Tell`.
     Raises InputError if there is not the time for what it takes at least.
     """
 

@@ -122,7 +122,8 @@ def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading:
     for term in terms:
         for name in term.channels or ("",):
             if not _take(term, name, made, A, K):
-                left_out[_words(term)] = None
+                words = plain_names.on_channels(term.effect, term.channels) if term.channels else term.effect
+                left_out[words] = None
     if np.linalg.cond(np.eye(6) + A) > _MOST_CONDITION:
         raise InputError("its scale factors and cross-axis terms leave no reading to correct: look at their values")
     return LinearCorrection(made, A, K, tuple(left_out), of_reading)
@@ -148,7 +149,3 @@ def _take(term: Term, channel: str, bias: Array, A: Array, K: Array) -> bool:
         case _:
             return False
     return True
-
-
-def _words(term: Term) -> str:
-    return plain_names.on_channels(term.effect, term.channels) if term.channels else term.effect

@@ -8,7 +8,7 @@ written is never touched.
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -209,12 +209,22 @@ def _names(log: Path, ending: str) -> Iterator[Path]:
 
 def effects_files(folders: Iterable[Path]) -> list[EffectsFile]:
     """Effects files of some folders (not of folders in them), the newest first."""
-    found: dict[Path, EffectsFile] = {}
+    found = [effects_file(path) for path in files_in(folders, (".toml",), _meant_as_effects)]
+    return sorted(found, key=lambda file: -_modified(file.path))
+
+
+def files_in(folders: Iterable[Path], suffixes: Sequence[str], is_meant: Callable[[Path], bool]) -> Iterator[Path]:
+    """Yield files of some folders (not of folders in them) by suffix and content, each once, by name in a folder."""
+    seen: set[Path] = set()
     for folder in folders:
-        for path in _tomls(folder):
-            if path.resolve() not in found and _meant_as_effects(path):
-                found[path.resolve()] = effects_file(path)
-    return sorted(found.values(), key=lambda file: -_modified(file.path))
+        try:
+            paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.is_file())
+        except OSError:
+            continue
+        for path in paths:
+            if path.resolve() not in seen and is_meant(path):
+                seen.add(path.resolve())
+                yield path
 
 
 def effects_file(path: Path) -> EffectsFile:
@@ -223,20 +233,17 @@ def effects_file(path: Path) -> EffectsFile:
         return EffectsFile(path, error="is no file")
     try:
         content = path.read_bytes()
-        document = effects.parse(content)
+        names = effect_names(content)
     except OSError as error:
         return EffectsFile(path, error=f"can't be read: {error.strerror or error}")
     except InputError as error:
         return EffectsFile(path, error=str(error))
-    names = tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in document.effects)
-    return EffectsFile(path, content.decode("utf-8-sig"), document.source, names)
+    return EffectsFile(path, content.decode("utf-8-sig"), effects.parse(content).source, names)
 
 
-def _tomls(folder: Path) -> list[Path]:
-    try:
-        return sorted(p for p in folder.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
-    except OSError:
-        return []
+def effect_names(content: bytes) -> tuple[str, ...]:
+    """Return the effects of an effects file, such as "thermal_lin (gy)"; raises InputError if it is none."""
+    return tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in effects.parse(content).effects)
 
 
 def _meant_as_effects(path: Path) -> bool:

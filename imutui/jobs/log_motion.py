@@ -325,7 +325,7 @@ def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
     angles = np.unwrap(angles, axis=0) if known.all() else _lines(t, t[known], angles[known], turns=True)
     told = np.isfinite(rates)
     if not told.all():
-        rates = np.where(told, rates, _slopes(t, angles))
+        rates = np.where(told, rates, np.gradient(angles, t, axis=0) if t.size > 1 else 0.0)
     unknown = None if known.all() else ~known
     how = "" if known.all() else f"the attitude is not known for {100.0 * (1.0 - known.mean()):.2f} % of the samples"
     return _made(angles, rates, unknown, how)
@@ -337,10 +337,6 @@ def _mostly_unknown(log: Log, share: float) -> str:
         " the part where it is known when importing (--start, --end), or name a reference: --reference"
         " level|gravity|FILE."
     )
-
-
-def _slopes(t: Array, angles: Array) -> Array:
-    return np.asarray(np.gradient(angles, t, axis=0)) if t.size > 1 else np.zeros_like(angles)
 
 
 def _made(angles: Array, rates: Array, unknown: NDArray[np.bool_] | None, how: str) -> Motion:

@@ -16,6 +16,7 @@ from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
 from imutui.document_shape import VERSION
+from imutui.jobs import log_files
 from imutui.logbook import atomic_file, reference_file
 from imutui.logbook.reference_file import NamedProfile
 
@@ -84,12 +85,7 @@ def _ready(made: NamedProfile) -> Offer:
 
 def offers(folders: Iterable[Path]) -> list[Offer]:
     """Ready-made profiles, and what looks like one in some folders (not in folders of theirs), by name."""
-    found: dict[Path, Offer] = {}
-    for folder in folders:
-        for path in sorted(_files(folder)):
-            if path.resolve() not in found and _meant_as_profile(path):
-                found[path.resolve()] = offer_of(path)
-    return [*ready_made(), *found.values()]
+    return [*ready_made(), *(offer_of(path) for path in log_files.files_in(folders, _SUFFIXES, _meant_as_profile))]
 
 
 def of_trace(text: str, source: str) -> Offer:
@@ -139,13 +135,6 @@ def offer_of(path: Path) -> Offer:
 def _offer(profile: Profile, name: str, place: str, text: str, file: str) -> Offer:
     still = len(profile.segments) == 1 and isinstance(profile.segments[0], Dwell)
     return Offer(name, place, text, file, len(profile.segments), profile.duration, profile.align, still=still)
-
-
-def _files(folder: Path) -> list[Path]:
-    try:
-        return [p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file()]
-    except OSError:
-        return []
 
 
 def _meant_as_profile(path: Path) -> bool:

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from filters.errors import InputError
-from filters.kalman.settings import GAP_PERIODS
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
-from imutui.jobs import check, driver_curves, replay, residuals
+from imutui.jobs import check, driver_curves, replay, residuals, result_files
 from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.linear_correction import Term, of_effects_file, of_states
+from imutui.jobs.replay_input import Gaps
 from imutui.jobs.residuals import NoiseLevel
 from imutui.jobs.result_files import Result
 from imutui.logbook import effects_file, reader
@@ -25,8 +25,6 @@ from imutui.logbook.results import EstimatePoints, ResultDocument, RunDocument
 
 # -------------------------------------------------------------------------------------------------------- log quality
 # How whole the readings of a log are: gaps, readings that are none, losses, temperatures, what `check` finds.
-
-_BURSTS = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +50,11 @@ class Quality:
 def quality_of(log: Log) -> Quality:
     """How whole the readings of a log are, with what `imutui check` finds."""
     t, counters = log.seconds(), log.diagnostics
-    steps = np.diff(t)
     seconds = float(t[-1] - t[0])
-    period = 1.0 / log.info.rate_hz if log.own else seconds / max(steps.size, 1)
-    gaps = steps[steps > GAP_PERIODS * period]
-    # bursts of a host's stamps are no gaps in the samples
-    gaps = gaps[:0] if not counters and gaps.size > max(1.0, _BURSTS * t.size) else gaps
+    period = 1.0 / log.info.rate_hz if log.own else seconds / max(t.size - 1, 1)
+    found = Gaps(period)
+    found.take(t)
+    gaps = found.steps[:0] if not counters and found.bursts else found.steps
     known = log.samples.degc[np.isfinite(log.samples.degc)]
     return Quality(
         str(log.path),
@@ -70,7 +67,7 @@ def quality_of(log: Log) -> Quality:
         int(counters["lost_packets"]) if "lost_packets" in counters else None,
         int(counters["bad_checksums"]) if "bad_checksums" in counters else None,
         (float(known.min()), float(known.max())) if known.size else None,
-        tuple(f"{found['what']} {found['where']}".strip() for found in check.check(log.path)["findings"]),
+        tuple(f"{one['what']} {one['where']}".strip() for one in check.check(log.path)["findings"]),
     )
 
 
@@ -107,10 +104,7 @@ class LogData:
 
 
 def of_result(result: Result, progress: Callable[[str], None] = lambda text: None) -> LogData:
-    """What the logs of a result add to its page.
-
-    `result`: of `result_files.read`.
-    """
+    """Return what the logs of a result add to its page."""
     if "findings" in result:
         text = result["effects_file"]
         return replace(_of_trace(result, progress), effects=text, terms=of_effects_file(text))
@@ -124,8 +118,8 @@ def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
     log, why = _log(path, d["log_sha256"], replace(Reading.of(asked), start=None, end=None))
     if log is None:
         return LogData(effects=asked["effects"] or "", missing=(f"{why}: {without}.",))
-    effects = asked["effects"] or _attached(log) if "final" in d and d["effects"] else ""
-    start, end = asked["start"], asked["end"]
+    has_effects = "final" in d and d["effects"]
+    effects = replay.effects_of(log, Reading.of(asked)).decode("utf-8", "replace") if has_effects else ""
     made = LogData(quality=(quality_of(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
     if "final" not in d:
         return made
@@ -145,7 +139,7 @@ def _of_replay(d: RunDocument, progress: Callable[[str], None]) -> LogData:
             )
     except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
-    told = residuals.of_log(path, replace(Reading.of(asked), effects=None), start, end)
+    told = residuals.of_log(path, replace(Reading.of(asked), effects=None))
     missing += [told.why] if told.why else []
     return replace(
         made, courses=courses, curves=told.curves, levels=told.levels, levels_of=path.name, missing=tuple(missing)
@@ -177,7 +171,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         overrides: dict[str, str | float] = (
             {"reference": run["reference"]} if run["reference"] in ("level", "gravity") else {}
         )
-        told = residuals.of_log(path, Reading(overrides=overrides), None, None)
+        told = residuals.of_log(path, Reading(overrides=overrides))
         levels = told.levels
         courses, why = _without_and_with(path, overrides, d["effects_file"])
         missing += [why] if why else []
@@ -235,15 +229,4 @@ def _same(again: ResultDocument, d: ResultDocument) -> bool:
 
 def _log(path: Path, sha256: str | None, reading: Reading = AS_STATED) -> tuple[Log | None, str]:
     """A log that is where a result says and unchanged, or why there is none."""
-    try:
-        if not path.is_file():
-            return None, f"{path} is not there"
-        if reader.sha256(path) != sha256:
-            return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
-        return reader.read(path, reading=reading), ""
-    except (OSError, InputError) as error:
-        return None, f"{path} cannot be read ({error})"
-
-
-def _attached(log: Log) -> str:
-    return log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE).decode("utf-8", "replace")
+    return result_files.of_log(path, sha256, lambda path: reader.read(path, reading=reading))

@@ -19,11 +19,13 @@ from imutui.logbook import power_on
 _SAME_ATTITUDE = np.deg2rad(3.0)
 
 
-def join(reads: Sequence[LoggedRun]) -> tuple[list[LoggedRun], list[str]]:
-    """The logs, those of each power-on joined, in the order given; what there is to say of that, a sentence each.
+def join(reads: Sequence[LoggedRun], numbers: Sequence[int] = ()) -> tuple[list[LoggedRun], list[str]]:
+    """Join the logs of each power-on; return all logs in the order given, and sentences on what was joined.
 
+    `numbers`: of each log's power-on, where the caller knows it; none by default.
     Raises InputError if two parts of a power-on overlap in time.
     """
+    reads = _parts_of(reads, numbers) if numbers else reads
     before = _preceding(reads)
     notes = [
         f"{read.run.name} continues {read.info.continues}, which is not among the logs: what the unit did before is not"
@@ -56,20 +58,16 @@ def join(reads: Sequence[LoggedRun]) -> tuple[list[LoggedRun], list[str]]:
     return made, notes
 
 
-def parts_of(reads: Sequence[LoggedRun], numbers: Sequence[int]) -> list[LoggedRun]:
-    """Logs of which somebody else knows the power-ons, in the order of their time; as if each said what it continues.
-
-    `numbers`: of the power-on of each log.
-    """
+def _parts_of(reads: Sequence[LoggedRun], numbers: Sequence[int]) -> list[LoggedRun]:
+    """Return logs, in the order of their time, as if each stated which one it continues."""
     made: list[LoggedRun] = []
     for read, number in zip(reads, numbers, strict=True):
         before = [other for other, own in zip(made, numbers, strict=False) if own == number]
         if before:
             last = before[-1]
-            info = power_on.continued(read.info, last.info, last.path, last.sha256, before[0].first_ns)
-            made.append(replace(read, info=info))
-        else:
-            made.append(read)
+            info = power_on.continued(read.info, last.info, last.path, last.sha256, before[0].log.first_ns)
+            read = replace(read, info=info)
+        made.append(read)
     return made
 
 
@@ -98,7 +96,7 @@ def _chains(count: int, before: dict[int, int]) -> Iterable[list[int]]:
 
 def _after_power_on(read: LoggedRun) -> float:
     """When a log begins, s after the first known sample of its power-on, by its own account."""
-    return (read.first_ns - (read.info.power_on_ns or read.first_ns)) / 1e9
+    return (read.log.first_ns - (read.info.power_on_ns or read.log.first_ns)) / 1e9
 
 
 def _check_apart(parts: Sequence[LoggedRun]) -> None:

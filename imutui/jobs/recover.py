@@ -29,24 +29,17 @@ def recover(
     progress: Callable[[float, str], None] = lambda share, text: None,
     mode: int = MODE,
 ) -> RecoverDocument:
-    """Rebuild a log.
+    """Rebuild a log that is unfinished, damaged or whole.
 
-    `path`: the source: unfinished, damaged, or whole.
     `output`: the file to make; there whole or not at all.
-    `overwrite`: replace it if it exists.
-    `progress`: told the share done, 0 to 1, and what is being done.
+    `progress`: called with the share done, 0 to 1, and what is being done.
     `mode`: permissions of the file, and of its sum beside it.
-    Returns `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what
-      was kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are
-      missing, None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be
-      told, but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
     Raises UnreadableLogError if there is no such file, or nothing whole in it.
     Raises InputError if the source is being written, or is the output.
     Raises FileExistsError if the output exists and may not be replaced.
     Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
-    _refuse_held(path)
     found, digest = Scan(path), reader.sha256(path)
     with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
         kept = rebuilding.rebuild(
@@ -70,17 +63,14 @@ def recover(
     return _document(found, output, kept, known, trouble, digest)
 
 
-def _refuse_held(path: Path) -> None:
-    with reader.opened(path) as stream:
-        if file_lock.is_held(stream):
-            raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
-
-
 def _refuse(path: Path, output: Path) -> None:
     if output.is_dir():
         raise InputError(f"{output} is a folder: name the file to make")
     if path.exists() and output.exists() and output.samefile(path):
         raise InputError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
+    with reader.opened(path) as stream:
+        if file_lock.is_held(stream):
+            raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
 
 
 def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:

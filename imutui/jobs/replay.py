@@ -160,8 +160,8 @@ def _replayed(
     if estimator.latest is None:
         raise InputError(f"{path}: {_nothing_used(info)}")
     filter_s = time.perf_counter() - started
-    first = None if reading.start is None else first_ns
-    last = None if reading.end is None else first_ns + round(fed.seconds * 1e9)
+    first = channel_health.EARLIEST_NS if reading.start is None else first_ns
+    last = channel_health.LATEST_NS if reading.end is None else first_ns + round(fed.seconds * 1e9)
     channels = channel_health.of_log(path, info, reading, first, last)
     found = channels.entries(health.bias_sd(estimator, info), moving=not info.effects_sha256)
     lost, bad = (int(log.diagnostics.get(key, "0")) for key in ("lost_packets", "bad_checksums"))
@@ -290,11 +290,7 @@ def run(
     speed: float | None,
     progress: Callable[[float], None],
 ) -> Iterator[np.ndarray]:
-    """Feed samples to a filter and yield rows of estimates.
-
-    `estimator`: changed in place.
-    `speed`: times real time to pace the samples at.
-    """
+    """Feed samples to a filter, paced at `speed` times real time if it is given, and yield rows of estimates."""
     started = time.monotonic()
     size = _PART if speed is None else 1
     for part in feed.parts():

@@ -50,11 +50,7 @@ class ReplayCourse:
 
 
 class ReplayPoints:
-    """Takes estimates at instants that are closer together at the beginning, where biases converge.
-
-    `seconds`: how long the samples are.
-    `every`: least time between two estimates that it wants, s.
-    """
+    """Takes estimates as `ReplayCourse` does, but closer together at the beginning, where biases converge."""
 
     def __init__(self, info: SessionInfo, seconds: float) -> None:
         self.every = _FIRST_S if seconds < _LONG_S else 1.0

@@ -112,15 +112,43 @@ class Temperatures:
             if known.size:
                 self._count += known.size
                 self._sum += float(known.mean()) * known.size
-                self._least, self._greatest = (
-                    min(self._least, float(known.min())),
-                    max(self._greatest, float(known.max())),
-                )
+                self._least = min(self._least, float(known.min()))
+                self._greatest = max(self._greatest, float(known.max()))
             yield part
 
     def figures(self) -> tuple[float, float, float] | None:
         """In degC; None if no temperature is known."""
         return (self._sum / self._count, self._least, self._greatest) if self._count else None
+
+
+class Gaps:
+    """Gaps in samples that pass by, and the longest stretch without one.
+
+    `period`: of the samples, s.
+    `steps`: those that are gaps, s, shape (G,).
+    """
+
+    def __init__(self, period: float) -> None:
+        self.steps, self._limit = np.empty(0), GAP_PERIODS * period
+        self._edges, self._count, self._last = np.zeros(1, np.int64), 0, np.empty(0)
+
+    def take(self, t: np.ndarray) -> None:
+        """Take the times of more samples, s, shape (n,)."""
+        steps = np.diff(t, prepend=self._last)
+        found = np.flatnonzero(steps > self._limit)
+        self.steps = np.append(self.steps, steps[found])
+        self._edges = np.append(self._edges, found + self._count + t.size - steps.size)
+        self._count, self._last = self._count + t.size, t[-1:]
+
+    @property
+    def bursts(self) -> bool:
+        """Whether there are so many that they are bursts of a host's stamps, and no gaps in the samples."""
+        return self.steps.size > max(1.0, 0.001 * self._count)
+
+    def longest_stretch(self) -> tuple[int, int]:
+        """Return the number of its first sample, and of the first one behind it."""
+        edges = [0, self._count] if self.bursts else [*self._edges.tolist(), self._count]
+        return max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
 
 
 # ------------------------------------------------------------------------------------------------------ unread filled
@@ -216,7 +244,10 @@ def measured_noise(info: SessionInfo, feed: Feed) -> Noise:
             " still log, or leave filter.noise at table1."
         )
     period = 1.0 / info.rate_hz
-    first, last = _longest(feed, period)
+    gaps = Gaps(period)
+    for part in feed.parts():
+        gaps.take(feed.t(part))
+    first, last = gaps.longest_stretch()
     running, at = RunningAllan(6, _OVERLAP), 0
     for part in feed.parts():
         rows = slice(max(first - at, 0), max(last - at, 0))
@@ -225,23 +256,6 @@ def measured_noise(info: SessionInfo, feed: Feed) -> Noise:
     levels = running.noise(period)
     white, drift = (_like_the_others(each, feed.unread).tolist() for each in (levels.white, levels.drift))
     return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
-
-
-def _longest(feed: Feed, period: float) -> tuple[int, int]:
-    """Return the number of the first sample of the longest stretch without a gap, and of the first one behind it."""
-    begin = count = breaks = 0
-    longest, last = (0, 0), np.empty(0)
-    for part in feed.parts():
-        t = feed.t(part)
-        steps = np.diff(t, prepend=last)
-        found = np.flatnonzero(steps > GAP_PERIODS * period) + count + t.size - steps.size
-        breaks, count = breaks + found.size, count + t.size
-        edges = [begin, *found.tolist(), count]
-        stretch = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
-        longest = max(longest, stretch, key=lambda ends: ends[1] - ends[0])
-        begin, last = edges[-2], t[-1:]
-    # bursts of a host's stamps are no gaps in the samples
-    return (0, count) if breaks > 0.001 * count else longest
 
 
 def _like_the_others(levels: np.ndarray, unread: tuple[bool, ...]) -> np.ndarray:

@@ -17,7 +17,7 @@ from filters.errors import InputError
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import ChannelCurvesEntry, CurveEntry, RunCurvesEntry
 from filters.types import Array
-from imutui.jobs import residuals, runs
+from imutui.jobs import runs
 from imutui.logbook.reading import Reading
 
 _SCALE = np.repeat([180.0 / np.pi, 1e3 / STANDARD_GRAVITY], 3)
@@ -28,10 +28,7 @@ _DIGITS = 5
 
 
 def curves(series: Sequence[RunSeries], heldout: str | None) -> list[RunCurvesEntry]:
-    """Curves of all runs.
-
-    `heldout`: name of the run that nothing was fitted to.
-    """
+    """Return the curves of all runs; nothing was fitted to the one named `heldout`."""
     return [
         {
             "run": run.run,
@@ -145,11 +142,10 @@ class Residual:
     why: str = ""  # why there are none, a sentence; empty where there are
 
 
-def of_log(path: Path, reading: Reading, start: float | None, end: float | None) -> Residual:
+def of_log(path: Path, reading: Reading) -> Residual:
     """Residual of a log, its spectrum and Allan deviation by channel, and its noise.
 
-    `reading`: reference and overrides of the session.
-    `start`, `end`: part of it, s since its first sample.
+    `reading`: reference and overrides of the session, and the part of it.
     """
     from filters.tracing import residual
 
@@ -158,7 +154,8 @@ def of_log(path: Path, reading: Reading, start: float | None, end: float | None)
     except InputError as error:
         return Residual(why=f"{path.name}: the residual and its Allan deviation are left out ({error}).")
     run = read.run
-    use = (run.t >= (-np.inf if start is None else start)) & (run.t <= (np.inf if end is None else end))
+    start, end = (-np.inf if reading.start is None else reading.start), (np.inf if reading.end is None else reading.end)
+    use = (run.t >= start) & (run.t <= end)
     first, last = (int(np.argmax(use)), int(use.size - np.argmax(use[::-1]))) if use.any() else (0, run.t.size)
     part = slice(first, last)
     raw = residual.residual(run, part)
@@ -166,7 +163,7 @@ def of_log(path: Path, reading: Reading, start: float | None, end: float | None)
     t, r, period = _thinned(run.t[part], raw, 1.0 / run.rate_hz)
     if t.size < _FEWEST:
         return Residual(why=f"{path.name} is too short for a residual.")
-    (entry,) = residuals.curves([RunSeries(path.stem, period, t, r, r)], None)
+    (entry,) = curves([RunSeries(path.stem, period, t, r, r)], None)
     return Residual(entry["channels"], _levels(r, period, follows))
 
 

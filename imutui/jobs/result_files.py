@@ -1,8 +1,8 @@
 """Results of replays and traces in files of JSON: read and checked, and completed from the logs that they are of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 from filters.errors import InputError
 from filters.tracing.trace_document import TraceDocument
@@ -15,6 +15,8 @@ from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import ReadingsDocument, ResultDocument
 
 Result: TypeAlias = TraceDocument | ResultDocument | ReadingsDocument
+
+T = TypeVar("T")
 
 LIMIT = 64 * 2**20  # longest file of results, bytes
 
@@ -59,9 +61,12 @@ def completed(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
             made.append(cast("TraceDocument", {**result, "runs": runs}))
             continue
         path = Path(result["log"])
-        known, why = _of_log(path, result["log_sha256"]) if result["start_utc"] is None else ({}, "")
-        made.append(cast("ResultDocument", {**_noted(result, path), **known}))
-        notes += [why] if why else []
+        known: dict[str, Any] | None = {}
+        if result["start_utc"] is None:
+            known, why = of_log(path, result["log_sha256"], _start)
+            lost = "when it was recorded and at which temperature is not stated in the page"
+            notes += [f"{why}: {lost}"] if why else []
+        made.append(cast("ResultDocument", _noted(result, path) | (known or {})))
     return made, notes
 
 
@@ -75,21 +80,26 @@ def _noted(of: Mapping[str, Any], log: Path) -> dict[str, Any]:
     return {**of, "identity": {**of["identity"], **later}}
 
 
-def _of_log(path: Path, sha256: str | None) -> tuple[dict[str, Any], str]:
-    lost = "when it was recorded and at which temperature is not stated in the page"
+def of_log(path: Path, sha256: str | None, read: Callable[[Path], T]) -> tuple[T | None, str]:
+    """Return what is read from a log that is where a result says and unchanged, or why there is nothing."""
     try:
         if not path.is_file():
-            return {}, f"{path} is not there: {lost}"
+            return None, f"{path} is not there"
         if reader.sha256(path) != sha256:
-            return {}, f"{path} is not the file that the result is of, its SHA-256 differs: {lost}"
-        told = info.info(path)
+            return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
+        return read(path), ""
     except (OSError, InputError) as error:
-        return {}, f"{path} cannot be read ({error}): {lost}"
+        return None, f"{path} cannot be read ({error})"
+
+
+def _start(path: Path) -> dict[str, Any]:
+    """Return when a log was recorded and at which temperature, as a result has it."""
+    told = info.info(path)
     temperature = told["temperature_degc"]
     return {
         "start_utc": "" if told["sampling"] == "imported" else told["start_utc"] or "",
         "temperature_degc": None if temperature is None else [temperature["min"], temperature["max"]],
-    }, ""
+    }
 
 
 def _problem(document: object) -> str:

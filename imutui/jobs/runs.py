@@ -22,7 +22,7 @@ from imutui.jobs import replay, replay_input
 from imutui.jobs.log_motion import Motion, motion_of
 from imutui.logbook import pieces, reader, samples, summary
 from imutui.logbook.pieces import Outline
-from imutui.logbook.reader import Log
+from imutui.logbook.reader import Log, Table
 from imutui.logbook.reading import Reading
 from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
@@ -35,16 +35,17 @@ _AT_ONCE = 1 << 18
 class LoggedRun:
     """A log that was read for tracing."""
 
-    path: Path
+    log: Log  # without samples and table
     info: SessionInfo  # its session, with the reference in force
     run: Run  # its samples
-    finished: bool  # whether the file has its footer
-    damage: str  # what is wrong with the file, if anything
     how: str  # how the motion is known, where that is worth a word
-    first_ns: int  # its first sampling instant, UTC, ns
     sha256: str  # of the file
     reading: Reading  # how it was read
-    assumed: tuple[str, ...]  # of another program's log, in words
+
+    @property
+    def path(self) -> Path:
+        """Where the log lies."""
+        return self.log.path
 
 
 def read_run(path: Path, name: str, reading: Reading, shortest: float = 0.0) -> LoggedRun:
@@ -61,19 +62,7 @@ def read_run(path: Path, name: str, reading: Reading, shortest: float = 0.0) -> 
     if seconds < shortest:
         raise InputError(f"{path} lasts {seconds:.1f} s; at least {shortest:.0f} s are needed. Record a longer one.")
     motion = motion_of(log, info, reading, (_figures(info) if log.own else _UNKNOWN)[2])
-    first_ns = log.first_ns
-    return LoggedRun(
-        path,
-        info,
-        _run(name, log, info, motion),
-        log.finished,
-        log.damage,
-        motion.how,
-        first_ns,
-        reader.sha256(path),
-        reading,
-        log.assumed,
-    )
+    return LoggedRun(_bare(log), info, _run(name, log, info, motion), motion.how, reader.sha256(path), reading)
 
 
 def read_beginning(path: Path, name: str, reading: Reading) -> LoggedRun:
@@ -86,10 +75,13 @@ def read_beginning(path: Path, name: str, reading: Reading) -> LoggedRun:
     if info.reference not in _IN_PIECES or not len(log.samples):
         raise InputError(f"{path}: its beginning says too little")
     motion = motion_of(log, info, reading)
-    run = _run(name, log, info, motion)
-    return LoggedRun(
-        path, info, run, True, "", motion.how, log.first_ns, f"the beginning of {path}", reading, log.assumed
-    )
+    known = replace(_bare(log), finished=True, damage="")
+    return LoggedRun(known, info, _run(name, log, info, motion), motion.how, f"the beginning of {path}", reading)
+
+
+def _bare(log: Log) -> Log:
+    """Return a log without samples and table."""
+    return replace(log, samples=Samples(), table=Table(), states=Table())
 
 
 def _run(name: str, log: Log, info: SessionInfo, motion: Motion) -> Run:
@@ -195,10 +187,8 @@ def _outlines(paths: Sequence[Path], reading: Reading, tell: Tell) -> list[Outli
 
 
 class _LongLog:
-    """A log that is read in pieces.
+    """A log that is read in pieces, of which stretches are known.
 
-    `known`: of the log, with stretches of it.
-    `reading`: reference and overrides of the session.
     Raises InputError if it is too short, or its motion is not known.
     """
 
@@ -217,20 +207,8 @@ class _LongLog:
         """All of it as one run of means; see `long_run.condensed`. `tell`: told how many samples are done."""
         known = self.known
         run = long_run.condensed(self._pieces(tell), stretches, lines, block_s, known.samples)
-        digest = reader.sha256(known.log.path)
-        log = known.log
-        return LoggedRun(
-            log.path,
-            self.info,
-            run,
-            log.finished,
-            log.damage,
-            self._motion.how,
-            known.first_ns,
-            digest,
-            known.reading,
-            log.assumed,
-        )
+        log = replace(known.log, first_ns=known.first_ns)
+        return LoggedRun(log, self.info, run, self._motion.how, reader.sha256(log.path), known.reading)
 
     def _pieces(self, tell: Callable[[int], None]) -> Iterator[Run]:
         done, known = 0, self.known

@@ -18,7 +18,7 @@ from filters.effects import plain_names
 from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.run import Run
-from filters.tracing.trace_document import RunCurvesEntry, RunEntry, TraceDocument
+from filters.tracing.trace_document import RunEntry, TraceDocument
 from imutui.document_shape import VERSION
 from imutui.jobs import channel_health, power_ons, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
@@ -41,17 +41,6 @@ class _Wanted:
     power_ons: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Traced:
-    """Result of a trace."""
-
-    document: TraceDocument  # contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give
-    trace: Trace  # what joins the filter, and the residuals for figures
-    source: str  # which logs it is of
-    effects: str  # text of the effects file
-    damage: tuple[str, ...]  # what is wrong with the files, a sentence each
-
-
 def trace(
     logs: Sequence[Path],
     reading: Reading = AS_STATED,
@@ -62,10 +51,9 @@ def trace(
     about: tuple[str, ...] = (),
     seed: int = 0,
     power_on_numbers: tuple[int, ...] = (),
-) -> Traced:
-    """Trace a unit over its logs, one log a run or a part of one.
+) -> TraceDocument:
+    """Trace a unit over its logs, one log a run or a part of one; return the document of contracts section 6.
 
-    `logs`: at least one.
     `reading`: what replaces the statements of the logs; its effects do not count.
     `progress`: called with the share done, 0 to 1, and what is being done.
     `so_far`: called with the result of the beginnings of long logs, before all of them is read.
@@ -98,24 +86,20 @@ def read_together(logs: Sequence[Path], power_on_numbers: tuple[int, ...]) -> li
     run_consistency.check_together(reads)
     for read in reads:
         run_consistency.check_reference(read)
-    return [read.run for read in power_ons.join(_of_power_ons(reads, power_on_numbers))[0]]
-
-
-def _of_power_ons(reads: Sequence[LoggedRun], numbers: tuple[int, ...]) -> Sequence[LoggedRun]:
-    return power_ons.parts_of(reads, numbers) if numbers else reads
+    return [read.run for read in power_ons.join(reads, power_on_numbers)[0]]
 
 
 def _provisional(
     paths: Sequence[Path],
     names: Sequence[str],
     reading: Reading,
-    wanted: "_Wanted",
+    wanted: _Wanted,
     heldout: Path | None,
 ) -> str:
     """What the beginnings of long logs say; empty if they can't be traced by themselves."""
     try:
         reads = [runs.read_beginning(path, name, reading) for path, name in zip(paths, names, strict=True)]
-        found = _traced(reads, heldout, wanted, [], lambda share, what: None).document
+        found = _traced(reads, heldout, wanted, [], lambda share, what: None)
     except InputError:
         return ""  # whether the whole can be traced is said when it is read
     minutes = sum(read.run.seconds for read in reads) / len(reads) / 60.0
@@ -123,52 +107,65 @@ def _provisional(
 
 
 def _traced(
-    reads: list[LoggedRun], heldout: Path | None, wanted: "_Wanted", notes: list[str], progress: Progress
-) -> Traced:
+    reads: list[LoggedRun], heldout: Path | None, wanted: _Wanted, notes: list[str], progress: Progress
+) -> TraceDocument:
     run_consistency.check_together(reads)
     by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
-    reads, joined = power_ons.join(_of_power_ons(reads, wanted.power_ons))
+    reads, joined = power_ons.join(reads, wanted.power_ons)
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes = notes + joined
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
-    notes += [_lacking(read) for read in reads if read.run.unread]
-    find = _trace_turned if by_hand else _trace_known
-    found, own_notes = find(fitted, held, wanted.about, wanted.seed, progress)
+    lacking = {read.run.name: ", ".join(CHANNELS[c] for c in read.run.unread) for read in reads if read.run.unread}
+    notes += [f"{name} has no readings of {channels}: left out" for name, channels in lacking.items()]
+    found, own_notes = _found(fitted, held, wanted, progress, by_hand=by_hand)
     notes += own_notes
     if by_hand and not all(read.info.site_stated for read in reads):
         notes.append(_SITE_NOT_STATED)
-    damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     entries = [_run(read, heldout=read is held) for read in reads]
     notes += [f"{entry['id']}: {fault['said']}" for entry in entries for fault in entry["health"]]
-    document = _document(found, entries, notes)
     source = _source(fitted, held)
-    document["source"], document["damage"] = source, list(damage)
     units = dict.fromkeys(unit for read in reads if (unit := effects_file.unit_of(read.info)))
-    effects = effects_file.dumps(found, source, tuple(units))
-    document["effects_file"] = effects
-    document["curves"] = cast(
-        "list[RunCurvesEntry]",
-        _plain(residuals.curves(found.series, None if held is None else held.run.name)),
-    )
-    return Traced(document, found, source, effects, damage)
+    own: Any = found.document
+    first = (
+        "untestable", "integrity", "lines", "noise_level", "findings", "refuted", "common", "weak", "drift",
+        "remainder", "status",
+    )  # fmt: skip
+    document = {  # in the order of docs/formats.md
+        "version": VERSION,
+        "runs": entries,
+        **{key: own[key] for key in first},
+        "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
+        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence")},
+        "notes": notes,
+        "library": f"imutui {imutui.__version__}",
+        "diary": None,
+        "source": source,
+        "damage": [sentence for read in reads if (sentence := _damage(read))],
+        "effects_file": effects_file.dumps(found, source, tuple(units)),
+        "curves": residuals.curves(found.series, None if held is None else held.run.name),
+    }
+    return cast("TraceDocument", _plain(document))
 
 
-def _trace_known(
-    fitted: Sequence[LoggedRun],
-    held: LoggedRun | None,
-    asked: Sequence[str],
-    seed: int,
-    progress: Progress,
+def _found(
+    fitted: Sequence[LoggedRun], held: LoggedRun | None, wanted: _Wanted, progress: Progress, *, by_hand: bool
 ) -> tuple[Trace, list[str]]:
-    """Trace logs whose motion is known, and notes on what they can be expected to show."""
+    """Trace logs, of a unit turned by hand from readings alone; return notes on what they can be expected to show."""
+    training, heldout = [read.run for read in fitted], None if held is None else held.run
+    if by_hand:
+        # these bring solvers along, which other traces need not wait for
+        from filters.multiposition.calibration import calibrate
+        from filters.multiposition.report import notes, report
+
+        calibration = calibrate(training, heldout, wanted.seed, progress)
+        return report(calibration, wanted.about, wanted.seed), notes(calibration)
     from filters.tracing.trace import trace as trace_runs
 
-    notes = run_consistency.expectations(fitted, held)
-    heldout = None if held is None else held.run
-    found = trace_runs([read.run for read in fitted], heldout, asked=asked, seed=seed, progress=progress)
-    return found, notes + _not_in_the_file(found)
+    expected = run_consistency.expectations(fitted, held)
+    found = trace_runs(training, heldout, asked=wanted.about, seed=wanted.seed, progress=progress)
+    return found, expected + _not_in_the_file(found)
 
 
 def _not_in_the_file(found: Trace) -> list[str]:
@@ -180,26 +177,6 @@ def _not_in_the_file(found: Trace) -> list[str]:
         for f in found.document["findings"]
         if f["include_as"] == "A" and f["confirmed"] is not False and (f["effect"], tuple(f["channels"])) not in has
     ]
-
-
-def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
-    """All of a trace's document, in the order of docs/formats.md, with numbers as JSON has them."""
-    own: Any = found.document
-    first = (
-        "untestable", "integrity", "lines", "noise_level", "findings", "refuted", "common", "weak", "drift",
-        "remainder", "status",
-    )  # fmt: skip
-    document = {
-        "version": VERSION,
-        "runs": runs_read,
-        **{key: own[key] for key in first},
-        "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
-        **{key: own[key] for key in ("error", "limits", "carries_over", "seed", "sentence")},
-        "notes": notes,
-        "library": f"imutui {imutui.__version__}",
-        "diary": None,
-    }
-    return cast("TraceDocument", _plain(document))
 
 
 def _experiment(experiment: SeparatingExperiment) -> dict[str, Any]:
@@ -284,23 +261,18 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "history_known": run.history_known,
         "log_sha256": read.sha256,
         "identity": info.identity(),
-        "assumed": list(read.assumed),
+        "assumed": list(read.log.assumed),
         "health": channel_health.of_log(read.path, info, read.reading).entries(moving=False),
         # the stamps of an import begin when its file was last written
-        "start_utc": "" if info.sampling == "imported" else utc_text(read.first_ns),
+        "start_utc": "" if info.sampling == "imported" else utc_text(read.log.first_ns),
         "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],
     }
 
 
-def _lacking(read: LoggedRun) -> str:
-    names = ", ".join(CHANNELS[c] for c in read.run.unread)
-    return f"{read.run.name} has no readings of {names}: left out"
-
-
 def _damage(read: LoggedRun) -> str:
-    if read.damage:
-        return f"{read.path}: {read.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
-    return "" if read.finished else f"{read.path} is unfinished; all up to its last flush is used."
+    if read.log.damage:
+        return f"{read.path}: {read.log.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
+    return "" if read.log.finished else f"{read.path} is unfinished; all up to its last flush is used."
 
 
 def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
@@ -309,7 +281,6 @@ def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- turned
-# A unit that was turned by hand is traced from readings alone, since the motion is not known.
 
 _TURNED = "turned"
 _SITE_NOT_STATED = (
@@ -333,23 +304,3 @@ def _is_turned(reads: Sequence[LoggedRun]) -> bool:
             " can be given to the filter on the other (-o FILE, imutui replay --effects FILE)."
         )
     return bool(turned)
-
-
-def _trace_turned(
-    fitted: Sequence[LoggedRun],
-    held: LoggedRun | None,
-    asked: Sequence[str],
-    seed: int,
-    progress: Progress,
-) -> tuple[Trace, list[str]]:
-    """Trace logs of a unit turned by hand, and notes on them.
-
-    `fitted`: each a power-on.
-    `seed`: of intervals.
-    """
-    # these bring solvers along, which other traces need not wait for
-    from filters.multiposition.calibration import calibrate
-    from filters.multiposition.report import notes, report
-
-    found = calibrate([read.run for read in fitted], None if held is None else held.run, seed, progress)
-    return report(found, asked, seed), notes(found)

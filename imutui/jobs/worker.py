@@ -46,11 +46,7 @@ class Failure(NamedTuple):
     """Why a job gave no result."""
 
     kind: str  # name of the error's class; "Defect" for one that no input can cause
-    text: str  # what it says
-
-    def sentence(self) -> str:
-        """For the screen."""
-        return self.text or self.kind
+    text: str  # what it says, never empty
 
 
 class Worker:
@@ -67,7 +63,7 @@ class Worker:
         self._progress: deque[Progress] = deque(maxlen=256)
         self._ended = threading.Event()
         self._cancelled = False
-        self._result: Any = None
+        self.result: Any = None  # what the job returned, when it is done
         self._failure: Failure | None = None
 
     def start(self) -> None:
@@ -92,22 +88,13 @@ class Worker:
         return DONE if self._failure is None else FAILED
 
     @property
-    def result(self) -> Any:
-        """What the job returned, when it is done."""
-        return self._result
-
-    @property
     def failure(self) -> Failure | None:
         """Why there is no result, when it failed or was cancelled."""
         return self._failure if self._ended.is_set() else None
 
     def poll(self) -> list[Progress]:
         """What the job has told since the last look; never waits."""
-        told = []
-        with contextlib.suppress(IndexError):
-            while True:
-                told.append(self._progress.popleft())
-        return told
+        return [self._progress.popleft() for _ in range(len(self._progress))]
 
     def cancel(self) -> None:
         """Ask the job to clean up and end, and see to it; returns at once. The state follows when it has ended."""
@@ -155,7 +142,7 @@ class Worker:
         elif outcome[0] == "failed":
             self._failure = Failure(*outcome[1])
         else:
-            self._result = outcome[1]
+            self.result = outcome[1]
         self._ended.set()
 
     def _without_a_word(self, code: int) -> Failure:
@@ -212,7 +199,7 @@ def _words(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename2 or error.filename}: " if error.filename else ""
         return f"{where}{error.strerror}"
-    return str(error)
+    return str(error) or type(error).__name__
 
 
 class _Teller:

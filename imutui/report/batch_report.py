@@ -68,7 +68,7 @@ def _units(document: BatchDocument, *, is_page: bool) -> Iterator[Block]:
                 unit["instrument"],
                 NOTHING if lost is None else str(lost),
                 NOTHING if warm is None else f"{warm[0]:.1f} to {warm[1]:.1f}",
-                NOTHING if unit["verdict"] is None else f"{folder_of(unit)}/{INDEX}",
+                NOTHING if unit["verdict"] is None else f"{folder_of(unit['name'])}/{INDEX}",
             ]
     yield Table(tuple(columns), tuple(map(tuple, rows)))
     for serial in dict.fromkeys(unit["serial_number"] for unit in units):

@@ -14,7 +14,7 @@ from helpers.logs import foreign
 from helpers.paths import SAMPLE
 
 from filters.motion.reference import Trajectory
-from imutui.jobs.export import Export, export
+from imutui.jobs.export import export
 from imutui.logbook import pieces, reader, reference_file
 from imutui.logbook.export import samples
 from imutui.logbook.samples import Samples
@@ -299,7 +299,7 @@ def test_a_permission_or_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(formats, "write", full)
     with pytest.raises(OSError, match="No space"):
-        export(Export(SAMPLE, tmp_path / "a.csv", "csv"))
+        export(SAMPLE, tmp_path / "a.csv", "csv")
     assert not list(tmp_path.iterdir())
 
 

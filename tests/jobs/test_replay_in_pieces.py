@@ -13,6 +13,7 @@ from filters import simulation
 from filters.kalman import series_evidence
 from imutui.jobs import replay_input
 from imutui.jobs.replay import EstimatesFile, replayed
+from imutui.jobs.replay_input import Gaps
 from imutui.logbook import SessionInfo, pieces, reader, schemas
 from imutui.logbook.reading import AS_STATED, Reading
 from imutui.logbook.results import TIMINGS
@@ -161,3 +162,25 @@ def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int],
         assert sum(lengths) == np.count_nonzero(reader.read(path).samples.valid)
         longest.append(max(lengths))
     assert longest[1] <= longest[0] + 50 < 800
+
+
+def test_gaps_of_parts_are_those_of_the_whole() -> None:
+    """Wherever the parts end: within a stretch, at a gap, or after a single sample."""
+    t = np.delete(np.arange(3000) * 0.01, [*range(400, 500), *range(2000, 2010)])
+    whole = Gaps(0.01)
+    whole.take(t)
+    assert whole.steps == pytest.approx([1.01, 0.11])
+    assert whole.longest_stretch() == (400, 1900)
+    for edges in ([400], [399, 401, 1900], [1, 2, 2500]):
+        parts = Gaps(0.01)
+        for part in np.split(t, edges):
+            parts.take(part)
+        assert parts.steps.tolist() == whole.steps.tolist()
+        assert parts.longest_stretch() == (400, 1900)
+
+
+def test_many_gaps_are_bursts_of_the_host() -> None:
+    bursts = Gaps(0.01)
+    bursts.take(np.repeat(np.arange(100) * 0.1, 10))
+    assert bursts.bursts
+    assert bursts.longest_stretch() == (0, 1000)

@@ -71,9 +71,9 @@ def said(document: TraceDocument) -> dict[str, Any]:
 def test_in_pieces_as_at_once(tmp_path: Path, in_pieces: Callable[[], None], reference: str, dead: bool) -> None:
     """Faults, lines, causes, sizes, errors and status are those of the log that is read at once."""
     log = faulty(tmp_path / "a.mcap", reference=reference, dead=dead)
-    whole = trace([log], Reading()).document
+    whole = trace([log], Reading())
     in_pieces()
-    parts = trace([log], Reading()).document
+    parts = trace([log], Reading())
     assert said(parts) == said(whole)
     assert {"spikes", "dropout", *(["stuck"] if dead else [])} <= {fault["effect"] for fault in whole["integrity"]}
     # the gap makes the rate of the whole less than that of its samples
@@ -89,9 +89,9 @@ def test_in_pieces_as_at_once(tmp_path: Path, in_pieces: Callable[[], None], ref
 def test_one_log_judges_another_in_pieces(tmp_path: Path, in_pieces: Callable[[], None]) -> None:
     """Logs that are long only together are all read in pieces, and the last one is held out."""
     logs = [faulty(tmp_path / f"{name}.mcap", seed) for seed, name in enumerate("ab")]
-    whole = trace(logs, Reading()).document
+    whole = trace(logs, Reading())
     in_pieces()
-    parts = trace(logs, Reading()).document
+    parts = trace(logs, Reading())
     assert said(parts) == said(whole)
     assert [f["confirmed"] for f in parts["findings"]] == [f["confirmed"] for f in whole["findings"]]
 

@@ -52,8 +52,7 @@ def test_progress_that_nobody_reads_holds_up_no_job() -> None:
 def test_an_error_comes_as_words() -> None:
     refused = ended(started(jobs.wrong)).failure
     assert refused == ("InputError", "`x` is 3; it must be positive")
-    assert refused is not None
-    assert refused.sentence() == refused.text
+    assert ended(started(jobs.wordless)).failure == ("MemoryError", "MemoryError")
     absent = ended(started(jobs.missing, Path("/nowhere/at all"))).failure
     assert absent == ("FileNotFoundError", "/nowhere/at all: No such file or directory")
     assert ended(started(jobs.unpicklable)).state == "failed"
@@ -63,9 +62,7 @@ def test_a_defect_comes_as_one_with_its_report() -> None:
     failure = ended(started(jobs.broken)).failure
     assert failure is not None
     assert failure.kind == "Defect"
-    assert failure.sentence().startswith(
-        "a defect of imutui, and not of what it was given: ValueError: zero-size array"
-    )
+    assert failure.text.startswith("a defect of imutui, and not of what it was given: ValueError: zero-size array")
     report = Path(failure.text.split("Attach ")[1].split(",")[0])
     assert "in broken" in report.read_text()
     report.unlink()

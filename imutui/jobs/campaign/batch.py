@@ -27,7 +27,6 @@ from imutui.jobs.campaign.summary_document import Kind, LimitField
 from imutui.jobs.campaign.unit_at_rest import AXES, UnitAtRest
 from imutui.logbook import summary as log_summary
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.reading import Reading
 
 _OVERLAP_S = 1.0  # time that two recordings have in common before they are of two units
 _WORST = ("RED", "AMBER", "OFF", "GREEN")
@@ -111,18 +110,14 @@ def result(
     results: str,
     tell: Callable[[str], None] = lambda text: None,
 ) -> BatchDocument:
-    """Result of a batch.
-
-    `rows`: of its logs.
-    `root`: folder that their names are relative to.
-    """
+    """Return the result of a batch from the rows of its logs, whose names are relative to `root`."""
     of_units = _by_unit(rows)
     paths = {name: [Path(root) / row["log"] for row in own if row["error"] is None] for name, own in of_units.items()}
     period = unit_at_rest.row_period([path for own in paths.values() for path in own])
     at_rest = []
     for name, own in paths.items():
         tell(f"comparing {name}")
-        at_rest += [unit] if (unit := unit_at_rest.unit_at_rest(name, own, period, Reading())) else []
+        at_rest += [unit] if (unit := unit_at_rest.unit_at_rest(name, own, period)) else []
     common = common_errors.found_in(at_rest, period)
     seen = {unit.name: unit for unit in at_rest}
     limits = {name: _limits(own, seen.get(name), common) for name, own in of_units.items()}
@@ -289,26 +284,17 @@ def _outcome(unit: UnitField, *, moved: bool) -> Outcome:
     return "pass"
 
 
-def folder_of(unit: UnitField) -> str:
-    """Name of the folder with a unit's page: its own name as any file system takes it."""
-    return _folder(unit["name"])
-
-
 def folders_of(found: LogList) -> set[str]:
     """Names of the folders that the pages of these logs' units may go to, before any log is filtered."""
     serials = {log: log_summary.read(Path(found.path(log))).session.get("serial_number", "") for log in found.logs}
-    return {_folder(serial or Path(log).stem) for log, serial in serials.items()}
+    return {folder_of(serial or Path(log).stem) for log, serial in serials.items()}
 
 
-def _folder(name: str) -> str:
+def folder_of(name: str) -> str:
+    """Return the name of the folder with a unit's page: its own name as any file system takes it."""
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip(".") or "unit"
 
 
 def is_fine(document: BatchDocument) -> bool:
     """Whether all units pass."""
     return all(unit["outcome"] == "pass" for unit in document["units"])
-
-
-def paths_of(document: BatchDocument, unit: UnitField) -> list[Path]:
-    """Logs of a unit."""
-    return [Path(document["root"]) / log for log in unit["logs"]]

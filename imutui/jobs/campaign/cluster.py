@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from filters.errors import InputError
 from imutui.jobs.campaign import one_log
-from imutui.jobs.campaign.one_log import Task
+from imutui.jobs.campaign.one_log import Rows, Task
 from imutui.jobs.campaign.rows import Row
 
 if TYPE_CHECKING:
@@ -40,35 +40,25 @@ def available() -> bool:
     return importlib.util.find_spec("distributed") is not None
 
 
-class Cluster:
-    """Rows by the workers of a scheduler.
+def rows(tasks: Iterator[Task], count: int, *, address: str, root: str, say: Callable[[str], None]) -> Rows:
+    """Yield rows as the workers of a scheduler have them ready.
 
+    `count`: not used; a cluster has as many workers as it has.
     `address`: of the scheduler, such as tcp://host:8786.
     `root`: folder of the logs, which workers must see under the same name.
-    `say`: told in a sentence what is worth knowing.
+    `say`: called with what is worth knowing, a sentence.
+    Raises ClusterError if the scheduler does not answer or goes away, there is no worker, or workers have other
+      versions or do not see the logs.
     """
-
-    def __init__(self, address: str, root: str, say: Callable[[str], None] = lambda text: None) -> None:
-        self._address = address
-        self._root = root
-        self._say = say
-
-    def __call__(self, tasks: Iterator[Task], count: int) -> Iterator[tuple[Task, Row | None]]:
-        """Rows as they are ready.
-
-        Raises ClusterError if the scheduler does not answer or goes away, there is no worker, or workers have other
-          versions or do not see the logs.
-        """
-        del count
-        client = _connected(self._address)
-        try:
-            _wait_for_workers(client, self._address, self._say)
-            _check_versions(client)
-            _check_root(client, self._root, self._say)
-            _warm_up(client)
-            yield from _fed(client, tasks, self._address)
-        finally:
-            client.close(timeout=2)
+    client = _connected(address)
+    try:
+        _wait_for_workers(client, address, say)
+        _check_versions(client)
+        _check_root(client, root, say)
+        _warm_up(client)
+        yield from _fed(client, tasks, address)
+    finally:
+        client.close(timeout=2)
 
 
 def _connected(address: str) -> "Client":
@@ -144,7 +134,7 @@ def _warm_up(client: "Client") -> None:
     client.gather(ready, errors="skip")  # what keeps one from it is said of its first log
 
 
-def _fed(client: "Client", tasks: Iterator[Task], address: str) -> Iterator[tuple[Task, Row | None]]:
+def _fed(client: "Client", tasks: Iterator[Task], address: str) -> Rows:
     """Keep so many tasks with the scheduler that its workers always have one, and no more.
 
     Rows are fetched beside one another: that of a worker which has just died keeps nobody waiting.
@@ -171,11 +161,7 @@ def _fed(client: "Client", tasks: Iterator[Task], address: str) -> Iterator[tupl
 
 
 def _row(status: str, result: Any, task: Task, address: str) -> Row | None:
-    """What has come of a task: its row, or one that says why there is none.
-
-    `status`: of its future.
-    `result`: the row, or type, error and traceback.
-    """
+    """Return the row of a task from its future's status and result, which for an error is type, error, traceback."""
     if status in ("cancelled", "lost"):
         raise ClusterError(
             f"the scheduler at {address} has gone. What is done stays in the results: start it again, and then the same"

@@ -51,7 +51,8 @@ def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     with ResultsFolder(results, head, mode) as folder:
         for log in sorted(rows):
             found = [part.rows[log] for part in parts if log in part.rows]
-            row = _best(found)
+            # one without an error, of the log as it was last changed; else the first
+            row = max(found, key=lambda row: (row["error"] is None, row["log_mtime_ns"] or 0))
             if any(_comparable(other) != _comparable(row) for other in found):
                 changed.append(log)
             errors += row["error"] is not None
@@ -75,11 +76,6 @@ def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
         "complete": complete,
         "notes": notes,
     }
-
-
-def _best(found: Sequence[Row]) -> Row:
-    """Of rows of one log: one without an error, of the log as it was last changed; else the first."""
-    return max(found, key=lambda row: (row["error"] is None, row["log_mtime_ns"] or 0))
 
 
 def _comparable(row: Row) -> dict[str, object]:

@@ -75,10 +75,7 @@ def quorum(units: int) -> int:
 
 
 def found_in(units: Sequence[UnitAtRest], period: float) -> list[CommonField]:
-    """What units show together, statics first, then by time.
-
-    `period`: of their rows, s.
-    """
+    """Return what units, with rows of `period` s, show together: statics first, then by time."""
     if len(units) < 2:
         return []
     groups = [part.tolist() for part in np.array_split(np.arange(len(units)), -(-len(units) // _AT_ONCE))]
@@ -89,7 +86,10 @@ def found_in(units: Sequence[UnitAtRest], period: float) -> list[CommonField]:
             rows = _rows([units[u] for u in group], origin, axis, period)
             made, rows = common_steps.common_steps(rows)
             steps += [_step(axis, group, *pair) for pair in common_steps.pairs(made)]
-            drifts += [_of_drift(axis, group, one) for one in common_drift.common_drifts(rows)]
+            for one in common_drift.common_drifts(rows):
+                shared = (one.size * one.correlation).tolist()
+                sizes = {group[c]: size for c, size in zip(one.channels, shared, strict=True)}
+                drifts.append(_Drift(axis, sizes, one.p))
     tests = len(AXES) * len(groups)
     return [
         *_statics(units),
@@ -206,11 +206,6 @@ class _Drift:
     axis: int
     sizes: dict[int, float]  # by the unit's number, of those that share it, signed, SI
     p: float
-
-
-def _of_drift(axis: int, group: Sequence[int], drift: common_drift.CommonDrift) -> _Drift:
-    shared = (drift.size * drift.correlation).tolist()
-    return _Drift(axis, {group[c]: size for c, size in zip(drift.channels, shared, strict=True)}, drift.p)
 
 
 def _drifts(units: Sequence[UnitAtRest], drifts: Sequence[_Drift], tests: int) -> Iterator[CommonField]:

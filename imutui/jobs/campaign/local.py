@@ -8,62 +8,50 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import ParamSpec, TypeVar
+from typing import Any
 
 from imutui.jobs import parallel
 from imutui.jobs.campaign import one_log
-from imutui.jobs.campaign.one_log import Task
-from imutui.jobs.campaign.rows import Row
+from imutui.jobs.campaign.one_log import Rows, Task
 
-P = ParamSpec("P")
-R = TypeVar("R")
 _TRIES = 2
 _KILLED = (
     "its process was killed twice on this log, as happens when memory runs out. Fewer --workers leave each one more"
 )
 
 
-class Processes:
-    """Rows by processes of this machine."""
-
-    def __init__(self, workers: int) -> None:
-        self._workers = workers
-
-    def __call__(self, tasks: Iterator[Task], count: int) -> Iterator[tuple[Task, Row | None]]:
-        """Rows as they are ready; a process whose log kills it is started anew, and the log tried once more."""
-        pools: list[ProcessPoolExecutor] = []
-        with parallel.terminated_in_order():
-            try:
-                first = _pool()
-                pools.append(first)
-                # alone: what it compiles, if anything, the others find done
-                _submitted(first, one_log.prepare).result()
-                pools += [_pool() for _ in range(min(self._workers, count) - 1)]
-                yield from _fed(tasks, pools)
-            except BaseException:
-                for process in multiprocessing.active_children():
-                    process.terminate()
-                raise
-            finally:
-                for pool in pools:
-                    pool.shutdown(wait=True, cancel_futures=True)
+def rows(tasks: Iterator[Task], count: int, *, workers: int) -> Rows:
+    """Yield rows as they are ready; a process that a log kills is started anew, and the log tried once more."""
+    pools = [_pool()]
+    with parallel.terminated_in_order():
+        try:
+            # alone: what it compiles, if anything, the others find done
+            _submitted(pools[0], one_log.prepare).result()
+            pools += [_pool() for _ in range(min(workers, count) - 1)]
+            yield from _fed(tasks, pools)
+        except BaseException:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+        finally:
+            for pool in pools:
+                pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _fed(tasks: Iterator[Task], pools: list[ProcessPoolExecutor]) -> Iterator[tuple[Task, Row | None]]:
+def _fed(tasks: Iterator[Task], pools: list[ProcessPoolExecutor]) -> Rows:
     """Keep each process busy with one log; `pools` is changed where one has to be replaced."""
     again: deque[Task] = deque()
     tries: dict[str, int] = {}
     idle = deque(range(len(pools)))
-    running: dict[Future[Row | None], tuple[int, Task]] = {}
+    running: dict[Future[Any], tuple[int, Task]] = {}
     while True:
         while idle and (task := again.popleft() if again else next(tasks, None)) is not None:
             number = idle.popleft()
             try:
-                started = _submitted(pools[number], one_log.row_of, task)
+                running[_submitted(pools[number], one_log.row_of, task)] = number, task
             except BrokenProcessPool:  # it was killed while it had nothing to do
                 pools[number] = _pool()
-                started = _submitted(pools[number], one_log.row_of, task)
-            running[started] = number, task
+                running[_submitted(pools[number], one_log.row_of, task)] = number, task
         if not running:
             return
         for done in wait(running, return_when=FIRST_COMPLETED).done:
@@ -89,6 +77,6 @@ def _pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=parallel.end_with_parent)
 
 
-def _submitted(pool: ProcessPoolExecutor, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> Future[R]:
+def _submitted(pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Task) -> Future[Any]:
     with parallel.interrupts_held():  # by the process, which inherits it where this starts it
-        return pool.submit(function, *arguments, **named)
+        return pool.submit(function, *arguments)

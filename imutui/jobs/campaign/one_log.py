@@ -8,11 +8,12 @@ import json
 import platform
 import socket
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -59,6 +60,10 @@ class Task:
     settings: Settings  # how to read it
     settings_sha256: str  # hash of these
     unless_sha256: str | None = None  # hash of the log that there is a row for: if it is still the same, none is made
+
+
+Rows: TypeAlias = Iterator[tuple[Task, Row | None]]
+"""Tasks with their rows, in any order; None for a log that is the one that there is a row for."""
 
 
 @cache
@@ -194,5 +199,5 @@ def _traced(path: Path, settings: Settings) -> tuple[list[FindingField] | None, 
             ],
             "confirmed": finding["confirmed"],
         }
-        for finding in found.document["findings"]
+        for finding in found["findings"]
     ], None

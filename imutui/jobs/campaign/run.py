@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypedDict
+from typing import TypeAlias, TypedDict
 
 from imutui.document_shape import VERSION
 from imutui.jobs.campaign.log_list import LogList, Shard
-from imutui.jobs.campaign.one_log import Settings, Task
+from imutui.jobs.campaign.one_log import Rows, Settings, Task
 from imutui.jobs.campaign.results_folder import Known, ResultsFolder
 from imutui.jobs.campaign.rows import HeadFields, Row
 from imutui.logbook.reading import digest
@@ -19,12 +19,8 @@ from imutui.logbook.reading import digest
 _SHOWN = 3
 
 
-class Way(Protocol):
-    """How tasks become rows: takes them from an iterator, gives each back with its row or None for an unchanged log."""
-
-    def __call__(self, tasks: Iterator[Task], count: int, /) -> Iterator[tuple[Task, Row | None]]:
-        """Rows of `count` tasks, in any order."""
-        ...
+Way: TypeAlias = Callable[[Iterator[Task], int], Rows]
+"""How tasks, so many of them, become rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +79,7 @@ def run(campaign: Campaign, way: Way, tell: "Callable[[Pace], None]" = lambda pa
 
     Interrupted at any time, it leaves the rows that were done, and `results.json` of them.
 
-    `way`: `local.Processes` or `cluster.Cluster`.
+    `way`: `local.rows` or `cluster.rows`.
     `tell`: told how far it is, after each log.
     Raises InputError if another run writes to the folder, or it has results of another root.
     Raises UnreadableLogError if what is in the folder is no result of a campaign.

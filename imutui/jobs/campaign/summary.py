@@ -32,10 +32,7 @@ _KINDS: tuple[Kind, ...] = ("measured", "simulated", "unknown")
 
 
 def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
-    """Summary of a fleet.
-
-    `rows`: of `stored_rows.rows_of`, at least one.
-    """
+    """Return the summary of a fleet; `rows` has at least one."""
     rows = told_apart(rows)
     good = [row for row in rows if row["error"] is None and row["final"] is not None]
     bad = [row for row in rows if row["error"] is not None or row["final"] is None]
@@ -144,10 +141,7 @@ def _traced(rows: Sequence[Row]) -> list[Row]:
 
 
 def _effects(rows: Sequence[Row]) -> list[EffectField]:
-    """Effects by the number of units they were found in, then of power-ons.
-
-    `rows`: of one group, with a result and a serial number.
-    """
+    """Return the effects of a group, by the number of units they were found in, then of power-ons."""
     asked = _traced(rows)
     found: dict[_Key, list[_Found]] = {}
     for row in asked:
@@ -250,10 +244,7 @@ class _Worst(NamedTuple):
 
 
 def _limits(rows: Sequence[Row]) -> list[LimitField]:
-    """Units that fail a limit, and those that are too near to tell; a log without a serial number stands for itself.
-
-    `rows`: of one group, with a result.
-    """
+    """Return units of a group that fail a limit or are too near to tell; a log without a serial number is a unit."""
     units: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         serial = row["serial_number"]

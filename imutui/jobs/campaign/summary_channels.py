@@ -25,10 +25,7 @@ class _Prepared:
 
 
 def channels(rows: Sequence[Row]) -> list[ChannelField]:
-    """All six channels; drift is corrected for the number of units and channels.
-
-    `rows`: of one model and one kind, with a result and a serial number.
-    """
+    """Return all six channels of a group; drift is corrected for the number of units and channels."""
     prepared = [_prepared(told) for told in fleet_values.channels(rows)]
     courses = [_courses(one) for one in prepared]
     timed = [[course for course in group if course is not None] for group in courses]
@@ -50,11 +47,9 @@ def _prepared(told: ChannelValues) -> _Prepared:
     for key, one in zip(keys, told.values, strict=True):
         logs.setdefault(key, []).append(one)
     order = zip((data.units[k] for k in data.unit_of()), data.names, strict=True)
-    return _Prepared(told, data, [sorted(logs[key], key=_when) for key in order])
-
-
-def _when(one: BiasValue) -> tuple[str, str]:
-    return one.row["start_utc"] or "", one.row["log"]
+    for own in logs.values():
+        own.sort(key=lambda one: (one.row["start_utc"] or "", one.row["log"]))
+    return _Prepared(told, data, [logs[key] for key in order])
 
 
 def _temperature(logs: Sequence[BiasValue]) -> float | None:

@@ -64,12 +64,9 @@ def row_period(logs: Sequence[Path]) -> float:
     return float(max(1, int(-(-longest // _MOST_ROWS))))
 
 
-def unit_at_rest(name: str, logs: Sequence[Path], period: float, reading: Reading) -> UnitAtRest | None:
-    """A unit of its logs, in order of time; None where none can be read, or the motion of none is known.
-
-    `period`: of a row, s.
-    """
-    parts = [part for log in logs if (part := _of_log(name, log, period, reading)) is not None]
+def unit_at_rest(name: str, logs: Sequence[Path], period: float) -> UnitAtRest | None:
+    """Return a unit from its logs in order of time, with rows of `period` s; None if none can be used."""
+    parts = [part for log in logs if (part := _of_log(name, log, period)) is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
     first, end = min(p.first for p in parts), max(p.first + len(p.rows) for p in parts)
@@ -81,16 +78,16 @@ def unit_at_rest(name: str, logs: Sequence[Path], period: float, reading: Readin
     return replace(lead, first=first, rows=rows, temperature=temperature)
 
 
-def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest | None:
+def _of_log(name: str, log: Path, period: float) -> UnitAtRest | None:
     try:
-        (read,) = runs.read_runs([log], [name], reading, 1, lambda share, what: None)
+        (read,) = runs.read_runs([log], [name], Reading(), 1, lambda share, what: None)
     except InputError:
         return None
     run, axes = read.run, read.info.axes()
     moves = line_search.moving(run)
     own = np.where(moves[:, None], np.nan, residual(run))
     own = np.hstack([axes.gyro_to_body(own[:, :3]), axes.accel_to_body(own[:, 3:])])
-    number = ((read.first_ns + run.t * 1e9) // (period * 1e9)).astype(np.int64)
+    number = ((read.log.first_ns + run.t * 1e9) // (period * 1e9)).astype(np.int64)
     number -= (first := int(number[0]))
     enough = 0.5 * period / float(np.median(np.diff(run.t)))
     temperature = np.full(run.t.size, np.nan) if run.temperature is None else run.temperature
@@ -109,7 +106,7 @@ def _of_log(name: str, log: Path, period: float, reading: Reading) -> UnitAtRest
         not moves.any(),
         axes.accel_to_instrument(C).T,
         (*along, *(3 + axis for axis in along)),
-        tuple(_tones(run, own, read.first_ns, axes)),
+        tuple(_tones(run, own, read.log.first_ns, axes)),
         run.site.gravity,
         specification.of_model(read.info.instrument).accel_bias_limit,
     )

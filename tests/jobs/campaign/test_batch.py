@@ -53,7 +53,7 @@ def test_units_of_one_serial_number_that_ran_at_one_time_are_several_units(tmp_p
         "right 9911750": ("right", "9911750", ["u2.mcap"]),
         "right 9911750 (2)": ("right", "9911750", ["u3.mcap"]),
     }
-    assert len({batch.folder_of(unit) for unit in document["units"]}) == 3
+    assert len({batch.folder_of(unit["name"]) for unit in document["units"]}) == 3
     words = " ".join(batch_report.text(document, 80).split())
     assert "3 units have the same serial number, 9911750: " in words
     (group,) = summary.summary(stored_rows.rows_of(tmp_path / "results"), "results")["groups"]

@@ -10,7 +10,6 @@ from filters.types import Array
 from imutui.jobs.campaign import common_errors, unit_at_rest
 from imutui.jobs.campaign.common_errors import CommonField
 from imutui.jobs.campaign.unit_at_rest import UnitAtRest
-from imutui.logbook.reading import Reading
 
 
 def units(folder: Path, **how: object) -> list[UnitAtRest]:
@@ -18,7 +17,7 @@ def units(folder: Path, **how: object) -> list[UnitAtRest]:
     folder.mkdir()
     logs = batches.batch(folder, **how)  # type: ignore[arg-type]
     assert unit_at_rest.row_period(logs) == 1.0
-    found = [unit_at_rest.unit_at_rest(f"U{k + 1}", [log], 1.0, Reading()) for k, log in enumerate(logs)]
+    found = [unit_at_rest.unit_at_rest(f"U{k + 1}", [log], 1.0) for k, log in enumerate(logs)]
     return [unit for unit in found if unit is not None]
 
 

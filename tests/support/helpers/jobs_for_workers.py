@@ -38,6 +38,10 @@ def wrong(tell: Tell) -> None:
     raise InputError("`x` is 3; it must be positive")
 
 
+def wordless(tell: Tell) -> None:
+    raise MemoryError
+
+
 def broken(tell: Tell) -> Any:
     """A defect: numpy's own error."""
     return np.empty(0).min()

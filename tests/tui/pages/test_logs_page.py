@@ -175,8 +175,8 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
         await see("l → trace of turns.mcap | gx  ")
     saved = json.loads((home / "logs" / "turns_trace.json").read_text())
     expected = tasks.trace_logs([log], lambda share, text: None)
-    assert saved == json.loads(json.dumps(expected.document))
-    assert (home / "logs" / "turns_effects.toml").read_text() == expected.effects
+    assert saved == json.loads(json.dumps(expected))
+    assert (home / "logs" / "turns_effects.toml").read_text() == expected["effects_file"]
 
 
 async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, held: Held) -> None:
@@ -237,19 +237,11 @@ async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient,
 async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size: tuple[int, int]) -> None:
     found = traces.trace()
     document = traces.of_two_runs(runs=[{**traces.RUN, "seconds": 90.0}])
-    result = tasks.TraceResult(
-        document,
-        "trace of a.mcap",
-        (),
-        effects_file.dumps(found, "trace of a.mcap"),
-        ("thermal_lin (gy)",),
-        traces.PROFILE,
-    )
+    effects = effects_file.dumps(found, "trace of a.mcap")
     log = home / "logs" / "a.mcap"
     log.touch()
     made = Outcome(
-        "trace", "trace of a.mcap", log, document, result_text.traced(result), result.effects, result.experiment,
-        result.included,
+        "trace", "trace of a.mcap", log, document, result_text.traced(document), effects, traces.PROFILE,
     )  # fmt: skip
     async with opened(client, size=size) as see:
         await to_logs(see)
@@ -337,7 +329,6 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
 
 def test_a_file_that_is_being_written_is_not_called_damaged() -> None:
     """The reader finds no end; whoever looks at the list knows that a recorder has it open."""
-    document = traces.of_two_runs()
-    result = tasks.TraceResult(document, "", ("/a/b.mcap: the file ends in the middle",), "", (), "")
+    result = traces.of_two_runs(damage=["/a/b.mcap: the file ends in the middle"])
     assert "b.mcap was being written" in result_text.traced(result, {Path("/a/b.mcap")})(80).splitlines()[0]
     assert "ends in the middle" in result_text.traced(result)(80).splitlines()[0]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from textual.content import Content
 from textual.message import Message
@@ -20,6 +20,9 @@ from imutui.tui.pages.logs import result_text
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.pages.table import text
 from imutui.tui.terminal.glyphs import choose
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import TraceDocument
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +61,16 @@ def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
     names = ", ".join(path.name for path in paths[:2]) + (f" and {len(paths) - 2} more" if len(paths) > 2 else "")
     held = f"; {paths[-1].name} held out" if len(paths) > 1 else ""
 
-    def made(result: tasks.TraceResult) -> Outcome:
+    def made(result: "TraceDocument") -> Outcome:
+        experiment = result["separating_experiment"]
         return Outcome(
             "trace",
-            formatting.shorten(result.source, 56),
+            formatting.shorten(result["source"], 56),
             log_files.base(paths),
-            result.document,
+            result,
             result_text.traced(result, writing),
-            result.effects,
-            result.experiment,
-            result.included,
+            result["effects_file"],
+            "" if experiment is None else experiment["profile"],
         )
 
     return Job(f"trace of {names}{held}", Worker(tasks.trace_logs, list(paths)), made)

@@ -251,7 +251,7 @@ class LogsPage(Page):
         elif state == CANCELLED:
             self.say(f"cancelled: {job.what}", "wait")
         elif failure is not None:
-            self._failure = f"{job.what}: {failure.sentence()}"
+            self._failure = f"{job.what}: {failure.text}"
             if not self._say_failure():
                 self.say(f"{job.what} came to nothing: 6 says why", "wait")
         self._look()

@@ -198,7 +198,7 @@ class ResultPage(Page):
             self.post_message(requests.OfferProfile(path))
 
     def action_load_effects(self) -> None:
-        name = effect_words.included(self.outcome.included) or "no effect"
+        name = effect_words.included(log_files.effect_names(self.outcome.effects.encode())) or "no effect"
         self.post_message(requests.LoadEffects(name, self.outcome.effects))
 
 

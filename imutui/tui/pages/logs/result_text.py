@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.jobs.tasks import TraceResult
 from imutui.report import effect_words, numbers, replay_text, trace_tables, wrapping
 from imutui.report.trace_glance import Places
 from imutui.tui import formatting
@@ -18,7 +17,7 @@ from imutui.verdict import sources
 from imutui.verdict.rules import SITE_NOT_STATED, channel, nis_meaning
 
 if TYPE_CHECKING:
-    from imutui.jobs.documents import ResultDocument
+    from imutui.jobs.documents import ResultDocument, TraceDocument
 
 _GAPS = 5
 _PLACES = Places(
@@ -41,7 +40,6 @@ class Outcome:
     # is none
     effects: str = ""
     experiment: str = ""
-    included: tuple[str, ...] = ()  # names of the effects
     drawn: Callable[[PlotLook], list[Line]] | None = None  # its plots; None for those of its kind
 
     def plots(self, look: PlotLook) -> list[Line]:
@@ -62,13 +60,13 @@ def styled(body: str) -> StyledText:
     return made
 
 
-def traced(result: TraceResult, writing: Collection[Path] = ()) -> Callable[[int], str]:
+def traced(result: "TraceDocument", writing: Collection[Path] = ()) -> Callable[[int], str]:
     """Text of a trace at a width, with what is wrong with its files first; `writing` were not finished yet."""
-    told = [_as_written(sentence, writing) for sentence in result.damage]
+    told = [_as_written(sentence, writing) for sentence in result["damage"]]
 
     def at(width: int) -> str:
         damage = "".join(f"{wrapped(sentence, width)}\n" for sentence in told)
-        return damage + trace_tables.text(result.document, result.source, width, _PLACES, choose().text)
+        return damage + trace_tables.text(result, result["source"], width, _PLACES, choose().text)
 
     return at
 
