@@ -210,6 +210,18 @@ def test_units_in_names_are_read(tmp_path: Path, unit: str) -> None:
     assert_same(log)
 
 
+def test_a_name_with_a_minus_turns_the_sign(tmp_path: Path) -> None:
+    """As loggers name the axes of a unit that is built in the other way round."""
+    path, data = tmp_path / "a.csv", DATA.copy()
+    data[:, [2, 5]] *= -1.0
+    names = [f"-{name}" if k in (2, 5) else name for k, name in enumerate(NAMES)]
+    path.write_text("\n".join([*lines(data, names=names), ""]))
+    log, followed, said = imported(path)
+    assert not followed
+    assert_same(log)
+    assert f"-{NAMES[5]}, whose sign is turned" in said
+
+
 @pytest.mark.parametrize("row", ["", "s,arcsec/s,arcsec/s,arcsec/s,g,g,g,degC\n"])
 def test_a_unit_that_is_not_known_is_not_taken_for_ours(tmp_path: Path, row: str) -> None:
     path = tmp_path / "a.csv"

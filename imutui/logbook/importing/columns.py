@@ -78,6 +78,7 @@ class Channel:
     unit: str
     stated: str  # who states the unit: "user", "file", or "" for nobody
     by_name: bool = False  # whether its column was found by its name alone
+    negated: bool = False  # whether the column holds minus the channel, as `-accY` does
 
     @property
     def kind(self) -> str:
@@ -88,6 +89,7 @@ class Channel:
         """Return values in our unit, float64; those that are in it already stay as they are, to the last bit."""
         scale, offset = factor(self.kind, self.unit) or (1.0, 0.0)
         values = np.asarray(values, dtype=float)
+        values = -values if self.negated else values
         return values if (scale, offset) == (1.0, 0.0) else values * scale + offset
 
 
@@ -206,7 +208,9 @@ def choose(table: Table, asked: Asked, guess: Guess) -> dict[str, Channel]:
         unit = unit if factor(kind, unit or "s") and unit else _spelt(kind, unit, table, asked)
         is_sure = column < 0 or table.columns[column].is_sure
         who = "user" if asked_unit else "file" if unit and is_sure else ""
-        channels[name] = Channel(name, column, unit or OWN_UNITS.get(kind, ""), who, name in candidates)
+        by_name = name in candidates
+        negated = by_name and kind in ("gyro", "accel") and table.columns[column].name.startswith("-")
+        channels[name] = Channel(name, column, unit or OWN_UNITS.get(kind, ""), who, by_name, negated)
     return channels
 
 
@@ -345,7 +349,7 @@ def _is_plain(name: str) -> bool:
 def assumed(table: Table, channels: Mapping[str, Channel]) -> list[str]:
     """Return which columns were taken as channels by another name, and in which units, in words."""
     others = {
-        name: table.columns[c.column].name
+        name: table.columns[c.column].name + (", whose sign is turned" if c.negated else "")
         for name, c in channels.items()
         if c.column >= 0 and c.by_name and table.columns[c.column].name != name
     }
