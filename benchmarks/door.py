@@ -5,7 +5,7 @@
 mcap, table: the cases of `../shared/cases`, where that folder is present. logger: recordings as nine loggers leave
 them, three seeds each; variant: as others do; bag: bags and MCAP files as drivers of ROS leave them. A recording is
 imported (tables, bags) or replayed (MCAP). It is taken rightly if the result has the rates, forces, rate and number of
-samples that it was made with; anything assumed stands in `assumed`. If it is refused, each command of the message is
+samples that it was made with; `assumed` lists each assumption. If it is refused, each command of the message is
 run and its result is judged alike. All readings are simulated.
 Exit code 1 if anything is wrong.
 """

@@ -68,13 +68,13 @@ def command(
 
 
 def check(host: str) -> None:
-    """Refuse to serve without the library, and say so if other computers can reach the address."""
+    """Refuse to serve without the library; warn if other computers can reach the address."""
     if importlib.util.find_spec("foxglove") is None:
         raise lacking("a stream for Foxglove needs foxglove-sdk", "live")
     if not (host.startswith("127.") or host in ("localhost", "::1")):
         say(
-            f"imutui: the stream for Foxglove is served at {host}: whoever reaches this computer can watch, without a"
-            " password and unencrypted"
+            f"imutui: the stream for Foxglove is served at {host}: anyone who reaches this computer can watch,"
+            " without a password and unencrypted"
         )
 
 
@@ -110,7 +110,7 @@ def _follow(server: "FoxgloveServer", acquisition: "Client", stop: threading.Eve
 
 
 def _serve(server: "FoxgloveServer", log: Path, *, from_now: bool = True) -> bool:
-    """Serve a log to its end; return whether it is damaged, which is said."""
+    """Serve a log to its end; report damage, and return whether there is any."""
     from imutui import command_line
 
     damage = server.serve(log, from_now=from_now)

@@ -1,4 +1,4 @@
-"""Samples in a row: the one form in which they go from live data, logs and imports to filters, traces and exports."""
+"""Samples in a row: the one form in which logs, of imutui or not, give them to filters, traces, checks and exports."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 _LATE_NS = 10_000_000_000
-"""What held at a sample may stand so much later in the file than the sample."""
+"""A temperature, or the angles of a table, may stand so much later in the file than the samples that it is of."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from helpers.units import virtual
 
 from imutui.logbook import reader
 from imutui.session import client, ipc
+from imutui.session.acquisition import Acquisition
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
 from imutui.verdict import sources
@@ -539,3 +541,12 @@ def test_status_tells_room_parts_reference_and_guide(start: Start) -> None:
     events = [event["text"] for event in connection.snapshot(2**62)["events"]]
     assert any("stays in one file" in event for event in events)
     connection.stop()
+
+
+def test_an_event_is_written_behind_packets_that_still_wait() -> None:
+    """On a busy machine they wait for longer than a block; without any that wait, a second after the last is now."""
+    second = 10**9
+    for read_s, now_s, written_s in ((10.0, 10.2, 10.0), (10.0, 12.0, 12.0), (11.9, 12.0, 10.0), (11.9, 16.0, 16.0)):
+        reading = SimpleNamespace(last_packet_ns=round(read_s * second))
+        acquisition: Any = SimpleNamespace(_last_read_ns=10 * second, reader=reading)
+        assert Acquisition._written_ns(acquisition, round(now_s * second)) == round(written_s * second)

@@ -122,7 +122,7 @@ def lines(
 
 
 def _anew(head: object, folder: Path) -> str:
-    """The command that makes results of another version anew, as far as they say of which logs they are."""
+    """Return the command that makes results of another version anew, with the folder of the logs if they state it."""
     root = head.get("root") if isinstance(head, dict) else None
     if not isinstance(root, str):
         return _HOW
@@ -145,7 +145,7 @@ def _record(record: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def own_record(record: dict[str, Any]) -> dict[str, Any] | None:
-    """A record of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
+    """Return a record of a journal that this program wrote here, None if it is not whole; quick for a million rows."""
     shape = rows.Row if "log" in record else rows.HeadFields
     return record if shape.__required_keys__ <= record.keys() and isinstance(record.get("log", ""), str) else None
 
