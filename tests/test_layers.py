@@ -31,6 +31,7 @@ EVERYWHERE = {"filters.errors"} | {
     f"imutui.{name}"
     for name in (
         "command_line",
+        "declared",
         "defects",
         "document_shape",
         "estimate_history",
@@ -50,6 +51,7 @@ FLOORS = {
     "imutui.toml_text": set(),
     "imutui.outside_file": set(),
     "imutui.defects": set(),
+    "imutui.declared": set(),
     "imutui.document_shape": set(),
     "imutui.fast_time": set(),
     "filters": GROUND,
@@ -308,6 +310,7 @@ def test_what_crosses_a_border_has_a_name_for_its_shape() -> None:
 
 EDGES: dict[str, str] = {
     "imutui.jobs.campaign.stored_rows": "a line of a journal is of any shape until it has been looked at",
+    "imutui.declared": "what is read is of any shape until it has been read",
     "imutui.toml_text": "a document is of any shape until its reader has looked at it",
 }
 """Modules where documents of any shape are read or written, and why."""
