@@ -112,8 +112,7 @@ FLOORS = {
     },
     "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
-    "imutui.scenario_table": {"filters"},
+    "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }
 
