@@ -108,7 +108,6 @@ FLOORS = {
         "imutui.report",
         "imutui.verdict",
     },
-    "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
     "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
     "imutui.scenario_table": {"filters"},
