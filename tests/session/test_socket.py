@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -65,7 +65,8 @@ def ask(line: bytes) -> dict[str, Any]:
 
 
 def exchange(connection: socket.socket, line: bytes) -> dict[str, Any]:
-    connection.sendall(line + b"\n")
+    with suppress(BrokenPipeError):  # a connection that is refused has its reply already
+        connection.sendall(line + b"\n")
     with connection.makefile("rb") as replies:
         return dict(json.loads(replies.readline()))
 
