@@ -47,7 +47,7 @@ def release() -> None:
     libc = ctypes.CDLL(None)
     libc.madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
     libc.malloc_trim(0)
-    with contextlib.suppress(OSError), open("/proc/self/smaps", encoding="utf-8") as mappings:  # noqa: PTH123
+    with contextlib.suppress(OSError), open("/proc/self/smaps", encoding="utf-8") as mappings:
         for line in mappings:
             if line[0] in "0123456789abcdef":
                 begin, end = (int(address, 16) for address in line.split(None, 1)[0].split("-"))
