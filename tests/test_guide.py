@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import unit_time
 from helpers.places import own_places
 from helpers.processes import LIMIT_S, end_owner, started, wait_until
 from helpers.terminal import Terminal
@@ -29,7 +30,6 @@ _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
 _PATH = re.compile(r"\S*/\S*\.mcap")
 _WORD = re.compile(r"[A-Za-z][\w-]*")
 _NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?!\w)")
-_SPEED = " --speed 2"
 
 
 class Section:
@@ -158,13 +158,14 @@ def check_words(shown: str, came: str, command: str) -> None:
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
-    """A reader who has made the recording of the second section, twice as fast as its unit would."""
+    """A reader who has made the recording of the second section, as fast as the machine makes it."""
     folder = tmp_path_factory.mktemp("guide")
     with pytest.MonkeyPatch.context() as patch:
         runtime = own_places(patch, folder)
         made = Reader(folder)
         (command,) = Section("Record a minute").commands()
-        made.recorded = made.types(command + _SPEED)  # type: ignore[attr-defined]
+        with unit_time.own():
+            made.recorded = made.types(command)  # type: ignore[attr-defined]
         yield made
         for lock in (runtime / "imutui").glob("*.lock"):
             end_owner(lock)
