@@ -34,9 +34,9 @@ from typing import Annotated, Any, TypedDict
 from filters.errors import InputError
 from filters.imu import parse_mount
 from imutui import declared, outside_file, toml_text
-from imutui.config import ALLOWED
 from imutui.declared import Meta
 from imutui.instrument.names import NAMES, VIRTUAL_PORT
+from imutui.settings import FilterName, Name, Note
 
 COMMON = ("rate", "filter", "note", "operator", "table", "place", "profile")
 """Keys at the top of the file, which are for all units."""
@@ -135,11 +135,11 @@ class _Unit(TypedDict, total=False):
 
 class _Batch(TypedDict, total=False):
     rate: float
-    filter: Annotated[str, Meta(allowed=ALLOWED["filter.name"])]
-    note: str
-    operator: str
-    table: str
-    place: str
+    filter: FilterName
+    note: Note
+    operator: Name
+    table: Name
+    place: Name
     profile: str
     unit: list[_Unit]
 

@@ -5,7 +5,6 @@ tuple, `dict[str, X]`, another record, and unions of these. In a union of record
 field that they declare as a `Literal`, such as `kind`. `Annotated` adds a `Meta`, or a number: the length of a list.
 """
 
-import difflib
 import math
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -61,6 +60,17 @@ def make(value: object, shape: object, into: Callable[..., T], where: str = "") 
     return made
 
 
+def settle(record: object) -> None:
+    """Check and convert the fields of a dataclass by their declared types; for its `__post_init__`.
+
+    Raises InputError with the name of the field, its value and what is allowed.
+    """
+    rules = _Rules(exact=True, largest=LARGEST)
+    declared: Any = type(record)
+    for key, (shape, name, _) in _fields(declared).items():
+        object.__setattr__(record, name, _value(getattr(record, name), shape, (key,), rules))
+
+
 def problem(value: object, shape: object, where: str, *, exact: bool = False) -> str:
     """Return what of a JSON document does not fit its declared type; empty if it fits.
 
@@ -83,6 +93,8 @@ def refuse_unknown(keys: Iterable[str], known: Collection[str], table: str = "")
 
 def meant(word: str, known: Iterable[str]) -> str:
     """Return a question for the known word that is most like an unknown one; empty if none is like it."""
+    import difflib  # only a mistake needs it
+
     near = difflib.get_close_matches(word, list(known), 1, 0.7)
     return f"; did you mean `{near[0]}`?" if near else ""
 

@@ -285,8 +285,7 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
         common = batches.base_of(batch, base)
     else:
         own: dict[str, Any] = {field: getattr(base, field) for field in given}
-        chosen = [field for field in base.explicit if field in given]
-        common = replace(first, **own, explicit=(*first.explicit, *chosen))
+        common = replace(first, **own)
     plans = batches.plans(batch, common)
     remarks = dict[str, None]()
     for number, plan in enumerate(plans, 1):
@@ -331,7 +330,7 @@ _LONGEST_VALUE = 60
 
 def _in_words(plan: Plan) -> str:
     """What a plan asks of all units of a batch."""
-    parts = [f"{plan.rate_hz:g} Hz", plan.sampling, f"filter {plan.filter}"]
+    parts = [f"{plan.rate_hz:g} Hz" if plan.rate_hz else "the unit's own rate", plan.sampling, f"filter {plan.filter}"]
     parts.append(f"reference {plan.reference_file[0] or plan.reference}")
     texts = ("note", "operator", "place", "table")
     parts += [f'{key} "{value}"' for key in texts if (value := getattr(plan, key))]

@@ -156,7 +156,8 @@ def _acquire(
 ) -> int:
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
-    plan = plan.of_instrument(plan.instrument or which_answers(port).name)
+    usual = DEFAULT if plan.port == VIRTUAL_PORT else ""  # a virtual unit of our own
+    plan = plan.of_instrument(plan.instrument or usual or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
     with _left_as_found(host):
         try:

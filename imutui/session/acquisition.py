@@ -82,7 +82,7 @@ class Acquisition:
         self.timebase = Timebase.now()
         self.recorder = Recorder(plan, info, lifecycle, self.timebase)
         self._instrument = INSTRUMENTS[plan.instrument]
-        scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
+        scaling = self._instrument.scaling(info.rate_range_dps, info.accel_range_g)
         self.recent = RecentPackets(scaling)
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument))
         self.status = StatusWords(self._instrument)
@@ -91,7 +91,7 @@ class Acquisition:
         self._line_errors = (0, 0, 0)
         self._last_stamp_ns = self.started_ns
         self._last_read_ns = 0
-        self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
+        self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(info.rate_hz))
         watches = self.line, self.status, GravityCheck(self._instrument), ClockStepMonitor(self.timebase)
         self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
         if foxglove is not None:
@@ -194,7 +194,7 @@ class Acquisition:
         if unsaid is not None:
             self.event("acquisition", unsaid, WARNING)
         plan = self.recorder.plan
-        if "baud" in plan.explicit and plan.baud != info.baud:
+        if plan.baud not in (None, info.baud):
             said = f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
             self.event("acquisition", said, WARNING)
         if plan.ends_unwatched_s is not None:

@@ -227,7 +227,7 @@ class Starting:
         self.plan, self._timeout = plan, timeout
         self._missing = end_report.missing_folders(plan)
         self._process, self._output = _begun(plan, parent)
-        self.deadline = time.monotonic() + timeout + 1.0 / plan.rate_hz
+        self.deadline = time.monotonic() + timeout + plan.period_s
 
     def fileno(self) -> int:
         """Of what it says."""

@@ -148,7 +148,7 @@ def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Serve
         ({"ask": "record", "wish": {"x": 1}}, "`x` is unknown in `wish`"),
         ({"ask": "record", "wish": 5}, "`wish` is no JSON object"),
         ({"ask": "guide", "wish": {}}, "`do` is no text"),
-        ({"ask": "record", "wish": {"note": 5}}, "`note` is no text"),
+        ({"ask": "record", "wish": {"note": 5}}, "`note` is 5, not a text"),
         ({"ask": "configure", "changes": [1]}, "`changes` is no JSON object"),
         ({"ask": "configure", "changes": {"reference_file": "ab"}}, "not a name and a text"),
         ({"ask": "configure", "changes": {"reference_file": ["n" * 999, "x"]}}, "longer than 200"),

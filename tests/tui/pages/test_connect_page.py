@@ -39,7 +39,7 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
     async with opened(None, options={"logs": str(tmp_path)}) as see:
         await see("→ no serial port | press v for the DEMO | virtual, 133 Hz, stream")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path), site=PAPER_PLACE)]
+    assert machine == [Plan("virtual", instrument="", logs=str(tmp_path), site=PAPER_PLACE)]
 
 
 @pytest.mark.parametrize("asks", ["looks for ports", "looks in vain", "asks at a port"])
@@ -82,10 +82,10 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
 
 
 async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
-    async with opened(None, options={"defaults": Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)}) as see:
+    async with opened(None, options={"defaults": Plan("virtual", rate_hz=50.0, mount="x,-y,-z", accel_sign=1)}) as see:
         await see("→ virtual, 50 Hz")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1, site=PAPER_PLACE)]
+    assert machine == [Plan("virtual", instrument="", rate_hz=50.0, mount="x,-y,-z", accel_sign=1, site=PAPER_PLACE)]
 
 
 async def test_the_site_is_asked_for_once_where_a_filter_would_start_without_one(machine: list[Plan]) -> None:
@@ -209,7 +209,7 @@ async def test_a_unit_that_answered_is_offered_what_it_gives(
         await see("home shift+end delete '7' enter → Where does the table stand?")
         await see("enter → gx, deg/s")
     (plan,) = machine
-    assert (plan.port, plan.rate_hz, plan.explicit) == ("/dev/ttyUSB0", 7.0, ("rate_hz",))
+    assert (plan.port, plan.rate_hz) == ("/dev/ttyUSB0", 7.0)
 
 
 async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +278,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
         raise SessionError(reason, 4)
 
     monkeypatch.setattr(session, "start", fail)
-    async with opened(None, options={"plan": Plan("/dev/ttyUSB7", 20.0)}) as see:
+    async with opened(None, options={"plan": Plan("/dev/ttyUSB7", rate_hz=20.0)}) as see:
         screen = await see("→ Could not connect. | press Enter.")
         assert " ".join(screen.split()).find(reason) > 0
         assert "ttyUSB7, 20 Hz, stream" in screen
