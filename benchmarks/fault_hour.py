@@ -201,7 +201,7 @@ def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) ->
         links = [stack.enter_context(virtual(folder, text)) for folder, text in zip(folders, texts, strict=True)]
         plans = [
             Plan(
-                str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
+                str(link), rate_hz=options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
                 record=True, filter=options.filter, duration_s=seconds,
             )
             for link, folder in zip(links, folders, strict=True)

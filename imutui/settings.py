@@ -76,7 +76,7 @@ class ReadingSettings:
 class LoggedSettings(ReadingSettings):
     """Settings of an acquisition that its logs state."""
 
-    rate_hz: Annotated[float, Meta(above=0.0)] | None = _setting(
+    rate_hz: float | None = _setting(
         None, "acquisition.rate_hz", "--rate", "HZ", "Output rate, 0.1 to 133 Hz. An IMU381 gives 100 Hz at most.",
         "rate, Hz",
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """What is asked of an acquisition, as one record that travels to its process as JSON."""
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -100,9 +100,10 @@ class Plan(AcquisitionSettings):
     """One acquisition. A setting that is None is as the unit has it."""
 
     port: str  # path, stable id, pyserial URL, or "virtual"
+    _: KW_ONLY
     # ends by itself so many seconds after the first packet, gaps included
     duration_s: (
-        Annotated[float, Meta(above=0.0, most=_LONGEST_S, words="a time in seconds, at most ten years")] | None
+        Annotated[float, Meta(above=0.0, most=_LONGEST_S, words="a positive time in seconds, ten years at most")] | None
     ) = None
     record: bool = False  # whether recording starts with the first packet, or when a viewer asks
     name: Annotated[str, Meta(make=_file_name)] = "default"  # of the acquisition; one of a name a user. See `batch_of`.

@@ -162,7 +162,7 @@ def test_the_unit_reads_the_motion_that_the_turner_knows() -> None:
 def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(home: Path) -> None:
     plan = Plan(
         VIRTUAL_PORT,
-        20.0,
+        rate_hz=20.0,
         logs=str(home / "logs"),
         reference="profile",
         reference_file=("three.toml", TURNED),
