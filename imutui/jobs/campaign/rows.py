@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Annotated, TypedDict
 
 from filters.health.finding import HealthEntry
+from imutui.estimates import ConvergedFields, SdFields, StateFields, WhiteNoise
 from imutui.logbook.reading import ReadingFields
-from imutui.logbook.results import ConvergedFields, SdFields, SpreadFields, StateFields, WhiteNoise
+from imutui.logbook.results import SpreadFields
 
 TIMINGS = ("wall_s", "filter_s", "read_s", "log_mtime_ns", "versions")
 """Fields of a row that depend on where and when it was made, or where the log lay."""
