@@ -45,14 +45,19 @@ class ConvergedFields(TypedDict):
     gyro_bias: Three
 
 
-class NisFields(TypedDict):
-    """Mean normalised innovation squared with its 95 % band, whether it is a test, and why (not)."""
+class MeanNis(TypedDict):
+    """Mean normalised innovation squared with its 95 % band, and whether it is a test."""
 
     mean: float | None
-    first: float | None
     dof: float
     band95: Annotated[list[float | None], 2]
     is_test: bool
+
+
+class NisFields(MeanNis):
+    """The same with the first one, and why it is a test or none."""
+
+    first: float | None
     why: str
 
 
@@ -71,13 +76,17 @@ class ProcessNoise(WhiteNoise):
     accel_walk_mps2_sqrt_h: Three
 
 
-class NoiseFields(WhiteNoise):
-    """White noise measured on the samples, beside the specification's and the filter's own."""
+class MeasuredNoise(WhiteNoise):
+    """White noise measured on the samples, and its standard deviation as a share of it."""
+
+    relative_sd: float | None
+
+
+class NoiseFields(MeasuredNoise):
+    """The same beside the specification's and the filter's own."""
 
     specification: WhiteNoise
     used: ProcessNoise
-    relative_sd: float | None
-    """Standard deviation of the measured ones, as a share of them."""
 
 
 class EffectField(TypedDict):

@@ -16,7 +16,7 @@ from filters.health.finding import HealthEntry
 from filters.imu import CHANNELS, AxisMap
 from filters.kalman.settings import Settings
 from filters.state import NavState
-from imutui.document_shape import VERSION
+from imutui.document_shape import VERSION, empty
 from imutui.estimate_history import HistoryRows
 from imutui.estimates import (
     BiasFields,
@@ -50,7 +50,6 @@ EXACT_BUT_LARGE = (
 )
 DRAWN = "measurements are drawn with covariance R"
 MOVING = "the trajectory is fed as it is: NIS compares its own errors with R, which was not made for it"
-_NO_UPDATE = "no update yet"
 
 
 class SpreadFields(TypedDict):
@@ -264,7 +263,10 @@ def estimates(estimator: "Estimator | None", info: SessionInfo, health: Sequence
     `health`: faults of the channels; one that measures nothing has no bias.
     """
     if estimator is None:
-        return _not_begun(info)
+        known = {"filter": info.filter, "identity": info.identity(), "reference": info.reference}
+        nothing: Estimates = empty(Estimates) | known | {"site_stated": info.site_stated}
+        nothing["nis"]["why"] = "no update yet"
+        return nothing
     from filters.motion.alignment import Turning
 
     axes, g_unit, latest = info.axes(), info.g_unit, estimator.latest
@@ -273,22 +275,23 @@ def estimates(estimator: "Estimator | None", info: SessionInfo, health: Sequence
     # such a reference does not say where the unit is
     unplaced = PLACE if isinstance(estimator.reference, Turning) else ()
     site_mg = site_sd_mg(estimator, info)
-    final, sd = _NONE_YET
-    if latest is not None:
+    if latest is None:
+        final, sd = empty(StateFields), empty(SdFields)
+    else:
         nav = latest.belief.nav
         final = fields(state_columns(nav, info, seen), unplaced)
         sd = fields(sd_columns(latest.belief.P, nav.C_nb, info, seen, site_mg), unplaced)
     return {
         "filter": info.filter,
+        "identity": info.identity(),
+        "reference": info.reference,
+        "site_stated": info.site_stated,
         "samples": 0 if latest is None else estimator.taken,
         "alarms": estimator.alarms(),
-        "identity": info.identity(),
         "duration_s": 0.0 if latest is None else _span(estimator, latest.t)[1],
-        "reference": info.reference,
         "unobservable": [*unplaced, *(name for name, s in zip(_NAMES, seen.tolist(), strict=True) if not s)],
         "final": final,
         "sd": sd,
-        "site_stated": info.site_stated,
         "site_sd_mg": site_mg.tolist(),
         "converged": estimator.converged and bool(reads[observable].all()),
         "converged_s": converged_since(estimator, axes, reads),
@@ -303,42 +306,6 @@ def estimates(estimator: "Estimator | None", info: SessionInfo, health: Sequence
         "causes": departures.causes(estimator, axes, g_unit),
         "causes_gone": departures.withdrawn(estimator, axes, g_unit),
         "departure": departures.sentence(estimator, axes, g_unit),
-    }
-
-
-_NONE_YET: Any = tuple(
-    {name: [None] * 3 for name in of.__annotations__ | BiasFields.__annotations__} for of in (StateFields, SdFields)
-)
-
-
-def _not_begun(info: SessionInfo) -> Estimates:
-    """Return what is known of a filter whose code is not loaded yet."""
-    final, sd = _NONE_YET
-    return {
-        "filter": info.filter,
-        "samples": 0,
-        "alarms": [],
-        "identity": info.identity(),
-        "duration_s": 0.0,
-        "reference": info.reference,
-        "unobservable": [],
-        "final": final,
-        "sd": sd,
-        "site_stated": info.site_stated,
-        "site_sd_mg": [0.0] * 3,
-        "converged": False,
-        "converged_s": {"accel_bias": [None] * 3, "gyro_bias": [None] * 3},
-        "nis": {"mean": None, "first": None, "dof": 0, "band95": [None, None], "is_test": False, "why": _NO_UPDATE},
-        "noise": _noise(info.settings(), info, None, None),
-        "effects": [],
-        "rejected": 0,
-        "confounded": [],
-        "remainder": [{"channel": channel, "ratio": None, "windows": 0} for channel in CHANNELS],
-        "temperature_k_per_min": None,
-        "held_since_s": None,
-        "causes": [],
-        "causes_gone": [],
-        "departure": None,
     }
 
 
