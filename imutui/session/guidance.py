@@ -119,7 +119,7 @@ class Guidance:
             self._interrupt(guide, now_ns)
         elif guide is not None and guide.awaits(now_ns):
             if table.is_idle:
-                table.turn(guide.profile, guide.profile.segments[guide.segment], now_ns)
+                table.go(guide.profile, guide.profile.segments[guide.segment], now_ns)
             elif table.has_arrived(now_ns):
                 recorder.event("mark", guide.arrive(now_ns))
         elif guide is not None and guide.state == "done" and self._leaves_when_done:

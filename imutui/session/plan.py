@@ -18,7 +18,8 @@ from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
-from imutui.table import gate, registry
+from imutui.table import registry
+from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
@@ -169,7 +170,7 @@ class Plan:
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
     # controller, limits: URL of the table's controller, "" for none, and what its axes may do, as
-    # `imutui.table.gate.parse_limits` reads it
+    # `imutui.table.motion.parse_limits` reads it
     controller: str = ""
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
@@ -205,7 +206,7 @@ class Plan:
         if self.controller:
             if self.controller.partition(":")[0] not in registry.CONTROLLERS:
                 raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
-            gate.parse_limits(self.limits)
+            parse_limits(self.limits)
         if self.speed != 1.0 and not 0.0 < self.speed <= _FASTEST:
             raise InputError(f"`speed` is {self.speed:g}; time runs up to {_FASTEST:g} times as fast")
         if self.speed != 1.0 and not (self._is_virtual and _is_here(self.controller)):
