@@ -30,6 +30,8 @@ class CommandedTable:
     Raises InstrumentError if there is no controller.
     """
 
+    has_ramps = False  # a segment begins when the table has its rate
+
     def __init__(self, url: str, limits_text: str = "", slack: float = 1.0) -> None:
         self.lives: Callable[[], bool] = lambda: True  # whether whoever commands does its work still
         self._url, self._limits_text = url, limits_text
@@ -80,12 +82,6 @@ class CommandedTable:
         self._kept.news.append((why, True))
 
     # -- a profile's segments -----------------------------------------------------------------------------------------
-
-    @property
-    def is_idle(self) -> bool:
-        """True if the table is on the way to nothing."""
-        self._heed()
-        return not self._steps
 
     def _heed(self) -> None:
         """Forget the steps if the table was told to stop: any thread may do that, and only the worker has steps."""

@@ -105,7 +105,7 @@ def batch_of(name: str) -> str:
 
 
 def _is_here(controller: str) -> bool:
-    return not controller or urlsplit(controller).hostname in (LOOPBACK, "localhost", "::1")
+    return controller in ("", VIRTUAL_PORT) or urlsplit(controller).hostname in (LOOPBACK, "localhost", "::1")
 
 
 def check_rotation(minutes: float, mb: float) -> None:
@@ -169,8 +169,8 @@ class Plan:
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
-    # controller, limits: URL of the table's controller, "" for none, and what its axes may do, as
-    # `imutui.table.motion.parse_limits` reads it
+    # controller, limits: URL of the table's controller, "" for none, "virtual" for that of a virtual unit's own table;
+    # and what its axes may do, as `imutui.table.motion.parse_limits` reads it
     controller: str = ""
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
@@ -204,7 +204,8 @@ class Plan:
 
     def _check_table(self) -> None:
         if self.controller:
-            if self.controller.partition(":")[0] not in registry.CONTROLLERS:
+            own = self.controller == self.port == VIRTUAL_PORT
+            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
                 raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
             parse_limits(self.limits)
         if self.speed != 1.0 and not 0.0 < self.speed <= _FASTEST:
@@ -305,5 +306,6 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
+        controller=VIRTUAL_PORT,
         site=PAPER_PLACE,  # where the virtual unit stands, wherever the user does
     )

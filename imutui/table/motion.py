@@ -301,18 +301,15 @@ class Turn:
         return _profile(self, begin, Rate(self.axis, change, _FOR_EVER_S) if change else None)
 
     def takes_s(self, begin: Begin) -> float:
-        """Return the time until the motion is there, at most."""
         return abs(self.rate_dps - begin.rate_dps) / self.accel_dps2 + SETTLED_S
 
     def is_there(self, readings: Readings, limits: Limits) -> bool:
-        """Return whether the motion has come to what was asked."""
         if not self.rate_dps:
             return readings.stands(self.axis)
         _, rates = readings.last(self.axis, _RATE_S)
         return bool(rates) and abs(_mean(rates) - self.rate_dps) < max(_RATE_DPS, _RATE_SHARE * abs(self.rate_dps))
 
     def ended(self) -> "Motion | None":
-        """Return the motion that brings the axis to rest."""
         return replace(self, rate_dps=0.0)
 
 
@@ -358,11 +355,9 @@ class Swing:
             raise InputError(f"the {self.axis} axis swings with {self.peak_dps2:g} deg/s^2 and brakes more gently")
 
     def takes_s(self, begin: Begin) -> float:
-        """Return the time until the motion is there, at most."""
         return _PERIODS / self.hz + SETTLED_S
 
     def is_there(self, readings: Readings, limits: Limits) -> bool:
-        """Return whether the motion has come to what was asked."""
         if not self.amplitude_deg:
             return readings.stands(self.axis)
         angles, _ = readings.last(self.axis, 1.0 / self.hz)
@@ -370,7 +365,6 @@ class Swing:
         return share > _SWINGS or (share > 0.5 and readings.passed_s > _PERIODS / self.hz)
 
     def ended(self) -> "Motion | None":
-        """Return the motion that brings the axis to rest."""
         return replace(self, amplitude_deg=0.0)
 
 
