@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -290,9 +289,8 @@ class Acquisition:
                 self.recorder.events.handled_ns = None
 
     def _is_silent(self, now_ns: int) -> bool:
-        """Whether the unit is silent for so long that a table is stopped; in real time, which waits take."""
-        moment = self._moment(now_ns)
-        return self.line.falls_silent(replace(moment, silent_s=moment.silent_s / self.recorder.plan.speed))
+        """Return True if the unit has been silent for so long that a table is stopped."""
+        return self.line.falls_silent(self._moment(now_ns))
 
     def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self.reader.last_packet_ns) / 1e9

@@ -26,16 +26,14 @@ _MOVING = 0.1  # deg/s: a table that is faster is reported to move
 class CommandedTable:
     """Commands a table through its keeper. `url`, `limits_text`: as `KeptTable` has them.
 
-    `slack`: how much more patience than usual: the times that time runs faster.
     Raises InstrumentError if there is no controller.
     """
 
     has_ramps = False  # a segment begins when the table has its rate
 
-    def __init__(self, url: str, limits_text: str = "", slack: float = 1.0) -> None:
+    def __init__(self, url: str, limits_text: str = "") -> None:
         self.lives: Callable[[], bool] = lambda: True  # whether whoever commands does its work still
         self._url, self._limits_text = url, limits_text
-        self._slack = slack
         self._kept = self._begin()
         self._readings = Readings()
         self._steps: deque[tuple[Motion, ...]] = deque()  # motions at once, the present ones first
@@ -108,7 +106,7 @@ class CommandedTable:
             k = AXES.index(motion.axis)
             begin = Begin(0.0) if newest is None else Begin(newest.angles_deg[k], newest.rates_dps[k])
             takes_s = max(takes_s, motion.takes_s(begin))
-        self._until_ns = now_ns + round((takes_s + _SETTLE_PATIENCE_S * self._slack) * 1e9)
+        self._until_ns = now_ns + round((takes_s + _SETTLE_PATIENCE_S) * 1e9)
         # the keeper refuses a command that was decided on before a stop and comes after it
         self._kept.send(Command("go", step, self._seen_stops))
 

@@ -78,7 +78,7 @@ class Expected:
         self.angle_deg += share * (angle_deg - self.at(t_s)[0])
         self.forgot_s = t_s
 
-    def strays(self, angle_deg: float, t_s: float, patience_s: float) -> str:
+    def strays(self, angle_deg: float, t_s: float) -> str:
         """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
         should, rate = self.at(t_s)
         fastest = max(abs(rate), abs(self.at(t_s - self.late_s)[1]))
@@ -89,7 +89,7 @@ class Expected:
             self.forget(angle_deg, t_s)
             return ""
         self.off_since_s = t_s if self.off_since_s is None else self.off_since_s
-        if t_s - self.off_since_s < patience_s:
+        if t_s - self.off_since_s < FOLLOW_S:
             return ""
         axis = self.motion.axis
         return f"{axis} does not follow: it is at {angle_deg:.2f}° and should be at {should:.2f}° for {FOLLOW_S:g} s"
@@ -98,18 +98,18 @@ class Expected:
 class ExpectedSwing:
     """An axis that should swing: its size is known, not its phase."""
 
-    def __init__(self, motion: Swing, begin: Begin, since_s: float, late_s: float) -> None:
-        self.motion, self.since_s, self._late_s = motion, since_s, late_s
+    def __init__(self, motion: Swing, begin: Begin, since_s: float) -> None:
+        self.motion, self.since_s = motion, since_s
         self.centre_deg = begin.angle_deg if begin.centre_deg is None else begin.centre_deg
         self._swung = deque[tuple[float, float]]()
 
-    def strays(self, angle_deg: float, t_s: float, patience_s: float) -> str:
+    def strays(self, angle_deg: float, t_s: float) -> str:
         """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
         axis, amplitude, period_s = self.motion.axis, self.motion.amplitude_deg, 1.0 / self.motion.hz
         self._swung.append((t_s, angle_deg))
         while self._swung[0][0] < t_s - max(period_s, FOLLOW_S):
             self._swung.popleft()
-        if amplitude and abs(angle_deg - self.centre_deg) > amplitude + FOLLOW_DEG + self._late_s * amplitude:
+        if amplitude and abs(angle_deg - self.centre_deg) > amplitude + FOLLOW_DEG + _LATE_S * amplitude:
             return f"{axis} swings to {angle_deg:.2f}°, farther than the {amplitude:g}° commanded"
         if t_s - self.since_s < period_s + 2.0 * FOLLOW_S or amplitude < FOLLOW_DEG:
             return ""
@@ -123,13 +123,11 @@ class ExpectedSwing:
 class Follower:
     """Checks motions from where the axes are, and readings against the motions.
 
-    `slack`: how much more patience than usual: the times that time runs faster.
     `wraps`: axes that the controller counts modulo 360.
     `angles_deg`: angles of all axes, unwrapped.
     """
 
     limits: Limits
-    slack: float = 1.0
     wraps: Collection[str] = AXES
     angles_deg: list[float] = field(default_factory=list)
     mode: str = OFF  # that was commanded last
@@ -141,17 +139,13 @@ class Follower:
     _link_s: float = 0.0  # from a question to its answer, the longest of late
     _other_mode_since_s: float | None = None
 
-    @property
-    def _late_s(self) -> float:
-        return _LATE_S * self.slack
-
     def _begin(self, axis: str) -> Begin:
         k, before = AXES.index(axis), self._expected.get(axis)
         return Begin(
             self.angles_deg[k],
             self._rates_dps[k],
             0.0 if self.mode == OFF else self._braking(axis),
-            self._late_s + (2 + _LINES) * self._link_s,
+            _LATE_S + (2 + _LINES) * self._link_s,
             before.centre_deg if isinstance(before, ExpectedSwing) else None,
         )
 
@@ -169,11 +163,11 @@ class Follower:
 
     def begin(self, motion: Motion, since_s: float, took_s: float = 0.0) -> None:
         """Expect a motion that was commanded, and may have begun at any time that the command took to be sent."""
-        begin, late_s = self._begin(motion.axis), self._late_s + took_s
+        begin = self._begin(motion.axis)
         self._expected[motion.axis] = (
-            ExpectedSwing(motion, begin, since_s, late_s)
+            ExpectedSwing(motion, begin, since_s)
             if isinstance(motion, Swing)
-            else Expected(motion, begin, since_s, late_s)
+            else Expected(motion, begin, since_s, _LATE_S + took_s)
         )
         self._brakes[motion.axis] = motion.accel_dps2
         self.mode = motion.mode
@@ -195,7 +189,7 @@ class Follower:
     def braking_s(self) -> float:
         """Return the time after which all axes rest if they begin to brake now, at most."""
         of = [(abs(self._rates_dps[AXES.index(axis)]), own, self._braking(axis)) for axis, own in self.limits.items()]
-        return max((rate / accel + own.lag_s + self._late_s for rate, own, accel in of), default=0.0)
+        return max((rate / accel + own.lag_s + _LATE_S for rate, own, accel in of), default=0.0)
 
     def wrong(self, state: TableState) -> str:
         """Take a reading; returns how it disagrees with the motions, in words, or ""."""
@@ -210,7 +204,7 @@ class Follower:
             expected, k = self._expected.get(axis), AXES.index(axis)
             said = self._out_of_control(axis, k, t_s)
             if not said and expected is not None:
-                said = expected.strays(self.angles_deg[k], t_s, FOLLOW_S * self.slack)
+                said = expected.strays(self.angles_deg[k], t_s)
             if said:
                 return said
         return self._left_mode(state.mode, t_s)
@@ -245,7 +239,7 @@ class Follower:
         motion = None if expected is None else expected.motion
         if not isinstance(motion, Turn) or not motion.rate_dps:
             return ""
-        late_s, accel = limits.lag_s + self._late_s + 2.0 * self._link_s, self._braking(axis)
+        late_s, accel = limits.lag_s + _LATE_S + 2.0 * self._link_s, self._braking(axis)
         for way, room in ((1.0, high - angle), (-1.0, angle - low)):
             # its drive may be ahead of it on the way to the rate commanded, and goes on there until a stop comes
             turns = max(way * rate, 0.0)
@@ -255,7 +249,7 @@ class Follower:
             spare_s = (room - braking_deg(fastest, accel, late_s)) / fastest
             if spare_s <= 0.0:
                 return f"{axis} at {rate:+.1f} deg/s comes to its limit: it is at {angle:.1f}°"
-            self.must_stop_s = min(self.must_stop_s, t_s + spare_s + self._late_s / 2.0)
+            self.must_stop_s = min(self.must_stop_s, t_s + spare_s + _LATE_S / 2.0)
         return ""
 
     def _left_mode(self, mode: str, t_s: float) -> str:
@@ -263,6 +257,6 @@ class Follower:
             self._other_mode_since_s = None
             return ""
         since_s = self._other_mode_since_s = self._other_mode_since_s or t_s
-        if t_s - since_s < FOLLOW_S * self.slack:
+        if t_s - since_s < FOLLOW_S:
             return ""
         return f"the controller has left the mode {self.mode} by itself and is off"

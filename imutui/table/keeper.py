@@ -33,7 +33,7 @@ _POLL_S = 1.0 / 200.0
 _AGAIN_S, _PATIENCE_S = 0.5, 60.0
 _ALIVE_S = 0.5  # between two words to the owner while a command takes its time
 _MOST = 1 << 16
-_real_s, _wait = time.monotonic, time.sleep  # its owner is waited for in real time, whatever the process's own is
+_wait = time.sleep
 
 
 class OwnerGoneError(Exception):
@@ -64,7 +64,7 @@ def stop_for_certain(
     `is_deaf`: ask nothing over the link at hand either before the modes are off; over a new link that is always so.
     Returns the link over which the controller has confirmed that all axes rest with their modes off, or None.
     """
-    until_s, said = _real_s() + _PATIENCE_S, ""
+    until_s, said = time.monotonic() + _PATIENCE_S, ""
     while True:
         try:
             controller = controller or connect(False)
@@ -81,7 +81,7 @@ def stop_for_certain(
             with contextlib.suppress(TableError):
                 controller.close()
         controller, is_deaf = None, True
-        if _real_s() > until_s:
+        if time.monotonic() > until_s:
             return None
         _wait(_AGAIN_S)
 
@@ -93,7 +93,6 @@ class Keeper:
     `given`: limits that the operator gives.
     `say`: takes each report for the owner.
     `lines`: has the owner's commands.
-    `speed`: times that time runs faster, of a trial.
     Raises TableError if there is no controller.
     """
 
@@ -103,7 +102,6 @@ class Keeper:
         given: Limits,
         say: Callable[[Report], None],
         lines: "Lines",
-        speed: float = 1.0,
     ) -> None:
         self._connect = connect
         self._say = say
@@ -114,18 +112,18 @@ class Keeper:
         known = narrower(read, given)
         self.limits = {axis: known[axis] for axis in controller.axes if axis in known}
         wraps = [axis for axis, own in read.items() if not own.has_stops]
-        self._follower = Follower(self.limits, speed, wraps)
+        self._follower = Follower(self.limits, wraps)
         self._legs: dict[str, deque[Motion]] = {}  # of each axis the leg that was commanded, and those still to come
         self._enabled = self._stops_now = False
         self._stops = 0  # how many the owner has asked for
-        self._alive_s = _real_s()
+        self._alive_s = time.monotonic()
         controller.meanwhile = self._heed
         say(Report(identity=identity, axes=controller.axes, limits=self.limits))
 
     def _heed(self) -> None:
         """Look up while the controller is busy; raises what must interrupt it."""
-        if _real_s() - self._alive_s > _ALIVE_S:
-            self._alive_s = _real_s()
+        if time.monotonic() - self._alive_s > _ALIVE_S:
+            self._alive_s = time.monotonic()
             self._say(Report())
         if self._stops_now:
             return
@@ -266,7 +264,7 @@ class Lines:
         self._rest = b""
         self.waiting: deque[Command | Report] = deque()  # a refusal in place of a line that is no command
         self.signal = ""
-        self._since_s = _real_s()  # when the owner wrote last
+        self._since_s = time.monotonic()  # when the owner wrote last
 
     def look(self, wait_s: float) -> None:
         """Take lines that come within a time; raises OwnerGoneError at their end, or if none came for too long."""
@@ -274,10 +272,10 @@ class Lines:
             data = os.read(self._descriptor, _MOST)
             if not data:
                 raise OwnerGoneError("the program that commanded the table has ended.")
-            self._since_s = _real_s()
+            self._since_s = time.monotonic()
             *lines, self._rest = (self._rest + data).split(b"\n")
             self.waiting += [_command(line) for line in lines if line.strip()]
-        elif _real_s() - self._since_s > SILENT_S:
+        elif time.monotonic() - self._since_s > SILENT_S:
             raise OwnerGoneError(f"the program that commanded the table has said nothing for {SILENT_S:g} s.")
 
     @property
@@ -308,7 +306,7 @@ def writer(descriptor: int) -> Callable[[Report], None]:
     return say
 
 
-def run(connect: Connect, given: Limits, speed: float = 1.0) -> int:
+def run(connect: Connect, given: Limits) -> int:
     """Keep a table until the owner or a signal ends it, or something is wrong; returns the process's exit code."""
     say, lines = writer(1), Lines(0)
 
@@ -319,12 +317,12 @@ def run(connect: Connect, given: Limits, speed: float = 1.0) -> int:
         signal.signal(number, ask_to_end)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        keeper = Keeper(connect, given, say, lines, speed)
+        keeper = Keeper(connect, given, say, lines)
     except TableError as error:
         say(Report(error=str(error), ended=True))
         return 4
     try:
-        _keep(keeper, lines, _POLL_S / speed)
+        _keep(keeper, lines)
     except TableError as error:
         keeper.end(str(error), is_error=True, is_deaf=isinstance(error, TableLinkError))
         return 4
@@ -338,13 +336,13 @@ def run(connect: Connect, given: Limits, speed: float = 1.0) -> int:
     return 0
 
 
-def _keep(keeper: Keeper, lines: Lines, poll_s: float) -> None:
+def _keep(keeper: Keeper, lines: Lines) -> None:
     """Poll, and carry out lines, until one or a signal ends it."""
     while not lines.signal:
-        due_s = _real_s() + poll_s
+        due_s = time.monotonic() + _POLL_S
         with contextlib.suppress(StopAskedError):  # it is among the lines
             keeper.poll()
-        lines.look(0.0 if lines.waiting else max(0.0, due_s - _real_s()))
+        lines.look(0.0 if lines.waiting else max(0.0, due_s - time.monotonic()))
         while lines.waiting:
             if not keeper.carry_out(lines.waiting.popleft()):
                 return

@@ -175,8 +175,6 @@ def kept(limits: str = "", latency_s: float = 0.002, at_deg: float = 0.0, **mode
     with pytest.MonkeyPatch.context() as patch:
         for module in (acutrol_host, keeper, commanded_table):
             patch.setattr(module, "time", clock)
-        for module in (acutrol_host, keeper):
-            patch.setattr(module, "_real_s", clock.monotonic)
         patch.setattr(keeper, "_wait", clock.sleep)
         controller = VirtualAcutrol(TurnTable(TableModel(seed=3, **({"axes": ("inner",)} | model))))
         for axis in controller.table.axes.values():
@@ -397,7 +395,7 @@ def test_a_stop_from_another_thread_amid_the_worker_ends_its_steps_and_nothing_m
         table.go(profile, profile.segments[0], it.clock.monotonic_ns())
         patch.setattr(Turn, "is_there", lambda *_: bool(table.leave() or True))
         assert not table.has_arrived(it.clock.monotonic_ns())
-        assert table.is_idle
+        assert not table._steps
         sent = len(it.wire.sent)
         it.send(Command("go", (Turn("inner", 5.0, 5.0),), stops=0))  # decided on before the stop, written after it
         assert "stopped meanwhile" in refusal(it)
