@@ -136,7 +136,8 @@ def _left_as_found(host: Host) -> Iterator[None]:
 @contextlib.contextmanager
 def _table(plan: Plan, url: str) -> Iterator[CommandedTable]:
     """A table under command; what its profile can't have is refused before anything moves, or is recorded."""
-    table = CommandedTable(url, plan.limits)
+    # most virtual units are never moved
+    table = CommandedTable(url, plan.limits, starts=plan.controller != VIRTUAL_PORT)
     try:
         motion = motion_of(plan)
         if plan.yes_move and plan.record and isinstance(motion, Profile):

@@ -24,17 +24,18 @@ _MOVING = 0.1  # deg/s: a table that is faster is reported to move
 
 
 class CommandedTable:
-    """Commands a table through its keeper. `url`, `limits_text`: as `KeptTable` has them.
+    """Commands a table through its keeper. `url`, `limits_text`, `starts`: as `KeptTable` has them.
 
+    A keeper that has ended, or was not started, is started when a profile is checked.
     Raises InstrumentError if there is no controller.
     """
 
     has_ramps = False  # a segment begins when the table has its rate
 
-    def __init__(self, url: str, limits_text: str = "") -> None:
+    def __init__(self, url: str, limits_text: str = "", *, starts: bool = True) -> None:
         self.lives: Callable[[], bool] = lambda: True  # whether whoever commands does its work still
         self._url, self._limits_text = url, limits_text
-        self._kept = self._begin()
+        self._kept = self._begin(starts=starts)
         self._readings = Readings()
         self._steps: deque[tuple[Motion, ...]] = deque()  # motions at once, the present ones first
         self._last: tuple[Motion, ...] = ()  # motions of the present segment
@@ -43,9 +44,9 @@ class CommandedTable:
         self._until_ns = 0  # by when the present step must be done
         self.why_failed = ""  # why the table was stopped, where somebody must look at it
 
-    def _begin(self) -> KeptTable:
+    def _begin(self, *, starts: bool) -> KeptTable:
         try:
-            return KeptTable(self._url, self._limits_text, lambda: self.lives())
+            return KeptTable(self._url, self._limits_text, lambda: self.lives(), starts=starts)
         except TableError as error:
             raise InstrumentError(str(error)) from error
 
@@ -57,16 +58,22 @@ class CommandedTable:
     def check(self, profile: Profile) -> None:
         """Refuse a profile that goes beyond the table's limits anywhere; raises InputError that names the segment."""
         newest = self._kept.newest
+        if self._kept.has_ended:
+            try:
+                self._kept = self._begin(starts=True)
+            except InstrumentError as error:
+                raise InputError(str(error)) from error
         check_profile(profile, self._kept.limits, (0.0,) * 3 if newest is None else newest.angles_deg)
 
     def enable(self) -> None:
-        """Close the interlock: somebody has said that the table may move. Raises InputError if it does not close."""
+        """Close the interlock: somebody has said that the table may move.
+
+        Raises InputError if it does not close, or the keeper has ended.
+        """
         try:
-            if self._kept.has_ended:
-                self._kept = self._begin()
             self._heed()
             self._kept.ask(Command("enable", stops=self._seen_stops))
-        except (TableError, InstrumentError) as error:
+        except TableError as error:
             raise InputError(str(error)) from error
         self.why_failed = ""
 

@@ -38,11 +38,14 @@ class KeptTable:
 
     `limits_text`: of `motion.parse_limits`, what the operator gives.
     `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
+    `starts`: False starts no keeper: as one that has ended.
     `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
     Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
 
-    def __init__(self, url: str, limits_text: str = "", lives: Callable[[], bool] = lambda: True) -> None:
+    def __init__(
+        self, url: str, limits_text: str = "", lives: Callable[[], bool] = lambda: True, *, starts: bool = True
+    ) -> None:
         self.url = url
         self.states: deque[TableState] = deque(maxlen=_MOST_STATES)
         self.newest: TableState | None = None
@@ -58,6 +61,9 @@ class KeptTable:
         self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
         self._answered = threading.Condition()
         self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
+        if not starts:
+            self._ended.set()
+            return
         command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         self._heard_s = time.monotonic()
@@ -119,9 +125,10 @@ class KeptTable:
 
     def close(self) -> None:
         """Have the keeper stop the table, if it was enabled, and end; waits until it has."""
-        self._closing = True
-        self.send(Command("off"))
-        self._ended.wait(_END_S)
+        if not self.has_ended:
+            self._closing = True
+            self.send(Command("off"))
+            self._ended.wait(_END_S)
 
     # -- threads ----------------------------------------------------------------------------------------------------
 

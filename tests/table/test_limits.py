@@ -246,7 +246,7 @@ segments = st.one_of(
 def run_through(it: Kept, profile: Profile) -> None:
     """Have a profile's segments commanded one after the other, as an acquisition does."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commanded_table, "KeptTable", lambda *_: it)
+        patch.setattr(commanded_table, "KeptTable", lambda *_, **__: it)
         table = CommandedTable("")
         table.check(profile)
         for segment in profile.segments:
@@ -389,7 +389,7 @@ def test_rate_zero_comes_before_mode_off_by_what_braking_takes() -> None:
 
 def test_a_stop_from_another_thread_amid_the_worker_ends_its_steps_and_nothing_more_is_sent() -> None:
     with kept() as it, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commanded_table, "KeptTable", lambda *_: it)
+        patch.setattr(commanded_table, "KeptTable", lambda *_, **__: it)
         table = CommandedTable("")
         profile = Profile((Rate("inner", 0.2, 1.0), Dwell((0.0, 0.0, 0.0), 1.0)))
         table.go(profile, profile.segments[0], it.clock.monotonic_ns())
