@@ -29,9 +29,6 @@ ALL = "all"
 MODES = ("off", "position", "rate", "synthesis")
 """Modes of an axis, as `:mode? N` answers, where the first letter is large."""
 
-INTERLOCK = ("closed", "open", "fault")
-"""States of an interlock, as `:interlock? N` answers; only "Fault" was seen."""
-
 ABSOLUTE_LIMITS = ("rate", "acceleration", "jerk", "low", "high", "trip")
 """What `:limit:absolute? N` answers, in this order: deg and seconds; the last is a rate at which the drive trips."""
 
