@@ -32,12 +32,12 @@ _LIMITS = ("rate", "acceleration", "jerk")
 
 
 class _Refused(Exception):  # noqa: N818 - an answer, not an error of ours
-    """What is answered to a command that is not carried out."""
+    """The answer to a command that is not carried out."""
 
 
 @dataclass(slots=True)
 class _Drive:
-    """What the controller knows of an axis, deg and seconds."""
+    """State of an axis in the controller, deg and seconds."""
 
     name: str
     interlock: str = "open"
@@ -49,7 +49,7 @@ class _Drive:
 
 
 class VirtualAcutrol:
-    """A controller, just switched on, of a table whose times are those that it is told.
+    """A controller, just switched on, of a table; the caller has the clock.
 
     `faults`: of the table and the controller; those of the link are for whoever has one.
     """
@@ -87,7 +87,7 @@ class VirtualAcutrol:
         self.table.advance(now)
 
     def carry_out(self, line: Sequence[AnyCommand], now: float) -> list[str | None]:
-        """Do what a line says; returns what is answered to each: a text to a question, and None to a command done.
+        """Carry out a line; returns the answer to each command: a text to a question, and None to a command done.
 
         A command that is not done is answered with what is wrong.
         """
@@ -169,7 +169,7 @@ class VirtualAcutrol:
         self._apply(drive)
 
     def _apply(self, drive: _Drive) -> None:
-        """Have the axis do what its mode, limits and demands say."""
+        """Have the axis follow its mode, limits and demands."""
         axis = self.table.axes[drive.name]
         axis.enter(_MODES[drive.mode])
         if drive.mode == "off":
