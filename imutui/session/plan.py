@@ -16,7 +16,8 @@ from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.settings import AcquisitionSettings, Name, Note, NotNegative
-from imutui.table import gate, registry
+from imutui.table import registry
+from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
@@ -68,12 +69,6 @@ def _file_name(name: str) -> str:
     return name
 
 
-def _controller(url: str) -> str:
-    if url and url.partition(":")[0] not in registry.CONTROLLERS:
-        raise InputError(f'`controller` is "{url}"; it is one of: {registry.USAGE}')
-    return url
-
-
 def parse_place(text: str) -> Place:
     """Return latitude, longitude (degrees) and height (m) of "LAT,LON,H".
 
@@ -121,9 +116,9 @@ class Plan(AcquisitionSettings):
     unattended: bool = False  # run as a service: a recording names the one before it, finished or not
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
-    # controller, limits: URL of the table's controller, "" for none, and what its axes may do, as
-    # `imutui.table.gate.parse_limits` reads it
-    controller: Annotated[str, Meta(make=_controller)] = ""
+    # controller, limits: URL of the table's controller, "" for none, "virtual" for that of a virtual unit's own table;
+    # and what its axes may do, as `imutui.table.motion.parse_limits` reads it
+    controller: str = ""
     limits: str = ""
     yes_move: bool = False  # the user has allowed the table to move: the recording's profile is run on it
     needs_viewer: bool = False  # ends, and stops the table, soon after its last viewer has gone, who gave the motion
@@ -138,7 +133,10 @@ class Plan(AcquisitionSettings):
         if self.rate_hz is not None and not MIN_RATE_HZ <= self.rate_hz <= most:
             raise InputError(_rate_words(self.rate_hz, *possible))
         if self.controller:
-            gate.parse_limits(self.limits)
+            own = self.controller == self.port == VIRTUAL_PORT
+            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
+                raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
+            parse_limits(self.limits)
 
     def of_instrument(self, name: str) -> "Plan":
         """Return the plan for an instrument: settings that are None become those of the instrument.
@@ -211,5 +209,6 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
+        controller=VIRTUAL_PORT,
         site=PAPER_PLACE,  # where the virtual unit stands, wherever the user does
     )

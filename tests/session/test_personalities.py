@@ -34,7 +34,6 @@ from imutui.instrument.imu400.unit import UnitOptions
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut_unit
-from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.messages import PacketS1
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.instrument.virtual_instrument import Reading, Source, VirtualInstrument
@@ -284,10 +283,7 @@ PERSONALITIES = {
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
     "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
     "falls into voltage mode": Personality(set_up_again, fault("mode_change")),
-    "(an IMU381) counts its packets": imu381(counter=Meaning.PACKETS),
-    "(an IMU381) counts packets and loses some": imu381(
-        check=losing(2), faults=fault("lose_packets", count=2), counter=Meaning.PACKETS
-    ),
+    "(an IMU381) loses some": imu381(check=losing(2), faults=fault("lose_packets", count=2)),
     "(an IMU381) runs fast": imu381(clock_skew_ppm=200.0),
     "(an IMU381) answers late": imu381(reply_delay_s=0.7),
 }
@@ -315,7 +311,8 @@ def acquired(it: Personality, folder: Path) -> Run:
     device = served(it.made(), line=line, link=folder / "imu", on_packet=sent)
     with device as path, Port(path, instrument.power_up_bauds[0]) as port:
         plan = Plan(
-            path, rate_hz=instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True, filter="none",
+            path, rate_hz=instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True,
+            filter="none",
             baud=it.baud, accel_sign=instrument.accel_sign,
         )  # fmt: skip
         host = instrument.host(port, plan.rate_hz)
