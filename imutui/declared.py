@@ -1,8 +1,9 @@
 """Read a TOML table or a JSON object into a declared record, or refuse it with table, key, value and what is allowed.
 
-A record is a dataclass or a `TypedDict`. The types of its fields are float, int, bool, str, `Literal`, None, list,
-tuple, `dict[str, X]`, another record, and unions of these. In a union of records the tag selects the record: the first
-field that they declare as a `Literal`, such as `kind`. `Annotated` adds a `Meta`, or a number: the length of a list.
+A record is a dataclass, a `NamedTuple` or a `TypedDict`. The types of its fields are float, int, bool, str, `Literal`,
+None, list, tuple, `dict[str, X]`, another record, and unions of these. In a union of records the tag selects the
+record: the first field that they declare as a `Literal`, such as `kind`. `Annotated` adds a `Meta`, or a number: the
+length of a list.
 """
 
 import math
@@ -88,7 +89,9 @@ def refuse_unknown(keys: Iterable[str], known: Collection[str], table: str = "")
     for key in keys:
         if key not in known:
             before = f"{table}: " if table else ""
-            raise InputError(f"{before}`{key}` is unknown{meant(key, known)}; known: {', '.join(known)}")
+            raise InputError(
+                f"{before}`{key[:_SHOWN]}` is unknown{meant(key[:_SHOWN], known)}; known: {', '.join(known)}"
+            )
 
 
 def meant(word: str, known: Iterable[str]) -> str:
@@ -247,15 +250,18 @@ def _split(shape: Any) -> tuple[Any, tuple[Any, ...], Meta]:
 def _fields(record: Any) -> dict[str, tuple[Any, str, bool]]:
     """Return of each key its type, the name of its field in what is made, and whether it must be there."""
     hints = typing.get_type_hints(record, include_extras=True)
-    if is_dataclass(record):
+    if typing.is_typeddict(record):
+        required = record.__required_keys__
+    elif is_dataclass(record):
         own = [each for each in fields(record) if each.init]
         required = {each.name for each in own if each.default is MISSING and each.default_factory is MISSING}
         hints = {each.name: hints[each.name] for each in own}
     else:
-        required = record.__required_keys__
+        required = set(hints) - set(record._field_defaults)
     return {key: (shape, _split(shape)[2].to or key, key in required) for key, shape in hints.items()}
 
 
 @cache
 def _is_record(kind: Any) -> bool:
-    return typing.is_typeddict(kind) or (isinstance(kind, type) and is_dataclass(kind))
+    is_class = isinstance(kind, type)
+    return typing.is_typeddict(kind) or (is_class and (is_dataclass(kind) or hasattr(kind, "_field_defaults")))

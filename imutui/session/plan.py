@@ -3,7 +3,7 @@
 import json
 from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 from filters.errors import InputError
 from filters.state import PAPER_PLACE as PAPER_PLACE
@@ -30,14 +30,14 @@ _UNIT = {"rate_hz": "most_rate_hz", "accel_sign": "accel_sign",
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
-@dataclass(frozen=True, slots=True)
-class HistoryWish:
-    """What a viewer lacks of a run's history."""
+class HistoryWish(NamedTuple):
+    """Request for what a viewer lacks of a run's history."""
 
     run: int = 0  # the run that it has rows of; of another one all is sent
     # instants of the last rows that it has, s since the run's first sample; None if it has none
     estimates_s: float | None = None
     temperature_s: float | None = None
+    ask: Literal["history"] = "history"
 
 
 @dataclass(frozen=True, slots=True)
