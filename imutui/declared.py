@@ -122,7 +122,7 @@ def _value(value: Any, shape: Any, path: _Path, rules: _Rules) -> Any:
     elif (
         kind is Any
         or (kind is typing.Literal and _is_word(value, of))
-        or (kind in (str, bool, NoneType) and isinstance(value, kind))
+        or (kind in (str, bool, NoneType, object) and isinstance(value, kind))
     ):
         made = value
     else:
