@@ -7,7 +7,7 @@ biases and channels in the instrument's own axes and sign. None stands for what 
 from typing import Literal, TypedDict
 
 from filters.health.finding import HealthEntry
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.estimates import FilterSnapshot
 
 NO_SERIES = 2**62  # number of a packet that never comes: a snapshot from it on is one without a series
 
