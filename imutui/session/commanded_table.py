@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
-from imutui.instrument.host import InstrumentError
+from imutui.instrument.driver import InstrumentError
 from imutui.session.snapshot import ControllerSnapshot
 from imutui.table import gate
 from imutui.table.controller import RESTS_DPS, TableError, TableState

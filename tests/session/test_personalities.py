@@ -26,8 +26,8 @@ from mcap.records import Message
 
 from filters.simulation import Effect, Scenario
 from imutui.cli.virtual_readings import SimulatedReadings
+from imutui.instrument.driver import InstrumentError
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.host import InstrumentError
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, Packet
 from imutui.instrument.imu400.unit import UnitOptions
@@ -318,7 +318,7 @@ def acquired(it: Personality, folder: Path) -> Run:
             path, instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True, filter="none",
             baud=it.baud, accel_sign=instrument.accel_sign,
         )  # fmt: skip
-        host = instrument.host(port, plan.rate_hz)
+        host = instrument(port, plan.rate_hz)
         try:
             identity = host.open(plan.baud)
         except InstrumentError as error:

@@ -19,9 +19,8 @@ from helpers.units import served
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400 import handshake
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.host import Imu400Host, Poller
+from imutui.instrument.imu400.driver import Imu400cd, Poller
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -32,7 +31,7 @@ from imutui.session import client
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
 
 if TYPE_CHECKING:
-    from imutui.instrument.host import Answer
+    from imutui.instrument.driver import Answer
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
@@ -101,9 +100,9 @@ def polling(
     """A unit that is polled until the block ends; then its reader has ended too."""
     unit = HardOfHearing(missed)
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
-        handshake.open_dialogue(port, POWER_UP_BAUD)
+        Imu400cd(port).open(None)
         polled = Polled(unit, port)
-        reader = Reader(Imu400Host(port), hz, polled.events.append)
+        reader = Reader(Imu400cd(port), hz, polled.events.append)
         reader.start()
         try:
             yield polled

@@ -262,9 +262,11 @@ class _VersionSearch(Search[Version]):
             events += self._read(inbox, _VERSION_BYTES)
         return events
 
-    def close(self, inbox: Inbox) -> list[Version | Discarded]:
+    def release(self, inbox: Inbox) -> list[Version | Discarded]:
         """The version from what there is: its length is known by the quiet after it only."""
         return self._read(inbox, inbox.unjudged)
+
+    close = release
 
     def missing(self, inbox: Inbox) -> int:
         """Bytes up to the longest reply, at most a packet."""
