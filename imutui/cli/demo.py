@@ -84,10 +84,10 @@ def _show(plan: Any) -> None:
     wanted = appearance()
     from imutui.tui import app
 
-    running = plan.name in client.running_here()
+    running = plan.name in client.running()
     raise typer.Exit(
         app.run(
-            client.attach(plan.name, stays=True) if running else None,
+            client.attach(plan.name) if running else None,
             None if running else plan,
             logs=plan.logs,
             appearance=wanted,

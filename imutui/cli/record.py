@@ -125,7 +125,7 @@ def command(
     The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
     Ctrl+C finishes the file. A unit that falls silent is waited for; one that is silent at the end is told, with exit
     code 4. A recording in several files loses no packet between them; the filter begins anew with
-    each, so that each replays by itself. `imutui service` has it run without anybody.
+    each, so that each replays by itself.
 
     Of a batch each unit has its own acquisition, named BATCH:UNIT, and its own log: one that fails keeps no other from
     its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on. What

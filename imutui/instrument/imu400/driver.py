@@ -30,7 +30,7 @@ from imutui.instrument.imu400.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.imu400.decoder import PacketSearch, packet_decoder, reply_decoder
+from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.port import Port
 from imutui.plain_text import NAME_LIMIT, one_line
@@ -79,7 +79,7 @@ class Imu400cd(Driver):
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         super().__init__(port, rate_hz)
-        self._streamed: PacketSearch | None = None
+        self._streamed: Crossbow | None = None
 
     @staticmethod
     def check_zeroing(argument: int) -> None:
@@ -229,7 +229,7 @@ class Imu400cd(Driver):
         self.port.write(encode(Command.START_STREAM))
 
     def packets(self) -> PacketStream:
-        self._streamed = PacketSearch(Mode.SCALED, streaming=True)
+        self._streamed = Crossbow(Mode.SCALED, streaming=True)
         return FrameDecoder(self._streamed)
 
     def poller(self, giving_up: Callable[[], bool]) -> driver.Poller:

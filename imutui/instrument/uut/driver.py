@@ -12,10 +12,10 @@ from imutui.instrument import counts, names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
 from imutui.instrument.driver import Driver, Identity, InstrumentError, PacketStream, Poller, exchange
-from imutui.instrument.frame_search import Discarded, FrameDecoder
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
-from imutui.instrument.uut.decoder import BARE_PING, Decoder, UutSearch
+from imutui.instrument.uut.decoder import BARE_PING, Decoder, frame_decoder
 from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, fits_line, in_words, orientation_of
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
@@ -284,7 +284,7 @@ class Imu381(Driver):
         self.port.write(encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, self._divider),))))
 
     def packets(self) -> PacketStream:
-        return FrameDecoder(UutSearch(self._streamed))
+        return frame_decoder(self._streamed)
 
     def _streamed(self, frame: Frame) -> Measurement | Discarded | None:
         """Return the event of a frame in a stream; raises PortError if the unit refuses to stream."""
