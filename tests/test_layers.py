@@ -109,8 +109,7 @@ FLOORS = {
         "imutui.verdict",
     },
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
-    "imutui.scenario_table": {"filters"},
+    "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }
 
