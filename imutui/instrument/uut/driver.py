@@ -74,8 +74,8 @@ class Imu381(Driver):
     turns_axes = True
     mode = "packets S1"
     mode_words = "packets S1: rates, forces, four temperatures, status word"
-    # time, 65536 counts a second, so that it wraps each second; a count of packets on some
-    counter = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1, may_count_packets=True)
+    # time, 65536 counts a second, so that it wraps each second
+    counter = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1)
     # ranges of the words, the same for all of the family: the sensors of each are good for less
     rate_range_dps = 630.0
     accel_range_g = 10.0
