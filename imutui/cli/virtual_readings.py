@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +16,8 @@ from filters.simulation.background import Background
 from filters.simulation.truth import World
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
 from imutui.cli.spoil import ErrorFunction, Spoiled, plus
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import Mode
 from imutui.instrument.imu400.unit import UnitOptions
+from imutui.instrument.virtual import Line
 from imutui.instrument.virtual_instrument import Reading, Source
 from imutui.session.table_turner import motion_of
 
@@ -41,7 +40,7 @@ class UnitOnTheLine:
     readings: Source  # what it measures
     version: str  # how its version text begins
     source: str = ""  # where the readings come from, in words; "" where the version says enough
-    line: FaultyLine | None = None  # what happens on the wire
+    line: Line | None = None  # what happens on the wire
     seed: int = 0  # of the time counter's start
     personality: Personality = field(default_factory=Personality)  # what the unit is like
     # turns the table that it stands on, see `session.table_turner`; None where something else does
@@ -56,12 +55,8 @@ class UnitOnTheLine:
         return UnitOptions(
             serial_number=serial_number,
             version=self.version if it.version is None else it.version,
-            source=self.source,
             ping=it.ping,
-            power_up_mode=Mode(it.power_up_mode),
-            reply_delay_s=it.reply_delay,
             version_plain_text=it.version_plain_text,
-            auto_baud=it.auto_baud,
             clock_skew_ppm=it.clock_skew_ppm,
         )
 
@@ -101,15 +96,11 @@ class SimulatedReadings:
         g = axes.accel_to_instrument(force) / STANDARD_GRAVITY
         return Reading(tuple(dps), tuple(g), self.unit.temperature_degc(k))
 
-    def line(self) -> FaultyLine | None:
-        """What its scenario does to bytes on the wire; None where that is nothing."""
+    def line(self) -> Line | None:
+        """Return the line of its scenario; None if that is a plain one."""
         scenario = self.unit.scenario
-        faults = faults_of(scenario)
         lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
-        bursts = scenario.personality.usb_bursts
-        if not (faults or lossy or bursts):
-            return None
-        return FaultyLine(faults, self._fate if lossy else None, scenario.seed, bursts)
+        return line_of(scenario, self._fate if lossy else None)
 
     def _fate(self, t: float) -> tuple[bool, float]:
         return self._fates.get(math.floor(t * self.unit.rate_hz + 1e-6), (False, 0.0))
@@ -149,9 +140,9 @@ class TurnedReadings:
         return plus(reading, self._added / np.repeat([DPS, STANDARD_GRAVITY], 3))
 
 
-def faults_of(scenario: Scenario) -> list[LineFault]:
-    """Faults of unit, line and port that a scenario has."""
-    return [LineFault(**asdict(fault)) for fault in scenario.faults]
+def line_of(scenario: Scenario, fate: Callable[[float], tuple[bool, float]] | None = None) -> Line | None:
+    """Return the line of a scenario, see `virtual.Line`; None if that is a plain one."""
+    return Line(scenario.faults, fate, scenario.seed) if scenario.faults or fate is not None else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,15 +11,15 @@ from filters.errors import InputError
 from filters.imu import IMU440CA_200, AxisMap
 from filters.simulation import Scenario
 from imutui import outside_file
-from imutui.cli.virtual_readings import Asked, faults_of, on_the_line, scenario_of
+from imutui.cli.virtual_readings import Asked, line_of, on_the_line, scenario_of
 from imutui.instrument import names
-from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field
 from imutui.instrument.uut.messages import Version
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
+from imutui.instrument.virtual import Line
 from imutui.instrument.virtual_instrument import VirtualInstrument
 
 SERIAL_NUMBER = 9911750
@@ -61,7 +61,7 @@ class VirtualSetting:
     """
 
     unit: VirtualInstrument[Any, Any]
-    line: FaultyLine | None
+    line: Line | None
     source: str
     turn: Callable[[str], None] | None = None
     keep_up: Callable[[float], None] | None = None
@@ -83,7 +83,6 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     options = UnitOptions(
         serial_number=serial_number_of(asked, made.seed) if serial_number is None else serial_number,
         text=f"{text} from {made.source}" if made.source else text,
-        reply_delay_s=it.reply_delay,
         clock_skew_ppm=it.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
@@ -154,13 +153,10 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
         # a divider that no manual has is one of later firmware
         loop_hz=100 if stream.divider in RATE_OF_DIVIDER else 200,
         bit=_RECORDED_BIT,
-        reply_delay_s=made.personality.reply_delay,
         clock_skew_ppm=made.personality.clock_skew_ppm,
     )
-    faults, bursts = faults_of(made), made.personality.usb_bursts
-    line = FaultyLine(faults, None, made.seed, bursts) if faults or bursts else None
     said = (
         f"plays {path.name} as {_RECORDED_TEXT.split()[0]} #{options.serial_number}, and a host calls that measured:"
         " only for bytes that a real unit sent"
     )
-    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, said)
+    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line_of(made), said)

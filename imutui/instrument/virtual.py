@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import BinaryIO, Generic, NamedTuple, TextIO
+from typing import Any, BinaryIO, Generic, TextIO
 
 import numpy as np
 
@@ -27,22 +27,10 @@ _LOOK_UP_S = 0.1
 _LOOK_AT_QUEUE_S = 0.002
 
 
-class LineFault(NamedTuple):
-    """A fault of a line, see `Line`."""
-
-    at: float  # since the first request for data, s
-    kind: str
-    count: int = 0
-    seconds: float = 0.0
-
-
 class Line:
     """Carries bytes from a unit to its host, and spoils or loses some. No clock and no I/O.
 
-    Kinds of faults: "drop_bytes" loses the next `count` bytes; "garbage" puts `count` random bytes in between;
-    "bit_flips" turns a bit in each of the next `count` messages; "silence" loses everything for `seconds`.
-
-    `faults`: in any order.
+    `faults`: records as `filters.simulation.Fault`, in any order.
     `fate`: returns for a packet that was measured at a time since the first request whether it is lost, and how late
       it arrives, s.
     `seed`: of garbage, and of the bits that are turned.
@@ -50,7 +38,7 @@ class Line:
 
     def __init__(
         self,
-        faults: Sequence[LineFault] = (),
+        faults: Sequence[Any] = (),
         fate: Callable[[float], tuple[bool, float]] | None = None,
         seed: int = 0,
     ) -> None:
@@ -68,7 +56,7 @@ class Line:
         self._start = min(self._start, now)
 
     def put(self, message: bytes, sent: float, left: float, *, packet_bytes: int) -> None:
-        """Take a message whose first bit left the unit at `sent` and its last at `left`; `packet_bytes` make a packet."""
+        """Take a message whose first bit left the unit at `sent`, its last at `left`; packets have `packet_bytes`."""
         lost, late = False, 0.0
         if self._fate is not None and len(message) == packet_bytes and sent >= self._start:
             lost, late = self._fate(sent - self._start)
@@ -87,7 +75,7 @@ class Line:
         """Return when bytes that have left the unit will next arrive; infinite if there are none."""
         return self._arriving[0][0] if self._arriving else math.inf
 
-    def _begin(self, fault: LineFault) -> None:
+    def _begin(self, fault: Any) -> None:
         match fault.kind:
             case "drop_bytes":
                 self._to_drop += fault.count
@@ -232,8 +220,9 @@ def serve(
             if not data:
                 return
             *lines, typed = (typed + data).split(b"\n")
-            for text in lines if on_line is not None else ():
-                on_line(text.decode())
+            if on_line is not None:
+                for text in lines:
+                    on_line(text.decode())
         now = time.monotonic()
         pty.release()
         baud = pty.host_baud()
@@ -252,9 +241,7 @@ def serve(
         last = now
 
 
-def _hear(
-    wire: Wire[PacketT, CommandT], data: bytes, now: float, host_baud: int, log: Callable[[str], None]
-) -> None:
+def _hear(wire: Wire[PacketT, CommandT], data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> None:
     """Hand bytes to the unit and log the commands that it understood."""
     unit_baud = wire.unit.baud
     commands = wire.receive(data, now, host_baud)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from helpers.commands import imutui
 from helpers.fake_devices import packet
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
 from imutui.instrument.imu400.driver import Imu400cd, Poller
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit

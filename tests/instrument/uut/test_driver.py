@@ -10,13 +10,13 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import pytest
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.paths import ROOT
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.driver import InstrumentError
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.imu400 import unit as imu400
 from imutui.instrument.port import Port

@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -29,12 +28,20 @@ from imutui.instrument.uut.messages import Memory
 from imutui.instrument.virtual import BURST_BYTES, Line, Wire, serve
 from imutui.instrument.virtual_instrument import VirtualInstrument
 
-LINE_KINDS = (
-    *("drop_bytes", "garbage", "bit_flips", "silence", "lose_packets", "double_packets"),
-    *("stall", "backlog", "stutter"),
-)
-UNIT_KINDS = ("reset", "mode_change", "pause", "hang_up")
-KINDS = LINE_KINDS + UNIT_KINDS
+LINE_KINDS = {
+    "drop_bytes": "count",
+    "garbage": "count",
+    "bit_flips": "count",
+    "silence": "seconds",
+    "lose_packets": "count",
+    "double_packets": "count",
+    "stall": "seconds",
+    "backlog": "count",
+    "stutter": "seconds",
+}
+UNIT_KINDS = {"reset": "", "mode_change": "", "pause": "seconds", "hang_up": "seconds"}
+KINDS = {**LINE_KINDS, **UNIT_KINDS}
+"""Kinds of fault, and the measure of each."""
 
 # What was written a moment ago is on its way through the kernel, and can be read only at its end.
 _ON_ITS_WAY_S = 0.005
@@ -79,7 +86,7 @@ class FaultyLine(Line):
         bursts_s: float = 0.0,
     ) -> None:
         ordered = sorted(faults, key=lambda fault: fault.at)
-        super().__init__([fault for fault in ordered if fault.kind in LINE_KINDS], fate, seed)  # type: ignore[misc]
+        super().__init__([fault for fault in ordered if fault.kind in LINE_KINDS], fate, seed)
         self._for_unit = deque(fault for fault in ordered if fault.kind in UNIT_KINDS)
         self._hang_ups = deque(fault for fault in ordered if fault.kind == "hang_up")
         self._bursts_s = bursts_s
@@ -107,6 +114,7 @@ class FaultyLine(Line):
         return self._for_unit.popleft()
 
     def put(self, message: bytes, sent: float, left: float, *, packet_bytes: int) -> None:
+        """Take a message, see `Line`."""
         self._packet_bytes = packet_bytes
         while self._hang_ups and self._start + self._hang_ups[0].at + self._hang_ups[0].seconds <= sent:
             self._hang_ups.popleft()
@@ -269,45 +277,51 @@ class _Until:
 
 def serve_faulty(
     wire: FaultyWire,
+    pty: PseudoTerminal,
     *,
-    link: Path | None = None,
-    on_ready: Callable[[str], None],
     log: Callable[[str], None],
     stop: threading.Event,
     tap: BinaryIO | None = None,
     **options: Any,
 ) -> None:
-    """Run `virtual.serve`, and have the port go and come as the faults say.
+    """Run `virtual.serve`, and have the port go and come as the faults say; other bytes are not lost.
 
     What lies unread when the port hangs up is taken out of the tap: the host never gets it.
     """
-    pty, is_back = PseudoTerminal(link), False
-    while not stop.is_set():
-        with pty:
-            log(f"back: the port is {pty.name} now") if is_back else on_ready(pty.name)
-            until = _Until(stop, lambda: wire.is_away(time.monotonic()))
-            serve(wire, pty, log=log, tap=tap, stop=until, burst_bytes=BURST_BYTES, **options)  # type: ignore[arg-type]
-            if stop.is_set():
-                return
-            name, after = pty.name, PseudoTerminal(link)  # before the former is closed, whose name would be free then
-            pty._hide()
-            time.sleep(_ON_ITS_WAY_S)
-            unread = _unread(pty)
+    options["burst_bytes"] = BURST_BYTES
+    until: Any = _Until(stop, lambda: wire.is_away(time.monotonic()))
+    while True:
+        serve(wire, pty, log=log, tap=tap, stop=until, **options)
+        if stop.is_set() or not until.is_set():
+            return
+        name, unread = pty.name, _hang_up(pty)
         if tap is not None and unread and tap.seekable():
             tap.seek(-unread, os.SEEK_END)
             tap.truncate()
         log(f"hang-up: {name} is gone, with {unread} bytes unread")
-        pty, is_back = after, True
-        while wire.is_away(time.monotonic()) and not stop.is_set():
+        while until.is_set() and not stop.is_set():
             wire.arrived(time.monotonic(), pty.host_baud())
             time.sleep(_LOOK_S)
-    pty._close()
+        pty._show()
+        log(f"back: the port is {pty.name} now")
 
 
-def _unread(pty: PseudoTerminal) -> int:
-    """Return how many bytes the host has not read, and never will."""
-    count = 0
+def _hang_up(pty: PseudoTerminal) -> int:
+    """Have a terminal be gone for the host, and have another name from now on, which its link does not show yet.
+
+    Returns how many bytes the host has not read, and never will.
+    """
+    pty._hide()
+    time.sleep(_ON_ITS_WAY_S)
+    unread = 0
     with suppress(BlockingIOError):
         while more := os.read(pty._host, 4096):
-            count += len(more)
-    return count
+            unread += len(more)
+    former, new = (
+        (pty._unit, pty._host),
+        PseudoTerminal(None),
+    )  # opened before the other is closed: its name is not free
+    pty._unit, pty._host, pty.name = new._unit, new._host, new.name
+    for end in former:
+        os.close(end)
+    return unread
