@@ -68,6 +68,7 @@ FLOORS = {
     "imutui.foxglove_server": {"imutui.logbook", "imutui.origin_gate"},
     "imutui.session": {
         "imutui.batch_file",
+        "imutui.compile_cache",
         "imutui.filter_snapshot",
         "imutui.instrument",
         "imutui.logbook",
