@@ -49,12 +49,17 @@ class UnitOnTheLine:
     # host waits; None where they take next to nothing
     keep_up: Callable[[float], None] | None = None
 
+    def text(self, usual: str) -> str:
+        """Return the unit's text: the usual one or the scenario's, and the origin of readings where there is one."""
+        own = usual if self.personality.version is None else self.personality.version
+        return f"{own} from {self.source}".encode("ascii", "backslashreplace").decode() if self.source else own
+
     def options(self, serial_number: int) -> UnitOptions:
         """Which unit this is."""
         it = self.personality
         return UnitOptions(
             serial_number=serial_number,
-            version=self.version if it.version is None else it.version,
+            version=self.text(self.version),
             ping=it.ping,
             version_plain_text=it.version_plain_text,
             clock_skew_ppm=it.clock_skew_ppm,

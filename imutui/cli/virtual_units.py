@@ -78,12 +78,10 @@ def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU381ZA-200."""
     made = on_the_line(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
-    it = made.personality
-    text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
     options = UnitOptions(
         serial_number=serial_number_of(asked, made.seed) if serial_number is None else serial_number,
-        text=f"{text} from {made.source}" if made.source else text,
-        clock_skew_ppm=it.clock_skew_ppm,
+        text=made.text(f"{_IMU381} {made.version.partition(' ')[2]}"),
+        clock_skew_ppm=made.personality.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
     return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)

@@ -14,6 +14,7 @@ from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import COUNT_LIMITS, DataPacket, Scaling
 from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder
 from imutui.instrument.port import Port
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
 REPLY_S = 1.0
 """How long a reply may take: units answer within about 10 ms, and a terminal server far away adds some tenths."""
@@ -40,6 +41,15 @@ class Identity:
     configuration: str = field(default="", compare=False)  # its configuration when it was found, in words
     # axes of its packets in its case as it is configured, as `filters.imu.parse_mount` reads them
     own_mount: str = field(default="", compare=False)
+
+
+def origin_of(text: str) -> tuple[str, str]:
+    """Split a unit's text into its own, and the origin of a virtual unit's readings behind " from "; "" of a real one.
+
+    A virtual unit says so itself: nothing simulated may pass for measured.
+    """
+    own, _, source = text.partition(" from ") if "VIRTUAL" in text.upper() else (text, "", "")
+    return one_line(own, NAME_LIMIT), one_line(source, NOTE_LIMIT)
 
 
 class Driver(ABC):
@@ -182,20 +192,15 @@ class Driver(ABC):
     def stop_stream(self, limit_s: float = _QUIET_LIMIT_S) -> bytes:
         """Stop the unit's stream, wait for quiet for so long at most; return the bytes that came meanwhile."""
         self.port.write(self._stop_command)
-        heard = self._await_quiet(limit_s)
-        self.port.discard_input()
-        return heard
-
-    _stop_command: ClassVar[bytes]
-
-    def _await_quiet(self, limit_s: float = _QUIET_LIMIT_S) -> bytes:
-        """Read until the line is quiet, for so long at most; return the bytes that came."""
         heard, began = b"", time.monotonic()
         last = began
         while time.monotonic() - began < limit_s and time.monotonic() - last < _QUIET_S:
             if data := self.port.read(64):
                 heard, last = heard + data, time.monotonic()
+        self.port.discard_input()
         return heard
+
+    _stop_command: ClassVar[bytes]
 
     def leave(self) -> str:
         """Stop the unit and put its settings back.

@@ -15,7 +15,7 @@ from filters.imu import LOOP_HZ
 from imutui.instrument import driver, names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.driver import REPLY_S, Driver, Identity, InstrumentError, PacketStream, exchange
+from imutui.instrument.driver import REPLY_S, Driver, Identity, InstrumentError, PacketStream, exchange, origin_of
 from imutui.instrument.frame_search import Discarded, FrameDecoder
 from imutui.instrument.imu400.crossbow import (
     PACKET_BYTES,
@@ -33,7 +33,6 @@ from imutui.instrument.imu400.crossbow import (
 from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.port import Port
-from imutui.plain_text import NAME_LIMIT, one_line
 
 COUNTER = CounterSpec(TICK_S * 1e9, 0.006, -1)
 """"The time counter counts down from 65535 to 0, and wraps"; "one tick is 0.79 microseconds": known to 0.6 %."""
@@ -162,8 +161,8 @@ class Imu400cd(Driver):
             number = self._ask(Command.SERIAL_NUMBER, SerialNumber)
         if number is not None and version is None:
             version = self._ask(Command.VERSION, Version)
-        text = one_line(version.text, NAME_LIMIT) if version else ""
-        return Identity(str(number.number) if number else "", text)
+        text, source = origin_of(version.text if version else "")
+        return Identity(str(number.number) if number else "", text, source)
 
     def check_model(self, identity: Identity) -> None:
         version = identity.version.upper().replace(" ", "")
@@ -215,8 +214,6 @@ class Imu400cd(Driver):
             return isinstance(event, kind)
 
         found = exchange(self.port, reply_decoder(command), encode(command), is_end, patience_s)
-        if isinstance(found, Version):
-            self._await_quiet()  # the longest text that is a reply has come, and perhaps not all that was sent
         if isinstance(found, Reply):
             # a unit that was pinged twice answers twice; anything else around a letter makes it noise
             noise += self.port.read(PACKET_BYTES).strip(_PONG)

@@ -52,7 +52,7 @@ _VOLTS_AT_REST = VOLTS_SPAN / 2.0
 class UnitOptions(virtual_instrument.UnitOptions):
     """What differs from unit to unit, or is disputed between documents."""
 
-    # the answer to `v`, at most 30 characters; 24 on the units that others have seen
+    # the answer to `v`: 24 characters on the units that others have seen; that of a virtual one may be longer
     version: str = "IMU400CD-200 VIRTUAL 1.0"
     # what `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
     # hardware); it returns to power-up, voltage mode and polled (AHRS400 manual)

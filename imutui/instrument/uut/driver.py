@@ -11,7 +11,7 @@ from filters.errors import InputError
 from imutui.instrument import counts, names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.driver import Driver, Identity, InstrumentError, PacketStream, Poller, exchange
+from imutui.instrument.driver import Driver, Identity, InstrumentError, PacketStream, Poller, exchange, origin_of
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
@@ -249,13 +249,9 @@ class Imu381(Driver):
                 f"{self.port.name}: a ping comes back, but no question is answered. The device, or its adapter, echoes"
                 " what is sent. Name the unit's own port."
             )
-        text, _, source = ("" if said is None else said.text).partition(" from ")
+        text, source = origin_of("" if said is None else said.text)
         number = "" if version is None else f" {version.text}"
-        return Identity(
-            "" if said is None else str(said.serial_number),
-            one_line(text + number, NAME_LIMIT),
-            one_line(source, NOTE_LIMIT) if "VIRTUAL" in text.upper() else "",
-        )
+        return Identity("" if said is None else str(said.serial_number), one_line(text + number, NAME_LIMIT), source)
 
     def _divider_for(self, rate_hz: float | None) -> int:
         """Return the divider of a rate; that of the fastest rate on this line if the unit does not have the rate."""
