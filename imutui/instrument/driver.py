@@ -283,7 +283,7 @@ class Poller:
     nothing: its answer means that no answer to an earlier request comes any more. Until then nothing else is asked, and
     a poll counts as lost only when its answer certainly did not come.
 
-    `port`: of a unit that is set up and sends nothing by itself.
+    `driver`: of a unit that is set up and sends nothing by itself.
     `giving_up`: returns True to stop waiting.
     `decoder`: makes events of the unit's bytes.
     `request`: bytes that ask for a packet, and the packet's class.
@@ -292,20 +292,20 @@ class Poller:
 
     def __init__(
         self,
-        port: Port,
+        driver: Driver,
         giving_up: Callable[[], bool],
         decoder: FrameDecoder[Any],
         request: tuple[bytes, type[DataPacket]],
         check: tuple[bytes, type],
     ) -> None:
-        self._port = port
+        self._port, self._packet_bytes = driver.port, driver.packet_bytes
         self._giving_up = giving_up
         self._decoder = decoder
         self._request, self._packet = request
         self._check, self._checked = check
         self._patience_s = _LEAST_PATIENCE_S
-        self._stray_bytes = 0
-        self._heard = b""  # the last answer, if nothing else came with it
+        self._last: DataPacket | None = None
+        self._unasked = 0
         self.doubled = 0
         """Answers that came a second time."""
         self.unanswered = False
@@ -319,48 +319,34 @@ class Poller:
     @property
     def discarded_bytes(self) -> int:
         """Bytes that belonged to no answer."""
-        return self._decoder.discarded_bytes + self._stray_bytes
+        return self._decoder.discarded_bytes + self._unasked * self._packet_bytes
 
     def poll(self) -> Answer | None:
         """Poll a packet and wait for it; None if it certainly does not come, or the poller gives up.
 
         Raises PortError if the line goes away.
         """
-        self.unanswered = False
         # what waits here came before the request, so it is no answer to it
-        while waiting := self._port.waiting():
-            self._take_stray(self._port.read(waiting))
-        self._decoder.quiet()
-        self._heard = b""
+        stray = self._port.read(waiting) if (waiting := self._port.waiting()) else b""
+        events = [*self._decoder.feed(stray), *self._decoder.quiet()]
+        again = sum(event == self._last for event in events)
+        self.doubled += again
+        self._unasked += sum(isinstance(event, self._packet) for event in events) - again
+        self._count_checks(events)
         requested_ns = time.monotonic_ns()
-        self._port.write(self._request)
         self.unanswered = True
-        answer = self._await_packet(requested_ns) or self._await_certainty(requested_ns)
+        found = exchange(
+            self._port, self._decoder, self._request, lambda event: isinstance(event, self._packet),
+            self._patience_s, self._giving_up,
+        )  # fmt: skip
+        answer = self._first([found], requested_ns) or self._await_certainty(requested_ns)
         self.unanswered = answer is None
         if answer is not None:
+            self._last = answer.packet
             # over a slow line the unit is not asked twice each time
             late_s = 2e-9 * (answer.arrived_ns - requested_ns)
             self._patience_s = min(max(_LEAST_PATIENCE_S, late_s, 0.5 * self._patience_s), _MOST_PATIENCE_S)
         return answer
-
-    def _take_stray(self, data: bytes) -> None:
-        """Take bytes that came between an answer and the next request: the same answer again, or noise."""
-        again = len(data) // len(self._heard) if self._heard else 0
-        if again and data == again * self._heard:
-            self.doubled += again
-        else:
-            self._stray_bytes += len(self._stray(data))
-
-    def _await_packet(self, requested_ns: int) -> Answer | None:
-        """Return the answer if it comes as soon as answers do."""
-        deadline = time.monotonic() + self._patience_s
-        while True:
-            data = self._port.read(self._decoder.missing)
-            self._heard += data
-            answer = self._first(self._decoder.feed(data) if data else self._decoder.pause(), requested_ns)
-            # a host that was held up looks once more: it may have come long ago
-            if answer is not None or (not data and (time.monotonic() > deadline or self._giving_up())):
-                return answer
 
     def _await_certainty(self, requested_ns: int) -> Answer | None:
         """Return the late answer, or None once it is certain that it does not come."""
@@ -389,10 +375,6 @@ class Poller:
         arrived_ns = time.monotonic_ns()
         packets = (Answer(event, requested_ns, arrived_ns) for event in events if isinstance(event, self._packet))
         return next(packets, None)
-
-    def _stray(self, data: bytes) -> bytes:
-        """Return the bytes that count as noise among bytes that came before a request."""
-        return data
 
     def _count_checks(self, events: Sequence[Any]) -> int:
         """Return how often the unit has answered the other question."""

@@ -20,7 +20,7 @@ from helpers.units import served
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.driver import Imu400cd, Poller
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -196,7 +196,7 @@ def asked(before: bytes = b"") -> Iterator[tuple[int, Poller, "Future[Answer | N
     with ThreadPoolExecutor(1) as pool, Port(os.ttyname(slave), POWER_UP_BAUD) as port:
         os.write(master, before)
         wait_until(lambda: port.waiting() == len(before))
-        poller = Poller(port, lambda: False)
+        poller = Imu400cd(port).poller(lambda: False)
         found = pool.submit(poller.poll)
         assert os.read(master, 1) == b"G"
         yield master, poller, found

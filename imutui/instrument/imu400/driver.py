@@ -230,7 +230,7 @@ class Imu400cd(Driver):
         return FrameDecoder(self._streamed)
 
     def poller(self, giving_up: Callable[[], bool]) -> driver.Poller:
-        return Poller(self.port, giving_up)
+        return Poller(self, giving_up)
 
     def ask_for_life(self) -> None:
         self.port.write(encode(Command.STOP_STREAM) + encode(Command.PING))
@@ -267,19 +267,16 @@ class Poller(driver.Poller):
 
     _LETTER = encode(Reply.SCALED_MODE)
 
-    def __init__(self, port: Port, giving_up: Callable[[], bool]) -> None:
+    def __init__(self, unit: Imu400cd, giving_up: Callable[[], bool]) -> None:
         decoder = packet_decoder(Mode.SCALED, streaming=False)
         # the letter by which it answers is no packet, hence discarded
         request = encode(Command.GET_PACKET), Packet
-        super().__init__(port, giving_up, decoder, request, (encode(Command.SCALED_MODE), Discarded))
+        super().__init__(unit, giving_up, decoder, request, (encode(Command.SCALED_MODE), Discarded))
         self._letters = 0
 
     @property
     def discarded_bytes(self) -> int:
         return super().discarded_bytes - self._letters
-
-    def _stray(self, data: bytes) -> bytes:
-        return data.strip(self._LETTER)
 
     def _count_checks(self, events: Sequence[Any]) -> int:
         """Return how often the unit answered that its mode is set, and nothing else with it."""

@@ -298,7 +298,7 @@ class Imu381(Driver):
 
     def poller(self, giving_up: Callable[[], bool]) -> Poller:
         request, check = (encode(GetPacket(b"S1")), PacketS1), (encode(Ping()), Ping)
-        return Poller(self.port, giving_up, Decoder(), request, check)
+        return Poller(self, giving_up, Decoder(), request, check)
 
     def ask_for_life(self) -> None:
         self.port.write(encode(Ping()))
