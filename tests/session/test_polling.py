@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from helpers.commands import imutui
 from helpers.fake_devices import packet
@@ -19,6 +19,7 @@ from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
+from imutui.instrument.driver import Answer, Poller
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
 from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
@@ -29,9 +30,6 @@ from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
-
-if TYPE_CHECKING:
-    from imutui.instrument.driver import Answer
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
