@@ -75,9 +75,7 @@ def command(
         int | None, typer.Option("--axes", metavar="N", help="Axes of that table, 1 to 3 (the scenario's, or 3).")
     ] = None,
     force: Force = False,
-    while_stdin: Annotated[
-        bool, typer.Option("--while-stdin", help="End when standard input ends; its lines turn the table.")
-    ] = False,
+    while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
 ) -> None:
     """Run a virtual instrument on a pseudo-terminal: an IMU400CD-200, or an IMU381ZA-200.
 
@@ -160,7 +158,7 @@ def command(
         sys.stdout.flush()
         wire = Wire(made.unit, made.line, speed, truth, None if table is None else table.began)
         serve(
-            wire, pty, log=say, tap=sink, stop=stop, while_stdin=while_stdin, on_line=made.turn,
+            wire, pty, log=say, tap=sink, stop=stop, while_stdin=while_stdin,
             burst_bytes=0 if made.line is None else BURST_BYTES, on_idle=made.keep_up,
         )  # fmt: skip
     sys.stdout.flush()

@@ -193,7 +193,6 @@ def serve(
     tap: BinaryIO | None = None,
     stop: threading.Event | None = None,
     while_stdin: bool = False,
-    on_line: Callable[[str], None] | None = None,
     burst_bytes: int = 0,
     on_idle: Callable[[float], None] | None = None,
 ) -> None:
@@ -205,24 +204,17 @@ def serve(
     `tap`: receives a copy of exactly the bytes that reached the host's queue.
     `stop`: ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
     `while_stdin`: True to end when standard input does.
-    `on_line`: called with each line of it.
     `burst_bytes`: bytes that wait while the host's queue is full, whatever their age. What is more is lost, as in a
       UART that overruns; of a plain line also what is older than a second.
     `on_idle`: called while nothing is asked of the unit, with the time of its readings, s.
     """
-    last, waiting, typed = time.monotonic(), b"", b""
+    last, waiting = time.monotonic(), b""
     while stop is None or not stop.is_set():
         due = min(wire.next_event(), last + _LOOK_UP_S)
         wait = min(max(due - time.monotonic(), 0.0), _LOOK_AT_QUEUE_S if waiting else _LOOK_UP_S)
         readable, _, _ = select.select([pty, sys.stdin] if while_stdin else [pty], [], [], wait)
-        if sys.stdin in readable:
-            data = os.read(sys.stdin.fileno(), 4096)
-            if not data:
-                return
-            *lines, typed = (typed + data).split(b"\n")
-            if on_line is not None:
-                for text in lines:
-                    on_line(text.decode())
+        if sys.stdin in readable and not os.read(sys.stdin.fileno(), 4096):
+            return
         now = time.monotonic()
         pty.release()
         baud = pty.host_baud()

@@ -37,7 +37,6 @@ from imutui.session.reader_thread import (
     ZeroingFinished,
 )
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
-from imutui.session.table_turner import TableTurner
 from imutui.session.watches import FoxgloveFollower
 
 if TYPE_CHECKING:
@@ -69,8 +68,8 @@ class Engine:
     """Runs one acquisition from its first packet to its last.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; `foxglove` serves what is recorded, and
-    is closed after the end by the caller; `turner` turns the table under a virtual unit of the acquisition's own,
-    `table` is one under command. `lifecycle` may have failed before: the acquisition then ends at once.
+    is closed after the end by the caller; `table` is one under command. `lifecycle` may have failed before: the
+    acquisition then ends at once.
     Raises InputError if the filter could not run with what is asked.
     """
 
@@ -80,7 +79,6 @@ class Engine:
         host: Driver,
         identity: Identity,
         foxglove: FoxgloveFollower | None = None,
-        turner: TableTurner | None = None,
         table: CommandedTable | None = None,
         lifecycle: Lifecycle | None = None,
     ) -> None:
@@ -103,7 +101,7 @@ class Engine:
         self._looped_s = math.inf  # when the second thread last looked for something to do
         if table is not None:
             table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, foxglove, turner, table)
+        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, foxglove, table)
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 
