@@ -113,7 +113,7 @@ def recorded(path: Path) -> Recorded:
             if channel.topic == schemas.RAW:
                 packet = ros_messages.decode(schemas.TYPES[schemas.RAW], message.data)
                 words = [*packet.counts, packet.temperature, packet.ticks]
-                payload = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
+                payload = b"".join((int(word) & 0xFFFF).to_bytes(2, "big") for word in words)
                 frames.append(b"\xff" + payload + bytes([sum(payload) % 256]))
                 stamp_ns.append(message.publish_time + packet.host_monotonic_ns - message.log_time)
             elif channel.topic == schemas.EVENTS:
