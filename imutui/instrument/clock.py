@@ -143,8 +143,8 @@ class Clock:
         step = 0 if self._ticks is None else self._counter.step(self._ticks, ticks)
         soon = host_ns - self._host_ns < self._soon_ns
         self._ticks, self._host_ns = ticks, host_ns
-        is_next = self._grid.may_be_next if self._held else self._grid.is_next
-        packet = _Packet(arrival, step, contiguous, quiet, behind, contiguous and self._opened and is_next(step))
+        follows = contiguous and self._opened and self._grid.is_next(step, anywhere=bool(self._held))
+        packet = _Packet(arrival, step, contiguous, quiet, behind, follows)
         if not self._held:
             return self._go_on(packet, soon=soon)
         if soon or not self._opened:
@@ -227,38 +227,37 @@ class Clock:
     def _joint(self, held: list[_Packet], most: int, *, caught_up: bool) -> tuple[int, int]:
         """Return the index of the packet that has unseen wraps before it, and their number, `most` of them.
 
-        It is the first one if they came in step, else one that does not follow. Unless the line has caught up, there are no more wraps than the counter demands.
+        It is the first one if they came in step, else one that does not follow. Unless the line has caught up, there
+        are no more wraps than the counter demands.
         """
         broken = [k for k, packet in enumerate(held) if not packet.follows]
         if most == 0 or not (caught_up or broken):
             return 0, 0
-        regular = [k for k in broken if self._grid.is_regular(held[k].step + SPAN * most)]
+        regular = [k for k in broken if self._grid.place(held[k].step + SPAN * most)[1]]
         joint = 0 if self._in_step(held) else (regular or broken or [0])[-1]
-        least = next((n for n in range(most) if self._grid.is_regular(held[joint].step + SPAN * n)), most)
+        least = next((n for n in range(most) if self._grid.place(held[joint].step + SPAN * n)[1]), most)
         return joint, most if caught_up else least
 
     def _open(self, held: list[_Packet]) -> list[Stamp]:
         """Begin with the least late of the packets held; the length of the tick stays as known."""
-        steps = [0] + [self._opening_step(before, packet) for before, packet in pairwise(held)]
-        known = [step for step, packet in zip(steps[1:], held[1:], strict=True) if packet.contiguous]
+        steps = [self._opening_step(before, packet) for before, packet in pairwise(held)]
+        known = [step for step, packet in zip(steps, held[1:], strict=True) if packet.contiguous]
         if known:
             self._grid.learn(known)
-        self._opened = bool(known) and self._grid.known
+        self._opened = bool(known) and self._grid.spacing > 0.0
         if not self._opened:
             # too few packets, or a counter that stands still
             self._ticks = None
             return [self._by_arrival(packet.arrival_ns, None) for packet in held]
-        self._time.anchor([packet.arrival_ns for packet in held], list(accumulate(steps)))
-        gap, self._gap_from_ns = self._gap_since(self._gap_from_ns, held[0].arrival_ns), None
-        at = self._time.instant_ns - round(sum(steps) * self.tick_ns)
-        stamps = []
-        for step, packet in zip(steps, held, strict=True):
-            at += round(step * self.tick_ns)
-            lost = self._grid.packets(step, contiguous=packet.contiguous) - 1 if step else 0
-            gap = Gap(step * self.tick_ns / 1e9, lost, lost) if lost else gap
-            stamps.append(self._emit(at, packet, step, gap, by_host=not step))
-            gap = None
-        return stamps
+        self._time.anchor([packet.arrival_ns for packet in held], [*accumulate(steps, initial=0)])
+        since, gap = self._gap_from_ns, None
+        if since is not None:
+            silent = held[0].arrival_ns - since
+            gap = Gap(silent / 1e9, 0, math.ceil(silent / (self._grid.spacing * self.tick_ns)))
+        self._gap_from_ns = None
+        first = self._emit(self._time.instant_ns, held[0], 0, gap, by_host=True)
+        wraps = [(step - packet.step) // SPAN for step, packet in zip(steps, held[1:], strict=True)]
+        return [first, *map(self._advance, held[1:], wraps)]
 
     def _opening_step(self, before: _Packet, packet: _Packet) -> int:
         """Return the ticks between two packets of an opening; where bytes are missing, the arrivals give the wraps."""
@@ -267,16 +266,10 @@ class Clock:
         late = packet.arrival_ns - before.arrival_ns - packet.step * self.tick_ns
         return packet.step + SPAN * max(0, round(late / (SPAN * self.tick_ns)))
 
-    def _gap_since(self, last_ns: int | None, arrival_ns: float) -> Gap | None:
-        if last_ns is None:
-            return None
-        silent = arrival_ns - last_ns
-        return Gap(silent / 1e9, 0, math.ceil(silent / (self._grid.spacing * self.tick_ns)))
-
     # -- one stamp ------------------------------------------------------------------------------------------------
 
     def _advance(self, packet: _Packet, wraps: int, doubt_ns: float = 0.0) -> Stamp:
-        """Go on to a packet; returns its stamp, with what is missing before it."""
+        """Go on to a packet; return its stamp, with the gap before it."""
         step = packet.step + SPAN * wraps
         packets, regular = self._grid.place(step)
         moved = self._time.advance(step, packet.arrival_ns)
@@ -290,12 +283,12 @@ class Clock:
         elif moved > SPAN * self.tick_ns - _SLACK_NS:
             gap = Gap(seconds + moved / 1e9, 0, math.ceil(moved / (self._grid.spacing * self.tick_ns)))
         elif missing:
-            # what leads off the grid is no number of whole packets
+            # a step that leads off the grid is no number of whole packets
             gap = Gap(seconds, missing if regular else 0, missing + (not regular))
         return self._emit(self._time.instant_ns, packet, step, gap, doubt_ns=doubt_ns)
 
     def _by_arrival(self, arrival_ns: float, requested_ns: int | None) -> Stamp:
-        """Stamp of a packet whose counter says nothing: not before it was asked for, nor after it came."""
+        """Return the stamp of a packet by its arrival: not before it was asked for, nor after it came."""
         uncertain = _POLL_UNCERTAINTY_NS if requested_ns is None else arrival_ns - requested_ns + _LOOP_NS
         self._last = max(self._last + 1, round(arrival_ns))
         return Stamp(self._last, True, round(uncertain))

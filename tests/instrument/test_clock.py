@@ -104,6 +104,24 @@ def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
     assert np.abs(found.error_s).max() < 1e-3
 
 
+@pytest.mark.parametrize("again_s", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
+def test_a_unit_that_pauses_again_soon_puts_no_stamp_off(again_s: float, counter: CounterSpec) -> None:
+    """Unseen wraps are before the first packet behind the first pause, whatever comes in the quarter second after it."""
+    made = stream(20.0, 3)
+    if counter is OF_TIME:
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
+    for after_s, pause_s in ((10.0, 1.23), (11.33, again_s)):
+        first = at(made, after_s)
+        for times in (made.sampled, made.due, made.arrives):
+            times[first:] += pause_s
+        ran = counter.direction * round(pause_s * 1e9 / counter.tick_ns)
+        made.ticks[first:] = (made.ticks[first:] + ran) % SPAN
+    found = hear(made, Clock(180 / 38400 * 1e9, counter))
+    assert np.all(np.abs(found.error_s) <= found.uncertainty_s)
+    assert np.abs(found.error_s).max() < 1e-3
+
+
 @pytest.mark.parametrize("late_s", [0.03, 0.3])
 def test_packets_that_stay_late_are_in_doubt_after_a_block_of_them(late_s: float) -> None:
     """As of a unit that began anew where its counter would go on: whether line or instant is late is open at first."""
