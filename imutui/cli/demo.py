@@ -10,7 +10,8 @@ from imutui.cli.exit_codes import USAGE, fail
 from imutui.cli.options import Json, Rate
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import RunDocument, StateFields
+    from imutui.estimates import StateFields
+    from imutui.logbook.results import RunDocument
 
 
 def command(
@@ -20,7 +21,6 @@ def command(
     seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
     rate: Rate = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
-    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     json: Json = False,
 ) -> None:
     """Run the main job on a virtual instrument.
@@ -53,8 +53,7 @@ def command(
         duration_s=60.0 if seconds is None else seconds,
         note="demo",
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
-        speed=speed,
-        virtual=("--seed", str(seed), "--scenario", str(STEADY), "--speed", str(speed)),
+        virtual=("--seed", str(seed), "--scenario", str(STEADY)),
     )
     # the virtual unit stands there, whatever the user's configuration says of another place
     plan = replace(plan, gravity=None)
@@ -67,8 +66,7 @@ def truth(seed: int) -> "StateFields":
 
     from filters import simulation
     from filters.state import PAPER_SITE, NavState
-    from imutui.logbook import SessionInfo
-    from imutui.logbook.results import state_fields
+    from imutui.logbook import SessionInfo, results
 
     unit = simulation.draw(seed)
     rest = NavState.at_rest(PAPER_SITE, np.eye(3))
@@ -76,7 +74,7 @@ def truth(seed: int) -> "StateFields":
         rest.latitude, rest.longitude, rest.height, rest.velocity_n, rest.C_nb, unit.accel_bias, unit.gyro_bias
     )
     info = SessionInfo()
-    return state_fields(nav, info.axes(), info.g_unit, np.ones(6, bool))
+    return cast("StateFields", results.fields(results.state_columns(nav, info, results.ALL_SEEN)))
 
 
 def _show(plan: Any) -> None:
@@ -86,10 +84,10 @@ def _show(plan: Any) -> None:
     wanted = appearance()
     from imutui.tui import app
 
-    running = plan.name in client.running_here()
+    running = plan.name in client.running()
     raise typer.Exit(
         app.run(
-            client.attach(plan.name, stays=True) if running else None,
+            client.attach(plan.name) if running else None,
             None if running else plan,
             logs=plan.logs,
             appearance=wanted,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters.imu import AxisMap
-from imutui.filter_snapshot import CauseSnapshot
+from imutui.estimates import CauseField
 
 if TYPE_CHECKING:
     from filters.kalman.alarms import Departure
@@ -67,7 +67,7 @@ def _suspicion(found: "Departure", name: str) -> str:
             return f"{degrees:.0f} deg off. It speaks against the profile, the mounting or the sign, not the unit"
 
 
-def causes(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
+def causes(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseField]:
     """What stands, what shows now first; empty of a unit that is not at rest."""
     watch = estimator.watch
     if watch is None:
@@ -75,13 +75,13 @@ def causes(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSn
     return [cause_fields(one, axes, g_unit, shows=watch.shows(one)) for one in watch.causes()]
 
 
-def withdrawn(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
+def withdrawn(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseField]:
     """What was told and withdrawn, the newest first."""
     changes = reversed(estimator.watch.changes if estimator.watch is not None else [])
     return [cause_fields(one, axes, g_unit, shows=False) for change, one in changes if change == "cause_gone"]
 
 
-def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = True) -> CauseSnapshot:
+def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = True) -> CauseField:
     """A cause, in the instrument's axes and units."""
     of_channel = np.eye(6)[cause.channel]
     name, sign, unit, digits = _reading(cause.channel, of_channel, axes, g_unit)
@@ -103,7 +103,7 @@ def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = 
     }  # fmt: skip
 
 
-def event_text(cause: CauseSnapshot) -> str:
+def event_text(cause: CauseField) -> str:
     """The sentence, and behind it the fields for programs."""
     fields = {key: cause[key] for key in ("channel", "effect", "size", "sd", "unit", "odds", "since", "hz")}
     told = (f"{key}={value:.6g}" if isinstance(value, float) else f"{key}={value}" for key, value in fields.items())

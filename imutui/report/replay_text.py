@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from filters.health.finding import without_bias
+from imutui.estimates import biases
 from imutui.jobs.quantities import plural
 from imutui.report import numbers, plain
 from imutui.report.blocks import Block, Column, Paragraph, Table
@@ -36,7 +37,7 @@ def _biases(d: "ResultDocument") -> Table:
     columns = (Column("bias"), Column("estimate", "number"), Column("± 3 sd", "number"), Column("unit"),
                Column("converged"), *([Column("truth", "number")] if truth else []))  # fmt: skip
     rows = []
-    for b in sources.biases(d):
+    for b in biases(d):
         digits = DIGITS[b.unit]
         told = (NOTHING, NOTHING, b.unit, why_unseen(d, b.channel))
         if b.value is not None and b.sd is not None:

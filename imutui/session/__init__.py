@@ -9,7 +9,7 @@ From packets to a file: `sample_pipeline` a run of samples, means of packets · 
 `recorder` runs and files one after the other, and when it is over · `recording` a recording's files, `previous_log`
 what was before it · `disk_space` room, and whether a file is there still · `timebase` UTC that no clock step moves.
 For viewers: `snapshot` what they see, records only · `requests` what they ask · `observe` fills the snapshot, with
-`recent_packets`, `event_log` · `channel_statistics` · `operator_guide` through a table profile, `table_turner` · `ipc`
+`recent_packets`, `event_log` · `channel_statistics` · `guidance` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it, `preloaded` several that share memory · `end_report`
 how one ended.
 `python -m imutui.session` is the process itself.

@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,11 +19,10 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import operator_guide
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.commanded_table import CommandedTable
 from imutui.session.event_log import INFORMATION, WARNING
-from imutui.session.guidance import Guidance
+from imutui.session.guidance import Guidance, describe
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import reconfigured
@@ -35,7 +33,6 @@ from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
-from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import Timebase
 from imutui.session.watches import (
     ClockStepMonitor,
@@ -59,8 +56,7 @@ class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
     `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `foxglove`
-    serves what is recorded, `turner` turns the table under a virtual unit, `table` is one under command. `observe`
-    shows viewers what is public here.
+    serves what is recorded, `table` is one under command. `observe` shows viewers what is public here.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -72,7 +68,6 @@ class Acquisition:
         reader: Reader,
         lifecycle: Lifecycle,
         foxglove: FoxgloveFollower | None = None,
-        turner: TableTurner | None = None,
         table: CommandedTable | None = None,
     ) -> None:
         self._clock = clock
@@ -87,7 +82,7 @@ class Acquisition:
         self.recent = RecentPackets(scaling)
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument))
         self.status = StatusWords(self._instrument)
-        self.guidance = Guidance(self.recorder, self.record, turner, table)
+        self.guidance = Guidance(self.recorder, self.record, table)
         self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
         self._line_errors = (0, 0, 0)
         self._last_stamp_ns = self.started_ns
@@ -254,7 +249,7 @@ class Acquisition:
             self.recorder.pipeline.flush(written_ns)
             if self.recorder.look_after_file(now):
                 self._end_recording()
-            self.guidance.every_second(now)
+            self.guidance.look(now)
             moment = self._moment(now)
             if self.line.is_to_be_asked(moment):
                 self.reader.ask_again()
@@ -294,9 +289,8 @@ class Acquisition:
                 self.recorder.events.handled_ns = None
 
     def _is_silent(self, now_ns: int) -> bool:
-        """Whether the unit is silent for so long that a table is stopped; in real time, which waits take."""
-        moment = self._moment(now_ns)
-        return self.line.falls_silent(replace(moment, silent_s=moment.silent_s / self.recorder.plan.speed))
+        """Return True if the unit has been silent for so long that a table is stopped."""
+        return self.line.falls_silent(self._moment(now_ns))
 
     def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self.reader.last_packet_ns) / 1e9
@@ -446,7 +440,7 @@ class Acquisition:
         recorder = self.recorder
         if not isinstance(recorder.motion, Profile):
             return None
-        return operator_guide.describe(recorder.motion, *recorder.plan.reference_file)
+        return describe(recorder.motion, *recorder.plan.reference_file)
 
     # -- one after the other --------------------------------------------------------------------------------------
 

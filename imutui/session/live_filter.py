@@ -19,7 +19,7 @@ from filters.kalman.augmentation import MakeEffects
 from filters.kalman.filter_input import Readings
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui import defects
+from imutui import compile_cache, defects
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
@@ -94,6 +94,7 @@ class Preparation:
             self.ready.set()
             # a search through all that was loaded for garbage would make the reader late
             gc.freeze()
+            compile_cache.release()
 
 
 PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)
@@ -101,7 +102,7 @@ PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)
 
 def load() -> None:
     """Load the filter's modules here and now, without compiling anything."""
-    for module in ("filters.kalman.engines", "imutui.logbook.estimates"):
+    for module in ("filters.kalman.engines", "imutui.logbook.estimate_rows"):
         importlib.import_module(module)
     from filters.kalman import series_evidence
 
@@ -220,10 +221,10 @@ class LiveFilter:
         return self.estimator
 
     def _messages(self, estimator: "Estimator", rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
-        from imutui.logbook import estimates
+        from imutui.logbook.estimate_rows import BiasVerdicts, EstimateRows
 
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        verdict = estimates.BiasVerdicts.of(estimator, self.info)
-        estimates.add_to_history(self.history, rows, verdict, self.info)
-        yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)
+        made = EstimateRows(rows, BiasVerdicts.of(estimator, self.info), self.info)
+        made.add_to(self.history)
+        yield from zip(stamps.tolist(), made.encode(stamps), strict=True)

@@ -2,10 +2,8 @@
 
 import json
 import math
-import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
@@ -18,13 +16,13 @@ from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
-from imutui.table import gate, registry
+from imutui.table import registry
+from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
 POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
 SAMPLINGS = ("stream", "polled")
-_FASTEST = 100.0
 _LONGEST_S = 10 * 366 * 86400.0
 LOOPBACK = "127.0.0.1"
 FILE_MODE = "0640"  # permissions of logs, unless configured
@@ -103,10 +101,6 @@ def batch_of(name: str) -> str:
     return name.partition(":")[0] if ":" in name else ""
 
 
-def _is_here(controller: str) -> bool:
-    return not controller or urlsplit(controller).hostname in (LOOPBACK, "localhost", "::1")
-
-
 def check_rotation(minutes: float, mb: float) -> None:
     """Refuse limits of a file that make no sense; raises InputError."""
     for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
@@ -168,14 +162,12 @@ class Plan:
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
-    # controller, limits: URL of the table's controller, "" for none, and what its axes may do, as
-    # `imutui.table.gate.parse_limits` reads it
+    # controller, limits: URL of the table's controller, "" for none, "virtual" for that of a virtual unit's own table;
+    # and what its axes may do, as `imutui.table.motion.parse_limits` reads it
     controller: str = ""
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
     needs_viewer: bool = False  # ends, and stops the table, soon after its last viewer has gone, who gave the motion
-    speed: float = 1.0  # times that time runs faster, with virtual instruments only
-    since_ns: int = 0  # monotonic instant from which on it does, the same for processes that belong together; 0: now
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
     instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
     explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
@@ -203,20 +195,10 @@ class Plan:
 
     def _check_table(self) -> None:
         if self.controller:
-            if self.controller.partition(":")[0] not in registry.CONTROLLERS:
+            own = self.controller == self.port == VIRTUAL_PORT
+            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
                 raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
-            gate.parse_limits(self.limits)
-        if self.speed != 1.0 and not 0.0 < self.speed <= _FASTEST:
-            raise InputError(f"`speed` is {self.speed:g}; time runs up to {_FASTEST:g} times as fast")
-        if self.speed != 1.0 and not (self._is_virtual and _is_here(self.controller)):
-            raise InputError(
-                "`speed` is for trials: time runs faster only with a virtual unit and a virtual controller, on this"
-                " computer"
-            )
-
-    @property
-    def _is_virtual(self) -> bool:
-        return self.port == VIRTUAL_PORT or os.path.realpath(self.port).startswith("/dev/pts/")
+            parse_limits(self.limits)
 
     def asking(self) -> "Plan":
         """The plan where whatever answers at its port is taken; a virtual instrument of its own is the usual one."""
@@ -304,5 +286,6 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
+        controller=VIRTUAL_PORT,
         site=PAPER_PLACE,  # where the virtual unit stands, wherever the user does
     )

@@ -28,7 +28,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.timebase import Timebase
-from imutui.table.controller import TableState
+from imutui.table.motion import TableState
 
 if TYPE_CHECKING:
     from filters.kalman.runner import Estimator

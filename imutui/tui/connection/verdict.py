@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from filters.health.finding import HealthEntry
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.estimates import FilterSnapshot
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
-from imutui.verdict import rules, sources
+from imutui.verdict import rules
 from imutui.verdict.rules import ENDED, RANK, Verdict
 
 HOLD_S = 2.0
@@ -41,15 +41,12 @@ def judge(
     waiting_profile: str | None = None,
     health: Sequence[HealthEntry] = (),
 ) -> Verdict:
-    """The verdict on the filter of a snapshot; the rest as in `imutui.verdict.rules.Standing`."""
+    """Return the verdict on the filter of a snapshot; the arguments are those of `imutui.verdict.rules.judge`."""
     if estimates is None:
         off = rules.judge(None, health)
         aside = "5 Table lays the profile aside, or traces its recording"
         return off if waiting_profile is None or health else replace(off, todo=aside)
-    standing = sources.of_snapshot(estimates)
-    # once samples come, what the operator can do about it comes before what the filter waits for
-    waiting = waiting_profile if standing.waiting and standing.t is not None and waiting_profile else standing.waiting
-    return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile), health)
+    return rules.judge(estimates, health, silent=silent, waiting_profile=waiting_profile)
 
 
 def ended(last: Verdict | None) -> Verdict | None:

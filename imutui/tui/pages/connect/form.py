@@ -83,7 +83,7 @@ class ConnectForm(Vertical):
         if plan.port != VIRTUAL_PORT:
             self.query_one("#port", Input).value = plan.port
         self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
-        self.query_one("#controller", Input).value = plan.controller
+        self.query_one("#controller", Input).value = plan.controller.removeprefix(VIRTUAL_PORT)
         self.query_one("#site", Input).value = "" if plan.site is None else ",".join(map(repr, plan.site))
         self._has_gravity = plan.gravity is not None
         for name in _CHOSEN:
@@ -119,8 +119,6 @@ class ConnectForm(Vertical):
             said = ""
         elif choice.kind == "attach":
             said = f'looks at the running acquisition "{choice.value}"'
-        elif choice.kind == "elsewhere":
-            said = f'looks at the acquisition "{choice.value}" of another environment'
         elif choice.kind == "batch":
             said = f'looks at all units of the running batch "{choice.value}"'
         else:
@@ -253,7 +251,7 @@ class ConnectForm(Vertical):
         if choice is None:
             return
         self.say_error("")
-        if choice.kind in ("batch", "attach", "elsewhere"):
+        if choice.kind in ("batch", "attach"):
             request = requests.OpenRack if choice.kind == "batch" else requests.Resume
             self.post_message(request(choice.value))
             return
@@ -275,7 +273,8 @@ class ConnectForm(Vertical):
             self.say_error(text.ASK_SITE, "Where does the table stand?")
             self.query_one("#site").focus()
             return
-        controller = self.query_one("#controller", Input).value.strip()
+        own = VIRTUAL_PORT if choice.value == VIRTUAL_PORT else ""  # a virtual unit stands on a table of its own
+        controller = self.query_one("#controller", Input).value.strip() or own
         asked = {"port": choice.value, "rate_hz": rate, "controller": controller}
         self.post_message(requests.Start({**asked, **site, **chosen}))
 
@@ -342,4 +341,4 @@ class Radio(Widget, can_focus=True):
 
 def _choices() -> list[text.Choice]:
     """What there is to choose from on this machine."""
-    return text.choices(session.running_here(), session.ports(), session.elsewhere())
+    return text.choices(session.running(), session.ports())

@@ -2,7 +2,7 @@
 
 import math
 
-from imutui.filter_snapshot import EffectSnapshot, FilterSnapshot
+from imutui.estimates import EffectField, FilterSnapshot
 from imutui.report import effect_words, wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
@@ -70,10 +70,11 @@ def _more(estimates: FilterSnapshot) -> str:
     return _listed("NUMBERS", out)
 
 
-def effect_text(effect: EffectSnapshot) -> str:
+def effect_text(effect: EffectField) -> str:
     """What it is in words, value ± 3 sd, unit; as many decimals as the certainty is worth."""
-    value, sd, unit, label = effect["value"], effect["sd"], effect["unit"], effect_words.state(effect["label"])
-    if value is None or not sd:
+    value, sd, label = effect["value"], effect["sd"], effect_words.state(effect["name"])
+    unit = effect["name"].removesuffix(")").partition(" (")[2]
+    if not sd:
         return f"{label} {formatting.plain(value)} {unit}".rstrip()
     decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
     return f"{label} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()

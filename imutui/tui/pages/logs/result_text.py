@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from imutui.estimates import Bias, biases, specification_of
 from imutui.report import effect_words, numbers, replay_text, trace_tables, wrapping
 from imutui.report.trace_glance import Places
 from imutui.tui import formatting
@@ -14,7 +15,7 @@ from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_plot import PlotLook
 from imutui.verdict import sources
-from imutui.verdict.rules import SITE_NOT_STATED, channel, nis_meaning
+from imutui.verdict.rules import SITE_NOT_STATED, nis_meaning
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument, TraceDocument
@@ -79,8 +80,7 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
 
 def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
-    spec = sources.specification_of(d)
-    limits, source = sources.bias_limits(spec), spec.source.partition(" data")[0]
+    source = specification_of(d).source.partition(" data")[0]
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     lines = [
@@ -91,32 +91,21 @@ def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
         "",
         f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {source:>8} {'of limit':>9}   converged",
     ]
-    final, sds, since = d["final"], d["sd"], d["converged_s"]
-    for kind, values, sd, unit, converged in (
-        ("gyro", final["gyro_bias_dps"], sds["gyro_bias_dps"], "deg/s", since["gyro_bias"]),
-        ("accel", final["accel_bias_mg"], sds["accel_bias_mg"], "mg", since["accel_bias"]),
-    ):
-        for i, axis in enumerate("xyz"):
-            name, value, uncertain = f"{axis} {kind}", values[i], sd[i]
-            if value is None or uncertain is None:
-                lines.append(_unseen(name, unit, replay_text.why_unseen(d, channel(name))))
-            else:
-                lines.append(_bias(name, value, uncertain, unit, limits[unit], converged[i]))
+    lines += [_bias(d, bias) for bias in biases(d)]
     return wrapped("\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)]), width)
 
 
-def _unseen(name: str, unit: str, why: str) -> str:
-    return f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  {why}"
-
-
-def _bias(name: str, value: float, sd: float, unit: str, limit: float | None, since: float | None) -> str:
+def _bias(d: "ResultDocument", bias: Bias) -> str:
+    unit, value, limit, nothing = bias.unit, bias.value, bias.limit, formatting.NOTHING
+    if value is None:
+        return f"{bias.name:<8} {nothing:>9} {nothing:>8} {unit:<6}  {replay_text.why_unseen(d, bias.channel)}"
     decimals = formatting.BIAS_DECIMALS[unit]
-    when = f"at {since:.1f} s" if since is not None else "not yet"
-    allowed = share = formatting.NOTHING
+    when = f"at {bias.converged_s:.1f} s" if bias.converged_s is not None else "not yet"
+    allowed = share = nothing
     if limit is not None:
         allowed, share = f"±{limit:g}", f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
     return (
-        f"{name:<8} {formatting.number(value, 9, decimals)} {formatting.number(3.0 * sd, 8, decimals)} {unit:<6}"
+        f"{bias.name:<8} {formatting.number(value, 9, decimals)} {formatting.number(bias.sd3, 8, decimals)} {unit:<6}"
         f"  {allowed:>8} {share:>9}   {when}"
     )
 
