@@ -107,7 +107,7 @@ def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
 @pytest.mark.parametrize("again_s", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
 def test_a_unit_that_pauses_again_soon_puts_no_stamp_off(again_s: float, counter: CounterSpec) -> None:
-    """Unseen wraps are before the first packet behind the first pause, whatever comes in the quarter second after it."""
+    """Unseen wraps are before the first packet behind the first pause, whatever comes soon after it."""
     made = stream(20.0, 3)
     if counter is OF_TIME:
         made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
