@@ -10,7 +10,7 @@ from filters.state import PAPER_PLACE as PAPER_PLACE
 from filters.state import Place
 from imutui import toml_text
 from imutui.declared import Meta, read, settle
-from imutui.instrument.instrument import Instrument as Instrument
+from imutui.instrument.driver import Driver as Driver
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
@@ -58,7 +58,7 @@ class RecordingWish:
         settle(self)
 
 
-def _rate_words(rate_hz: float, *instruments: Instrument) -> str:
+def _rate_words(rate_hz: float, *instruments: type[Driver]) -> str:
     gives = [f"the {each.model} gives {MIN_RATE_HZ} to {each.most_rate_hz:g} Hz" for each in instruments]
     return f"`rate` is {rate_hz:g} Hz; {', '.join(gives)}"
 
