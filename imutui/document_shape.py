@@ -36,7 +36,7 @@ def empty(shape: Any) -> Any:
 
 
 @cache
-def hints(shape: Any) -> dict[str, Any]:
+def hints(shape: Any) -> dict[str, object]:
     """Return the types of a shape's fields, with their annotations."""
     return get_type_hints(shape, include_extras=True)
 

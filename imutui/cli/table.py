@@ -156,7 +156,7 @@ def _turn(
 def _motions(
     action: str, values: list[str | float], table: "KeptTable", how: tuple[float | None, float | None]
 ) -> "tuple[Motion, ...]":
-    """What the keeper is to do; where nothing is said, at the usual speeds, or less where limits are lower.
+    """Return the motions to command; without options at the usual speeds, or slower where limits are lower.
 
     Raises InputError for what is not within limits.
     """
@@ -177,13 +177,13 @@ def _motions(
         motions: tuple[Motion, ...] = tuple(Move(axis, angles[axis], rate, accel) for axis in has)
     else:
         motions = (Turn(axes[0], float(values[1]), accel),)
-    for motion in motions:  # what no place of the table allows; the rest is the keeper's
+    for motion in motions:  # refused wherever the table is; the keeper checks the path
         motion.check(Begin(motion.angle_deg if isinstance(motion, Move) else 0.0), table.limits)
     return motions
 
 
 def _say_where(axis: str, angle: float, limits: "AxisLimits") -> None:
-    """Say where an axis without stops goes; more than a turn is a mistake. Raises the exit for that."""
+    """Report where an axis without stops goes; raises the exit for an angle of more than a turn."""
     if limits.has_stops:
         return
     there = math.remainder(angle, _TURN_DEG)
@@ -222,7 +222,7 @@ def _next(table: "KeptTable") -> "TableState":
 
 
 def _wait_until_there(table: "KeptTable", motions: "tuple[Motion, ...]") -> None:
-    """Wait until all axes rest where they were told to go; the keeper ends it where they do not."""
+    """Wait until all motions are there; the keeper ends if they do not follow."""
     from imutui.table.motion import Readings
 
     readings = Readings()
@@ -241,7 +241,7 @@ def _wait(table: "KeptTable", seconds: float) -> None:
 
 
 def _look(table: "KeptTable") -> None:
-    """Wait a moment, and pass on what the keeper says; end where the keeper has ended, with its last words."""
+    """Wait a moment, and print the keeper's news; raises the exit if the keeper has ended."""
     time.sleep(_LOOK_S)
     while table.news:
         text, is_warning = table.news.popleft()
@@ -255,7 +255,7 @@ def _ended(table: "KeptTable") -> NoReturn:
     raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
 
 
-# ------------------------------------------------------------------------------------------------------------- telling
+# -------------------------------------------------------------------------------------------------------------- output
 
 
 def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:

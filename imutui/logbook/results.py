@@ -155,13 +155,12 @@ def state_columns(nav: NavState, info: SessionInfo, seen: np.ndarray) -> dict[st
 
     `seen`: whether each bias is observable, as of `seen_axes`; NaN stands for one that is not.
     """
-    axes = info.axes()
     longitude = np.remainder(np.rad2deg(nav.longitude) + 180.0, 360.0) - 180.0
     return {
         "position_deg_m": np.stack([np.rad2deg(nav.latitude), longitude, nav.height], axis=-1),
         "velocity_mps": nav.velocity_n,
         "rpy_deg": np.rad2deg(attitude.to_rpy(nav.C_nb)),
-        **_biases(axes.accel_to_instrument(nav.accel_bias), axes.gyro_to_instrument(nav.gyro_bias), info, seen),
+        **_biases(*info.outward(nav.accel_bias, nav.gyro_bias), seen),
     }
 
 
@@ -173,28 +172,23 @@ def sd_columns(
     `P`: covariances, shape (..., 15, 15), at attitudes `C_nb`, shape (..., 3, 3).
     `site_mg`: `site_sd_mg` of the run, added to the accelerometers' in quadrature.
     """
-    axes, sd = info.axes(), np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
+    sd = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
     with np.errstate(divide="ignore", invalid="ignore"):  # at a pitch of 90° roll and yaw have none
         J = attitude.rpy_jacobian(C_nb)
         of_rpy = J @ P[..., state.ATTITUDE, state.ATTITUDE] @ np.swapaxes(J, -1, -2)
         rpy = np.sqrt(np.diagonal(of_rpy, axis1=-2, axis2=-1))
-    accel, gyro = (axes.sd_to_instrument(sd[..., part]) for part in (state.ACCEL_BIAS, state.GYRO_BIAS))
-    biases = _biases(accel, gyro, info, seen)
+    accel, gyro = info.outward(sd[..., state.ACCEL_BIAS], sd[..., state.GYRO_BIAS], sd=True)
     return {
         "position_m": sd[..., state.POSITION],
         "velocity_mps": sd[..., state.VELOCITY],
         "rpy_deg": np.rad2deg(rpy),
-        **biases,
-        "accel_bias_mg": np.hypot(biases["accel_bias_mg"], site_mg),
+        **_biases(np.hypot(accel, site_mg), gyro, seen),
     }
 
 
-def _biases(accel: np.ndarray, gyro: np.ndarray, info: SessionInfo, seen: np.ndarray) -> dict[str, np.ndarray]:
-    """Return something of the biases, instrument axes and SI, in mg and deg/s; NaN for those that are not `seen`."""
-    return {
-        "accel_bias_mg": np.where(seen[:3], accel / info.g_unit * 1e3, np.nan),
-        "gyro_bias_dps": np.where(seen[3:], np.rad2deg(gyro), np.nan),
-    }
+def _biases(accel: np.ndarray, gyro: np.ndarray, seen: np.ndarray) -> dict[str, np.ndarray]:
+    """Return something of the biases by the names of `BiasFields`; NaN for those that are not `seen`."""
+    return {"accel_bias_mg": np.where(seen[:3], accel, np.nan), "gyro_bias_dps": np.where(seen[3:], gyro, np.nan)}
 
 
 def listed(values: np.ndarray) -> list[Any]:
@@ -222,7 +216,7 @@ def site_sd_mg(estimator: "Estimator", info: SessionInfo) -> np.ndarray:
     """
     if info.site_stated:
         return np.zeros(3)
-    return info.axes().sd_to_instrument(np.abs(estimator.vertical)) * earth.GRAVITY_SPREAD / info.g_unit * 1e3
+    return info.outward(np.abs(estimator.vertical) * earth.GRAVITY_SPREAD, np.zeros(3), sd=True)[0]
 
 
 def seen_axes(estimator: "Estimator", axes: AxisMap) -> np.ndarray:
@@ -245,9 +239,9 @@ def converged_since(estimator: "Estimator", axes: AxisMap, reads: np.ndarray) ->
 def change_10s(estimator: "Estimator | None", info: SessionInfo) -> BiasFields:
     """Return the change of the biases over the last 10 s; None while it is not known."""
     change = None if estimator is None else estimator.monitor.convergence().change
-    change, axes = np.full(6, np.nan) if change is None else change, info.axes()
-    accel, gyro = axes.accel_to_instrument(change[:3]), axes.gyro_to_instrument(change[3:])
-    return cast("BiasFields", fields(_biases(accel, gyro, info, ALL_SEEN)))
+    if change is None:
+        return cast("BiasFields", empty(BiasFields))
+    return cast("BiasFields", fields(_biases(*info.outward(change[:3], change[3:]), ALL_SEEN)))
 
 
 ALL_SEEN = np.ones(6, bool)
@@ -269,7 +263,7 @@ def estimates(estimator: "Estimator | None", info: SessionInfo, health: Sequence
         return nothing
     from filters.motion.alignment import Turning
 
-    axes, g_unit, latest = info.axes(), info.g_unit, estimator.latest
+    axes, latest = info.axes(), estimator.latest
     reads, observable = has_readings(health), seen_axes(estimator, axes)
     seen = observable & reads
     # such a reference does not say where the unit is
@@ -303,9 +297,9 @@ def estimates(estimator: "Estimator | None", info: SessionInfo, health: Sequence
         "remainder": _remainder(estimator, axes),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since_s": estimator.held_since,
-        "causes": departures.causes(estimator, axes, g_unit),
-        "causes_gone": departures.withdrawn(estimator, axes, g_unit),
-        "departure": departures.sentence(estimator, axes, g_unit),
+        "causes": departures.causes(estimator, info),
+        "causes_gone": departures.withdrawn(estimator, info),
+        "departure": departures.sentence(estimator, info),
     }
 
 

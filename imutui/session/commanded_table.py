@@ -1,7 +1,7 @@
-"""The table under an acquisition's command: it carries out a profile's segments, one after the other, by itself.
+"""A table under an acquisition's command: sends it to a profile's segments, and sees when it is there.
 
-A segment begins when the table is there: a dwell once it has settled, a rate once it turns at it, a sine once it
-swings. The keeper, a process of its own, has the link and is the gate of all commands; see `imutui.table.keeper`.
+A dwell begins once the table has settled, a rate once the axis turns at it, a sine once the axis swings. The keeper, a
+process of its own, has the link and checks all motions; see `imutui.table.keeper`.
 """
 
 import itertools
@@ -33,16 +33,16 @@ class CommandedTable:
     has_ramps = False  # a segment begins when the table has its rate
 
     def __init__(self, url: str, limits_text: str = "", *, starts: bool = True) -> None:
-        self.lives: Callable[[], bool] = lambda: True  # whether whoever commands does its work still
+        self.lives: Callable[[], bool] = lambda: True  # whether the acquisition still does its work
         self._url, self._limits_text = url, limits_text
         self._kept = self._begin(starts=starts)
         self._readings = Readings()
         self._steps: deque[tuple[Motion, ...]] = deque()  # motions at once, the present ones first
         self._last: tuple[Motion, ...] = ()  # motions of the present segment
         self._counter = itertools.count(1)
-        self._stops = self._seen_stops = 0  # how often the table was told to stop, and how often the worker has seen it
+        self._stops = self._seen_stops = 0  # stops asked for, and those before it was enabled last
         self._until_ns = 0  # by when the present step must be done
-        self.why_failed = ""  # why the table was stopped, where somebody must look at it
+        self.why_failed = ""  # why the table was stopped, if the operator must look at it
 
     def _begin(self, *, starts: bool) -> KeptTable:
         try:
@@ -52,7 +52,7 @@ class CommandedTable:
 
     @property
     def identity(self) -> str:
-        """What the controller says of itself."""
+        """Identification of the controller."""
         return self._kept.identity
 
     def check(self, profile: Profile) -> None:
@@ -66,39 +66,41 @@ class CommandedTable:
         check_profile(profile, self._kept.limits, (0.0,) * 3 if newest is None else newest.angles_deg)
 
     def enable(self) -> None:
-        """Close the interlock: somebody has said that the table may move.
+        """Close the interlock, after the operator has agreed that the table may move.
 
         Raises InputError if it does not close, or the keeper has ended.
         """
         try:
-            self._heed()
+            self._seen_stops = self._stops
             self._kept.ask(Command("enable", stops=self._seen_stops))
         except TableError as error:
             raise InputError(str(error)) from error
         self.why_failed = ""
 
-    @property
-    def failed(self) -> bool:
-        """Whether the table was stopped for a reason that somebody must look at."""
-        return bool(self.why_failed)
-
-    def tell(self, why: str) -> None:
-        """Have it told why the table was stopped from here."""
+    def warn(self, why: str) -> None:
+        """Add a warning to the news: why the table was stopped from here."""
         self._kept.news.append((why, True))
 
     # -- a profile's segments -----------------------------------------------------------------------------------------
 
-    def _heed(self) -> None:
-        """Forget the steps if the table was told to stop: any thread may do that, and only the worker has steps."""
-        stops = self._stops
-        if stops != self._seen_stops:
-            self._seen_stops = stops
-            self._steps.clear()
-            self._last = ()
+    def _is_stopped(self) -> bool:
+        """Return whether a stop was asked for since the table was enabled; forgets the steps then.
+
+        Any thread may ask for a stop, and only the worker has steps.
+        """
+        if self._stops == self._seen_stops:
+            return False
+        self._steps.clear()
+        self._last = ()
+        return True
 
     def go(self, profile: Profile, segment: Segment, now_ns: int) -> None:
-        """Begin to go to a segment; `has_arrived` says when it is there. Raises InputError of one that can't be."""
-        self._heed()
+        """Begin to go to a segment; nothing after a stop, until the table is enabled again.
+
+        Raises InputError if a controller can't be commanded so.
+        """
+        if self._is_stopped():
+            return
         motions = of_segment(segment, profile, self._kept.limits)
         ends = tuple(end for motion in self._last if (end := motion.ended()) is not None)
         self._steps += [step for step in (ends, motions) if step]
@@ -118,12 +120,10 @@ class CommandedTable:
         self._kept.send(Command("go", step, self._seen_stops))
 
     def has_arrived(self, now_ns: int) -> bool:
-        """Whether the segment that it was sent to begins now; once."""
-        self._heed()
+        """Return whether the segment that the table was sent to begins now; once."""
         step = self._steps[0] if self._steps else ()
         is_there = bool(step) and all(motion.is_there(self._readings, self._kept.limits) for motion in step)
-        self._heed()  # it may have been told to stop meanwhile
-        if not is_there or not self._steps:
+        if self._is_stopped() or not is_there:
             return False
         self._steps.popleft()
         if self._steps:
@@ -140,22 +140,21 @@ class CommandedTable:
         """Stop, and give up the link."""
         self._kept.close()
 
-    # -- what it measures ---------------------------------------------------------------------------------------------
+    # -- readings and news -------------------------------------------------------------------------------------------
 
     def take(self, now_ns: int) -> list[TableState]:
-        """What the controller said since the last time."""
-        self._heed()
+        """Return the readings since the last call; stops a table that has not arrived in time."""
         kept, found = self._kept, list[TableState]()
         while kept.states:
             found.append(kept.states.popleft())
         self._readings.add(found)
-        if self._steps and now_ns > self._until_ns:
+        if not self._is_stopped() and self._steps and now_ns > self._until_ns:
             self.leave()
-            self.tell("the table does not come to rest where it was sent: stopped, rate zero and mode off")
+            self.warn("the table does not come to rest where it was sent: stopped, rate zero and mode off")
         return found
 
     def news(self) -> list[tuple[str, bool]]:
-        """What is to be told, and whether it is a warning; after one the table stands, or does nothing new."""
+        """Return the news since the last call, and whether each is a warning; after one the table does nothing new."""
         found = list[tuple[str, bool]]()
         while self._kept.news:
             found.append(self._kept.news.popleft())
@@ -164,7 +163,7 @@ class CommandedTable:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves under command, or is about to."""
+        """Whether the table moves under command, or is about to."""
         newest = self._kept.newest
         turns = newest is not None and newest.mode != OFF and max(map(abs, newest.rates_dps)) > _MOVING
         waits = self._stops == self._seen_stops and bool(self._steps or any(motion.ended() for motion in self._last))

@@ -267,7 +267,7 @@ class Guidance:
             except InputError as error:
                 recorder.find(lifecycle.INSTRUMENT, f"the profile was not run: {error}")
         guide = self.guide
-        if guide is not None and guide.under_way and table.failed:
+        if guide is not None and guide.under_way and table.why_failed:
             self._leaves_when_done = False
             self._mark(guide.cancel(now_ns))
             why = f"the table was stopped in segment {guide.segment + 1}: {table.why_failed}"
@@ -282,7 +282,7 @@ class Guidance:
         """Stop a table under command at once, and report why; nothing where there is none."""
         if self.table is not None and self.table.moves:
             self.table.leave()
-            self.table.tell(f"stopped, rate zero and mode off: {why}")
+            self.table.warn(f"stopped, rate zero and mode off: {why}")
 
     def why_over(self) -> str | None:
         """Return in words that a profile that the recording is of is over, or was stopped; None while it is not."""
@@ -293,7 +293,7 @@ class Guidance:
             return None
         if guide.state == "done":
             return "the end of its profile"
-        return "the table, which was stopped" if guide.state == "cancelled" and self.table.failed else None
+        return "the table, which was stopped" if guide.state == "cancelled" and self.table.why_failed else None
 
     def recording_ended(self, now_ns: int) -> None:
         """Take note that what was guided is recorded no more."""

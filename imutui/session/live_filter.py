@@ -176,7 +176,7 @@ class LiveFilter:
 
             new, self._said = watch.changes[self._said :], len(watch.changes)
             for name, one in new:
-                yield name, departures.event_text(departures.cause_fields(one, self.info.axes(), self.info.g_unit))
+                yield name, departures.event_text(departures.cause_field(one, self.info))
 
     def leave_out_unless_ready(self, patience_s: float) -> None:
         """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""

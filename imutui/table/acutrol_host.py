@@ -200,7 +200,7 @@ class Acutrol:
             raise TableError(f"{'; '.join(wrong)}. Use the table's own emergency stop.")
 
     def _settle(self) -> None:
-        """Let answers to commands that nothing waited for go by."""
+        """Read and drop the answers to commands that were sent blind."""
         if not self._link.acknowledges:
             return
         quiet_s = min(_SLICE_S + 2e-9 * (self._exchanged[1] - self._exchanged[0]), _PATIENCE_S)
@@ -224,7 +224,7 @@ class Acutrol:
     def close(self) -> None:
         self._link.close()
 
-    # ---------------------------------------------------------------------------------------------------- what it says
+    # ----------------------------------------------------------------------------------------------------- questions
 
     def _count(self) -> tuple[str, ...]:
         """Names of its axes, as many as answer with an angle."""
@@ -269,7 +269,7 @@ class Acutrol:
         return exchanged, found
 
     def _look_at_modes(self) -> list[str]:
-        """Ask for modes and interlocks; returns what keeps drives from being ready."""
+        """Ask for modes and interlocks; returns the reasons why drives are not ready."""
         questions = [ask(what, axis=self._number(axis)) for what in ("mode", "interlock") for axis in self.axes]
         count = len(self.axes)
         said = self._asked(questions, lambda texts: all(text.isalpha() for text in texts[:count]))
@@ -285,7 +285,7 @@ class Acutrol:
         self._look_at_modes()
         return self._modes[axis]
 
-    # -------------------------------------------------------------------------------------------------- what it is told
+    # ------------------------------------------------------------------------------------------------------ commands
 
     def _number(self, axis: str) -> int:
         if axis not in self.axes:
@@ -350,7 +350,7 @@ class Acutrol:
     def _asked(
         self, commands: Sequence[Command], understood: Callable[[Sequence[str]], bool], tries: int = 2
     ) -> tuple[str, ...]:
-        """Answers to a line, one for each command in it; what is not understood is asked again, `tries` in all."""
+        """Return the answers to a line, one a command; asks `tries` times in all for answers that are understood."""
         line = acutrol.encode(commands)
         for _ in range(tries):
             texts = self._exchange(line, len(commands))
@@ -365,14 +365,14 @@ class Acutrol:
     def _exchange(self, line: bytes, count: int) -> tuple[str, ...]:
         """Send a line; returns the texts of its answer, of which there should be so many."""
         self._decoder.forget()
-        # what comes late belongs to an earlier question; a bus is not read without one
+        # bytes that come late belong to an earlier question; a bus is not read without a question
         while self._link.quiet_s and self._link.receive(0.0):
             pass
         sent, heard = time.monotonic_ns(), 0
         deadline = time.monotonic() + _PATIENCE_S
         self._link.send(line)
         while (left := deadline - time.monotonic()) > 0.0:
-            # a bus is read once an answer: it says where one ends
+            # a bus marks the end of an answer, so it is read once
             wait_s = self._link.quiet_s if heard else _SLICE_S
             data = self._link.receive(min(left, wait_s) if self._link.quiet_s else left)
             if not data and not heard:
@@ -401,7 +401,7 @@ class Acutrol:
 
 
 def _mode(text: str) -> str:
-    """One of our modes that a controller's word for a mode is; one that nobody has seen is the most active."""
+    """Return the mode that a controller's word means; an unknown word is taken for the most active mode."""
     word = acutrol.full(text, acutrol.MODES) if len(text) > 1 else None
     return OSCILLATION if word is None else _OURS[word]
 

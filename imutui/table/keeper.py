@@ -37,15 +37,15 @@ _wait = time.sleep
 
 
 class OwnerGoneError(Exception):
-    """The owner, who could stop the table, has ended or is silent; the message says which."""
+    """The owner, which could stop the table, has ended or is silent; the message says which."""
 
 
 class StopAskedError(Exception):
-    """A stop waits to be carried out: what is being sent is given up."""
+    """A stop waits to be carried out: the motion that is being sent is given up."""
 
 
 Connect = Callable[[bool], TableController]
-"""Makes a link; the argument says whether it may ask anything now."""
+"""Makes a link; the argument is whether it may ask anything now."""
 
 
 def stop_for_certain(
@@ -59,7 +59,7 @@ def stop_for_certain(
     """Stop a table, over new links where the one at hand fails, for a minute.
 
     `controller`: the link at hand; None: there is none.
-    `tell`: takes what failed, in words.
+    `tell`: called with each failure, in words.
     `brakes_s`: time within which all axes come to rest.
     `is_deaf`: ask nothing over the link at hand either before the modes are off; over a new link that is always so.
     Returns the link over which the controller has confirmed that all axes rest with their modes off, or None.
@@ -121,7 +121,7 @@ class Keeper:
         say(Report(identity=identity, axes=controller.axes, limits=self.limits))
 
     def _heed(self) -> None:
-        """Look up while the controller is busy; raises what must interrupt it."""
+        """Look for a stop, and whether time runs out, while the controller is busy; raises what interrupts it."""
         if time.monotonic() - self._alive_s > _ALIVE_S:
             self._alive_s = time.monotonic()
             self._say(Report())
@@ -147,7 +147,7 @@ class Keeper:
                 self._start(legs[0])
 
     def carry_out(self, command: Command | Report) -> bool:
-        """Do what a command asks, or report why not. Returns whether to go on.
+        """Carry out a command, or report why it is refused. Returns whether to go on.
 
         Raises TableError if the controller does not do it.
         """
@@ -257,7 +257,7 @@ _NOT_STOPPED = (
 
 
 class Lines:
-    """What the owner writes: commands `waiting` to be carried out, each a line; `signal` asks the keeper to end."""
+    """Commands from the owner, a line each, `waiting` to be carried out; `signal`: name of one that ends the keeper."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -294,7 +294,7 @@ def _command(line: bytes) -> Command | Report:
 
 
 def writer(descriptor: int) -> Callable[[Report], None]:
-    """What writes reports as lines and never waits: an owner that does not read loses readings."""
+    """Return a function that writes reports as lines and never waits: an owner that does not read loses readings."""
     os.set_blocking(descriptor, False)
 
     def say(report: Report) -> None:

@@ -38,7 +38,7 @@ class KeptTable:
 
     `limits_text`: of `motion.parse_limits`, what the operator gives.
     `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
-    `starts`: False starts no keeper: as one that has ended.
+    `starts`: False starts no keeper, as if it had ended.
     `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
     Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
@@ -49,8 +49,8 @@ class KeptTable:
         self.url = url
         self.states: deque[TableState] = deque(maxlen=_MOST_STATES)
         self.newest: TableState | None = None
-        self.news: deque[tuple[str, bool]] = deque()  # what the keeper reports, and whether it is a warning
-        self.error = ""  # why it ended, if not as told
+        self.news: deque[tuple[str, bool]] = deque()  # texts for the operator, and whether each is a warning
+        self.error = ""  # why the keeper ended, if it was not asked to
         self.enabled = False
         self.identity, self.axes = "", ()  # type: str, tuple[str, ...]
         self.limits: dict[str, AxisLimits] = {}
@@ -91,14 +91,12 @@ class KeptTable:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the keeper has ended, as told or not."""
+        """Whether the keeper has ended."""
         return self._ended.is_set()
 
-    def send(self, command: Command) -> int:
-        """Have the keeper carry out a command; what comes of it is in `news` or `error`. Returns its number."""
-        number = next(self._numbers)
-        self._write(replace(command, number=number))
-        return number
+    def send(self, command: Command) -> None:
+        """Have the keeper carry out a command; a refusal is in `news`, the keeper's end in `error`."""
+        self._write(replace(command, number=next(self._numbers)))
 
     def _write(self, command: Command) -> None:
         if command.do == "enable":

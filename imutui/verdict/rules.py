@@ -145,7 +145,9 @@ def judge(
         return replace(_of((*channels, *(check for check in rules if check))), sudden=True)
     if of is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
-        return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
+        aside = "5 Table lays the profile aside, or traces its recording"
+        todo = "1 Connect starts one with a filter" if waiting_profile is None else aside
+        return Verdict("none", "OFF", reason, todo, sudden=True)
     running = _running(of, silent)
     checks = tuple(check for check in (running, *channels, *_rules(of, health, waiting_profile)) if check)
     if running.level == "bad":

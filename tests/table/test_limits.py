@@ -114,11 +114,10 @@ class Kept:
     def axes(self) -> Any:
         return self.keeper._controller.axes
 
-    def send(self, command: Command) -> int:
+    def send(self, command: Command) -> None:
         with self.ending():
             self.keeper.carry_out(command)
         self.enabled |= command.do == "enable"
-        return 0
 
     ask = send
 
@@ -397,6 +396,8 @@ def test_a_stop_from_another_thread_amid_the_worker_ends_its_steps_and_nothing_m
         assert not table.has_arrived(it.clock.monotonic_ns())
         assert not table._steps
         sent = len(it.wire.sent)
+        table.go(profile, profile.segments[1], it.clock.monotonic_ns())  # not before it is enabled again
+        assert (table._steps, len(it.wire.sent)) == (deque(), sent)
         it.send(Command("go", (Turn("inner", 5.0, 5.0),), stops=0))  # decided on before the stop, written after it
         assert "stopped meanwhile" in refusal(it)
         assert len(it.wire.sent) == sent

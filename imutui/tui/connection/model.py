@@ -13,7 +13,7 @@ from imutui.session.client import Client
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
-from imutui.tui.connection.verdict import Debounce, ended, judge, stale, waiting_profile
+from imutui.tui.connection.verdict import Debounce, ended, of_snapshot
 from imutui.tui.terminal.pacing import Pacing
 from imutui.verdict.rules import Verdict
 
@@ -137,9 +137,8 @@ class ConnectionModel:
             # pages show the slope that the verdict goes by
             self._slope = estimates["temperature_k_per_min"]
         self._note_run(snapshot)
-        verdict = judge(snapshot["filter"], stale(snapshot), waiting_profile(snapshot), snapshot["health"])
         # the acquisition's clock, which goes on when the filter's does not
-        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
+        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), of_snapshot(snapshot))
 
     def _take_history(self, piece: HistorySnapshot) -> None:
         if piece["run"] != self._run:

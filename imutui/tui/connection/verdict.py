@@ -5,11 +5,8 @@ The rules are those of `imutui.verdict`.
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 
-from filters.health.finding import HealthEntry
-from imutui.estimates import FilterSnapshot
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.verdict import rules
@@ -35,18 +32,10 @@ def waiting_profile(snapshot: Snapshot) -> str | None:
     return f"the table profile waits: 5 Table, b {does} it"
 
 
-def judge(
-    estimates: FilterSnapshot | None,
-    silent: str | None = None,
-    waiting_profile: str | None = None,
-    health: Sequence[HealthEntry] = (),
-) -> Verdict:
-    """Return the verdict on the filter of a snapshot; the arguments are those of `imutui.verdict.rules.judge`."""
-    if estimates is None:
-        off = rules.judge(None, health)
-        aside = "5 Table lays the profile aside, or traces its recording"
-        return off if waiting_profile is None or health else replace(off, todo=aside)
-    return rules.judge(estimates, health, silent=silent, waiting_profile=waiting_profile)
+def of_snapshot(snapshot: Snapshot) -> Verdict:
+    """Return the verdict on channels and filter."""
+    silent, waits = stale(snapshot), waiting_profile(snapshot)
+    return rules.judge(snapshot["filter"], snapshot["health"], silent=silent, waiting_profile=waits)
 
 
 def ended(last: Verdict | None) -> Verdict | None:

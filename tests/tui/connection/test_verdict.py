@@ -42,10 +42,10 @@ def with_bias(**changes: Any) -> dict[str, Any]:
     return settled(biases=biases)
 
 
-def judge(estimates: Any, slope_k_per_min: float | None = None, *more: Any, **named: Any) -> Verdict:
+def judge(estimates: Any, slope_k_per_min: float | None = None, health: Any = (), **named: Any) -> Verdict:
     """The verdict on a filter that has this slope of the temperature."""
     told = estimates and {**estimates, "temperature_k_per_min": slope_k_per_min}
-    return verdict.judge(told, *more, **named)
+    return rules.judge(told, health, **named)
 
 
 def test_all_converged_and_nothing_unexplained_is_green() -> None:
@@ -206,10 +206,10 @@ def test_a_profile_that_waits_is_what_hides_the_biases(
     """Where no bias is observable because nobody has begun the profile, the badge says which key begins it."""
     waits = verdict.waiting_profile({"reference": {"profile": profile}, "guide": guide, "recording": recording})
     hidden = settled(biases=[row._replace(observable=False) for row in live_biases(settled())])
-    found = judge(hidden, 0.0, None, waits)
+    found = judge(hidden, 0.0, waiting_profile=waits)
     assert found.word == "AMBER"
     assert said in found.reason
-    assert judge(settled(), 0.0, None, waits).word == "GREEN"
+    assert judge(settled(), 0.0, waiting_profile=waits).word == "GREEN"
 
 
 def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
@@ -223,7 +223,7 @@ def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
 
 
 def test_old_estimates_are_not_green() -> None:
-    assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
+    assert judge(settled(), 0.0, silent="NO DATA for 8.0 s").word == "AMBER"
     silent = {**FakeClient().snapshot(), "silent_s": 8.0}
     assert verdict.stale(silent) is not None
     assert verdict.stale({**silent, "silent_s": 1.5}) is None

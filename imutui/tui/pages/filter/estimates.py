@@ -3,10 +3,10 @@
 from textual.content import Content
 
 from imutui.estimates import NAMES, Bias, FilterSnapshot, live_biases, specification_of
-from imutui.report import wrapping
+from imutui.report import effect_words, wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.pages.filter.text import effect_text, gauge
+from imutui.tui.pages.filter.text import gauge
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 from imutui.verdict.rules import (
     LEVEL_MARKS,
@@ -151,7 +151,7 @@ class EffectLines(GrowingLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         effects = view.estimates["effects"] if view.estimates is not None else []
-        said = [self.glyphs.text(effect_text(effect)) for effect in effects]
+        said = [self.glyphs.text(effect_words.estimate(effect)) for effect in effects]
         heads = [" effects", *[""] * self.rows]
         rows = side_by_side(said, width - _LABEL - 1, self.rows)
         return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
