@@ -16,7 +16,7 @@ from helpers.packet_stream import Heard, hear, stream
 
 from imutui.instrument.clock import Clock
 from imutui.instrument.counter_spec import SPAN, CounterSpec
-from imutui.instrument.imu400.host import COUNTER
+from imutui.instrument.imu400.driver import COUNTER
 
 COUNTERS = {"52 ms": COUNTER, "a second": CounterSpec(1e9 / SPAN, 1e-3, +1)}
 KINDS = {

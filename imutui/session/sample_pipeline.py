@@ -20,7 +20,7 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.driver import Driver
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import health, polled_rate, schemas
@@ -129,7 +129,7 @@ class SampleRate:
 class _ChannelHealth:
     """Feeds the packets of a run, at their full rate, to the monitor of channel health."""
 
-    def __init__(self, info: SessionInfo, instrument: Instrument) -> None:
+    def __init__(self, info: SessionInfo, instrument: type[Driver]) -> None:
         self._info = info
         self._readings = health.Readings(instrument.scaling(info.rate_range_dps, info.accel_range_g), info.g_unit)
         self._monitor = HealthMonitor(health.expected(info, self._readings.lsb))
@@ -160,7 +160,7 @@ class SamplePipeline:
         writer: LogWriter | None,
         motion: Profile | Trajectory | None = None,
         effects: MakeEffects | None = None,
-        instrument: Instrument = INSTRUMENTS[DEFAULT],
+        instrument: type[Driver] = INSTRUMENTS[DEFAULT],
     ) -> None:
         self.info = info
         self._description: dict[str, str] = {}

@@ -23,7 +23,7 @@ from filters.motion.segments import Dwell
 from imutui.command_line import command
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.driver import Driver
 from imutui.logbook import line_advice
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
@@ -100,7 +100,7 @@ class FoxgloveFollower:
 class StatusWords:
     """What a unit's packets say of the unit itself: told, and never a reason to drop readings."""
 
-    def __init__(self, instrument: Instrument) -> None:
+    def __init__(self, instrument: type[Driver]) -> None:
         self._instrument = instrument
         self._newest = 0
         self._new = list[int]()
@@ -156,7 +156,7 @@ class GravityCheck:
     Only of an instrument that turns its own axes something is said: of others the filter's alarms say enough.
     """
 
-    def __init__(self, instrument: Instrument) -> None:
+    def __init__(self, instrument: type[Driver]) -> None:
         self._to_be_looked_at = instrument.turns_axes
 
     def news(self, moment: Moment, /) -> News:

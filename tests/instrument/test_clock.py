@@ -13,7 +13,7 @@ from helpers.packet_stream import LOOP_S, Heard, Stream, hear, stream
 
 from imutui.instrument.clock import Clock, Gap, arrival_before
 from imutui.instrument.counter_spec import SPAN, CounterSpec
-from imutui.instrument.imu400.host import COUNTER
+from imutui.instrument.imu400.driver import COUNTER
 
 HOLDS_S = [0.1, 0.3, 0.7, 1.0, 3.0, 8.0]
 

@@ -10,18 +10,18 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from helpers.commands import imutui
 from helpers.fake_devices import packet
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400 import handshake
+from imutui.instrument.driver import Answer, Poller
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.host import Imu400Host, Poller
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -30,9 +30,6 @@ from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
-
-if TYPE_CHECKING:
-    from imutui.instrument.host import Answer
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
@@ -101,9 +98,9 @@ def polling(
     """A unit that is polled until the block ends; then its reader has ended too."""
     unit = HardOfHearing(missed)
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
-        handshake.open_dialogue(port, POWER_UP_BAUD)
+        Imu400cd(port).open(None)
         polled = Polled(unit, port)
-        reader = Reader(Imu400Host(port), hz, polled.events.append)
+        reader = Reader(Imu400cd(port), hz, polled.events.append)
         reader.start()
         try:
             yield polled
@@ -197,7 +194,7 @@ def asked(before: bytes = b"") -> Iterator[tuple[int, Poller, "Future[Answer | N
     with ThreadPoolExecutor(1) as pool, Port(os.ttyname(slave), POWER_UP_BAUD) as port:
         os.write(master, before)
         wait_until(lambda: port.waiting() == len(before))
-        poller = Poller(port, lambda: False)
+        poller = Imu400cd(port).poller(lambda: False)
         found = pool.submit(poller.poll)
         assert os.read(master, 1) == b"G"
         yield master, poller, found

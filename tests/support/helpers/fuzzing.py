@@ -27,7 +27,7 @@ from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
 from imutui.instrument.imu400.crossbow import Command, CommandDecoder, Mode, Packet, encode
 from imutui.instrument.imu400.decoder import packet_decoder, reply_decoder
-from imutui.instrument.imu400.host import COUNTER
+from imutui.instrument.imu400.driver import COUNTER
 from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
 from imutui.logbook import effects_file, import_reference, reference_file
 from imutui.logbook.importing import recording as recordings
@@ -399,9 +399,9 @@ class _Engine:
         return function(self.acquisition)
 
     def zero(self, argument: int, timeout: float = 30.0) -> str:
-        from imutui.instrument.imu400.host import check_zeroing
+        from imutui.instrument.imu400.driver import Imu400cd
 
-        check_zeroing(argument)
+        Imu400cd.check_zeroing(argument)
         self.acquisition.begin_zeroing(argument)
         return ""
 
