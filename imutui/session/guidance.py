@@ -1,16 +1,17 @@
 """Through a table's profile: the operator is guided, a virtual unit turns by itself, or a controller is commanded."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui.session import lifecycle, operator_guide
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.plan import RecordingWish
-from imutui.session.recorder import Recorder
+from imutui.session.reconnection import LineLost
+from imutui.session.recording import Recording
 from imutui.session.snapshot import GuideSnapshot
+from imutui.session.stream import INFORMATION, WARNING, Event, Said, Second
 from imutui.session.table_turner import TableTurner
 
 _TABLE = "table"  # events of the table under command
@@ -25,7 +26,7 @@ class Guidance:
 
     def __init__(
         self,
-        recorder: Recorder,
+        recorder: Recording,
         record: Callable[[RecordingWish], str],
         turner: TableTurner | None = None,
         table: CommandedTable | None = None,
@@ -49,7 +50,7 @@ class Guidance:
         Raises InputError if that cannot be done now; the message says what next.
         """
         recorder, table = self._recorder, self.table
-        recording, now = recorder.recording is not None, time.monotonic_ns()
+        recording, now = recorder.writer is not None, time.monotonic_ns()
         if what == "begin":
             self._begin(wish, may_move=may_move)
             return
@@ -71,7 +72,7 @@ class Guidance:
 
     def _begin(self, wish: RecordingWish, *, may_move: bool) -> None:
         recorder, table = self._recorder, self.table
-        recording = recorder.recording is not None
+        recording = recorder.writer is not None
         begun = operator_guide.begin_guide(
             recorder.motion, recorder.info.filter, self.guide, recording=recording, by_itself=table is not None
         )
@@ -90,12 +91,14 @@ class Guidance:
         table.check(profile)
         table.enable()
 
-    def every_second(self, now_ns: int) -> None:
-        """Advance the guide, also where nobody asks."""
-        if self.guide is not None:
-            self.guide.advance(now_ns)
-            if self._turner is not None and self._turner.has_arrived(now_ns):
-                self._recorder.event("mark", self.guide.arrive(now_ns))
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Advance the guide each second; stop the table where the line is lost."""
+        if isinstance(event, LineLost):
+            self.stop("the line to the unit is lost")
+        elif isinstance(event, Second) and self.guide is not None:
+            self.guide.advance(event.now_ns)
+            if self._turner is not None and self._turner.has_arrived(event.now_ns):
+                yield Said("mark", self.guide.arrive(event.now_ns))
 
     def look_at_table(self, now_ns: int, log_ns: int, unit_is_there: Callable[[], bool]) -> None:
         """Write what the controller said, and command what comes next; stop if something is wrong. Raises OSError."""
@@ -103,12 +106,12 @@ class Guidance:
         if table is None:
             return
         self._log_ns = max(self._log_ns, log_ns)
-        recorder.pipeline.table_states(table.take(now_ns), self._log_ns)
+        recorder.run.table_states(table.take(now_ns), self._log_ns)
         if table.moves and not unit_is_there():
             self.stop("the unit has fallen silent")
         for text, is_warning in table.news():
             recorder.event(_TABLE, text, WARNING if is_warning else INFORMATION)
-        if self._is_planned and recorder.recording is not None:
+        if self._is_planned and recorder.writer is not None:
             self._is_planned = False
             try:
                 self.do("begin", RecordingWish(), may_move=True)

@@ -22,6 +22,7 @@ from filters.motion.reference import Trajectory
 from imutui import defects
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.logbook import reader
+from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.plan import HistoryWish
 
@@ -143,18 +144,17 @@ class LiveFilter:
         """Take an operator's mark; it reaches the estimator before the samples that come after it."""
         self._marks.append((stamp_ns, text))
 
-    def samples(
-        self, stamps_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray
-    ) -> Iterator[tuple[int, bytes]]:
-        """Take samples and their temperatures, (N,), (N, 3), (N, 3), (N,); yield stamps and messages of estimates."""
-        if self.failure is not None or not stamps_ns.size:
+    def samples(self, samples: Samples) -> Iterator[tuple[int, bytes]]:
+        """Take samples, all of them valid; yield stamps and messages of estimates."""
+        if self.failure is not None or not len(samples):
             return
         if self._first_ns is None:
-            self._first_ns = int(stamps_ns[0])
+            self._first_ns = int(samples.stamp_ns[0])
             # not before: while the instrument is being asked who it is, nothing may delay the answers
             self.preparation.begin()
-        self._waiting.append(Readings(reader.seconds_since(stamps_ns, self._first_ns), gyro, accel, degc))
-        self.waiting += stamps_ns.size
+        t = reader.seconds_since(samples.stamp_ns, self._first_ns)
+        self._waiting.append(Readings(t, samples.gyro, samples.accel, samples.degc))
+        self.waiting += len(samples)
         if self.preparation.ready.is_set():
             yield from self._use(last=False)
 

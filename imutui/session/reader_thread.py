@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,35 +22,12 @@ from imutui.instrument.host import Host, PacketStream, Poller
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
+from imutui.session.stream import Block, Broke, PacketArrival, Stamper, Why
 
 BLOCK_NS = 500_000_000
 """A stream's packets are handed on by so long a time of them, unless somebody looks at them."""
 _WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
 _SCATTER_NS = 154_508_497
-
-
-class PacketArrival(NamedTuple):
-    """A packet as it was read."""
-
-    packet: DataPacket
-    host_ns: int  # when its last byte was read, monotonic
-    # contiguous, quiet: whether it followed the packet before byte by byte; whether the line was found without a byte
-    # in between
-    contiguous: bool
-    quiet: bool
-    behind: bool  # whether more had arrived already when it was read
-    # bad_checksums, discarded_bytes, doubled: of the line so far; the last are packets that came a second time
-    bad_checksums: int
-    discarded_bytes: int
-    requested_ns: int | None = None  # when it was asked for; None if it came by itself
-    doubled: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class PollUnanswered:
-    """A poll whose answer certainly does not come any more."""
-
-    host_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,20 +68,21 @@ class LeftOtherwise:
 
 
 _LineEvent = LineLost | StillAway | LineReturned
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
+ReaderEvent = Block | Broke | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
 
 
 class Reader:
     """Reads packets until told to stop.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; it is polled `poll_hz` times a second,
-    or streams. `emit` takes what happens, in the reader's thread. `known` is the unit to find again after the first
-    packet; without it all ends when the line is lost.
+    or streams. `stamper` makes blocks of its packets. `emit` takes what happens, in the reader's thread. `known` is the
+    unit to find again after the first packet; without it all ends when the line is lost.
     """
 
     def __init__(
         self,
         host: Host,
+        stamper: Stamper,
         poll_hz: float | None,
         emit: Callable[[ReaderEvent], None],
         known: KnownUnit | None = None,
@@ -113,6 +90,7 @@ class Reader:
         self.stopping = threading.Event()
         self.last_packet_ns = time.monotonic_ns()  # when it was read, or the last pause of packets was over
         self._host, self._port = host, host.port
+        self._stamper = stamper
         self._poll_hz = poll_hz
         self._emit = emit
         self._known = known
@@ -127,7 +105,6 @@ class Reader:
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._follows = self._quiet = False  # of the next packet of a stream, see `PacketArrival`
         self._watched_until_ns = 0
-        self._decoded_ns: int | None = None  # of a stream: until when all that came is decoded
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._counted = (0, 0)
@@ -258,6 +235,7 @@ class Reader:
             if not isinstance(event, Discarded) and not self._repeated.take(event, host_ns, contiguous=contiguous):
                 self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
             contiguous = not isinstance(event, Discarded)
+        self._release()
         self._count(decoder)
 
     def _stream(self) -> None:
@@ -271,7 +249,6 @@ class Reader:
         amid = AmidStream(self._host, decoder, self._known)
         reads, due_ns = list[tuple[int, bytes]](), 0
         self._follows = self._quiet = False
-        self._decoded_ns = time.monotonic_ns()
         try:
             while not self._wake.is_set():
                 data = self._port.take()
@@ -284,16 +261,21 @@ class Reader:
                 reads, due_ns = [], self.next_block_ns(host_ns)
                 if not data:
                     self._pause(host_ns, decoder, amid)
-                self._decoded_ns = host_ns
+                self._stamper.due(host_ns)
+                self._emit_blocks()
         finally:
             self._decode(reads, decoder)
-            self._decoded_ns = None
+            self._release()
         self._count(decoder)
 
-    def handed_on_ns(self) -> int:
-        """Until when all that came is decoded, and among what was emitted before this was asked; monotonic, ns."""
-        decoded_ns = self._decoded_ns
-        return time.monotonic_ns() if decoded_ns is None else decoded_ns
+    def _emit_blocks(self) -> None:
+        for block in self._stamper.blocks():
+            self._emit(block)
+
+    def _release(self) -> None:
+        """Hand on the packets that wait: none comes for a while that could make their stamps sure."""
+        self._stamper.release()
+        self._emit_blocks()
 
     def next_block_ns(self, now_ns: int) -> int:
         """When what comes from now on is decoded. Of several processes each has instants of its own."""
@@ -355,7 +337,7 @@ class Reader:
                 answer = poller.poll()
             finally:
                 if poller.unanswered:
-                    self._emit(PollUnanswered(time.monotonic_ns()))
+                    self._emit(Broke(Why.UNANSWERED))
                 self._repeated.count += poller.doubled
                 poller.doubled = 0
             # a unit that is asked more often than it measures gives the same reading again
@@ -381,6 +363,7 @@ class Reader:
             self._set_up_soon()
             return
         if self._found is not None:
+            self._stamper.interrupt(lossy=True)
             self._emit(LineReturned(self._found))
             self._found = None
         self.last_packet_ns, self._last = host_ns, packet
@@ -390,7 +373,11 @@ class Reader:
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
         doubled = self._repeated.count
-        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled))
+        self._stamper.take(
+            PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled)
+        )
+        if requested_ns is not None:
+            self._emit_blocks()
 
     def _is_as_after_power_up(self, packet: DataPacket, in_time_ns: int | None) -> bool:
         """Whether a unit that streams forgot how it was set up; only one that is known can be set up again."""
@@ -435,10 +422,14 @@ class Reader:
         seconds = self._host.zero(argument, self.stopping.is_set)
         if seconds is None and not self.stopping.is_set():
             # said at once: what follows may take minutes
-            self._emit(ZeroingFinished(argument, None))
+            self._zeroed(argument, None)
         # a unit that still averages is deaf; and nobody says whether it remembers its mode
         while not self.stopping.is_set() and not self._host.set_up():
             self._host.stop()
         self.last_packet_ns = time.monotonic_ns()
         if seconds is not None:
-            self._emit(ZeroingFinished(argument, seconds))
+            self._zeroed(argument, seconds)
+
+    def _zeroed(self, argument: int, seconds: float | None) -> None:
+        self._stamper.interrupt()
+        self._emit(ZeroingFinished(argument, seconds))

@@ -124,7 +124,7 @@ def growing(tmp_path: Path) -> Iterator[Growing]:
     made = Growing(tmp_path / "a.mcap")
     made.add()
     yield made
-    made.log.give_up()
+    made.log.finish({}, START)
 
 
 def in_file(path: Path) -> list[Message]:

@@ -12,16 +12,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from helpers.blocks import Arrivals
 from helpers.commands import imutui
 from helpers.fake_devices import packet
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
+from imutui.instrument.clock import Clock
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400 import handshake
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.host import Imu400Host, Poller
+from imutui.instrument.imu400.host import COUNTER, Imu400Host, Poller
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -29,7 +31,8 @@ from imutui.jobs.check import check
 from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
-from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
+from imutui.session.reader_thread import Reader
+from imutui.session.stream import Broke, PacketArrival, Why
 
 if TYPE_CHECKING:
     from imutui.instrument.host import Answer
@@ -76,7 +79,7 @@ class Polled:
 
     @property
     def lost(self) -> int:
-        return sum(isinstance(event, PollUnanswered) for event in self.events)
+        return self.events.count(Broke(Why.UNANSWERED))
 
     @property
     def silent(self) -> bool:
@@ -103,7 +106,8 @@ def polling(
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
         handshake.open_dialogue(port, POWER_UP_BAUD)
         polled = Polled(unit, port)
-        reader = Reader(Imu400Host(port), hz, polled.events.append)
+        clock = Clock(4.7e6, COUNTER, polled=True)
+        reader = Reader(Imu400Host(port), Arrivals(clock, polled.events.append), hz, polled.events.append)
         reader.start()
         try:
             yield polled
