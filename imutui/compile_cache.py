@@ -1,10 +1,13 @@
-"""Where numba keeps compiled code: in the user's cache folder, never beside the sources or in site-packages.
+"""The compiler of the filters: where numba keeps compiled code, and the memory that a running filter does not need.
+
+Compiled code lies in the user's cache folder, never beside the sources or in site-packages.
 
 Numba reads the environment when it is imported, so `imutui` sets the variable before that, and the processes that it
 starts inherit it. A folder that the user chose (`NUMBA_CACHE_DIR`) stays. A program that uses `filters` alone gets
 numba's own choice. Where the folder cannot be written, `filters.compilation` compiles without a cache.
 """
 
+import contextlib
 import os
 import sys
 
@@ -27,6 +30,32 @@ def use() -> None:
 
         if not config.CACHE_DIR:  # type: ignore[attr-defined]
             config.CACHE_DIR = os.environ[VARIABLE]  # type: ignore[attr-defined]
+
+
+_LIBRARY = "libllvmlite"
+_MADV_DONTNEED = 4
+
+
+def release() -> None:
+    """Give back the memory of the compiler's library, some 70 MB, once the filter's step is loaded.
+
+    Only pages that are an unchanged copy of the library's file are dropped. The system reads a page again from the file
+    when a later compilation uses it.
+    """
+    import ctypes  # an acquisition without a filter does not load it
+
+    libc = ctypes.CDLL(None)
+    libc.madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    libc.malloc_trim(0)
+    with contextlib.suppress(OSError), open("/proc/self/smaps", encoding="utf-8") as mappings:
+        for line in mappings:
+            if line[0] in "0123456789abcdef":
+                begin, end = (int(address, 16) for address in line.split(None, 1)[0].split("-"))
+                unchanged = _LIBRARY in line
+            elif line.startswith(("Anonymous:", "Swap:")):
+                unchanged &= line.split()[1] == "0"
+            elif line.startswith("VmFlags:") and unchanged:
+                libc.madvise(begin, end - begin, _MADV_DONTNEED)
 
 
 def warning() -> str:

@@ -85,3 +85,29 @@ def test_a_switched_off_compiler_is_named_with_the_cure() -> None:
     done = homeless("-m", "imutui", "profile", NUMBA_DISABLE_JIT="1")
     assert (done.returncode, done.stdout) == (2, "")
     assert "type `unset NUMBA_DISABLE_JIT`" in done.stderr
+
+
+RELEASED = """
+import re
+from filters.kalman import runner
+import numba
+from imutui import compile_cache
+
+def resident_kb():
+    return int(re.search(r"VmRSS:\\s+(\\d+)", open("/proc/self/status").read())[1])
+
+runner.warm_up(effects=False)
+before = resident_kb()
+compile_cache.release()
+print(before - resident_kb())
+runner.warm_up(effects=False)
+print(numba.njit(lambda x: x * x)(3.0))
+"""
+
+
+def test_the_memory_of_the_compiler_is_given_back_and_it_still_compiles() -> None:
+    """Some 70 MB of a process that has loaded the filter's step are pages of the compiler's library."""
+    done = subprocess.run([sys.executable, "-c", RELEASED], capture_output=True, text=True, check=True)
+    released_kb, squared = done.stdout.split()
+    assert int(released_kb) > 30_000
+    assert squared == "9.0"

@@ -31,10 +31,10 @@ EVERYWHERE = {"filters.errors"} | {
     f"imutui.{name}"
     for name in (
         "command_line",
+        "declared",
         "defects",
         "document_shape",
         "estimate_history",
-        "fast_time",
         "outside_file",
         "plain_text",
         "toml_text",
@@ -50,8 +50,8 @@ FLOORS = {
     "imutui.toml_text": set(),
     "imutui.outside_file": set(),
     "imutui.defects": set(),
+    "imutui.declared": set(),
     "imutui.document_shape": set(),
-    "imutui.fast_time": set(),
     "filters": GROUND,
     "filters.motion": GROUND,
     "filters.kalman": GROUND | {"filters.motion"},
@@ -108,7 +108,6 @@ FLOORS = {
         "imutui.report",
         "imutui.verdict",
     },
-    "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
     "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
     "imutui.scenario_table": {"filters"},
@@ -308,6 +307,7 @@ def test_what_crosses_a_border_has_a_name_for_its_shape() -> None:
 
 EDGES: dict[str, str] = {
     "imutui.jobs.campaign.stored_rows": "a line of a journal is of any shape until it has been looked at",
+    "imutui.declared": "what is read is of any shape until it has been read",
     "imutui.toml_text": "a document is of any shape until its reader has looked at it",
 }
 """Modules where documents of any shape are read or written, and why."""

@@ -28,20 +28,17 @@ def command(
     if batch is not None:
         session_batch.names(batch)  # says what runs instead
         show_batch(batch)
-    _show(client.attach(name, stays=True))
+    _show(client.attach(name))
 
 
 def open_ui() -> None:
-    """Attach to the running acquisition, or the batch that is all that runs, else offer to connect.
-
-    Acquisitions of other runtime folders are only offered: see `client.attach`.
-    """
+    """Attach to the only running acquisition, or to the only running batch; otherwise offer to connect."""
     from imutui.session import batch, client
 
-    names, batches = client.running_here(), batch.running_here()
+    names, batches = client.running(), batch.running()
     if len(batches) == 1 and batch.names(batches[0]) == names:
         show_batch(batches[0])
-    _show(client.attach(names[0], stays=True) if len(names) == 1 else None)
+    _show(client.attach(names[0]) if len(names) == 1 else None)
 
 
 def show_batch(name: str) -> NoReturn:

@@ -20,7 +20,6 @@ def command(
     seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
     rate: Rate = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
-    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     json: Json = False,
 ) -> None:
     """Run the main job on a virtual instrument.
@@ -53,8 +52,7 @@ def command(
         duration_s=60.0 if seconds is None else seconds,
         note="demo",
         name=f"demo-{os.getpid()}",  # headless demos may run side by side
-        speed=speed,
-        virtual=("--seed", str(seed), "--scenario", str(STEADY), "--speed", str(speed)),
+        virtual=("--seed", str(seed), "--scenario", str(STEADY)),
     )
     # the virtual unit stands there, whatever the user's configuration says of another place
     plan = replace(plan, gravity=None)
@@ -86,10 +84,10 @@ def _show(plan: Any) -> None:
     wanted = appearance()
     from imutui.tui import app
 
-    running = plan.name in client.running_here()
+    running = plan.name in client.running()
     raise typer.Exit(
         app.run(
-            client.attach(plan.name, stays=True) if running else None,
+            client.attach(plan.name) if running else None,
             None if running else plan,
             logs=plan.logs,
             appearance=wanted,

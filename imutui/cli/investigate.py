@@ -85,7 +85,6 @@ def command(
     accel_sign: AccelSign = None,
     mount: Mount = None,
     gyro_sign: GyroSign = None,
-    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     json: Json = False,
 ) -> None:
     """Find what is wrong with a unit on a table under command: plan, move, record, trace, until all is explained.
@@ -105,7 +104,7 @@ def command(
         raise fail(USAGE, "-o DIR says where logs and diary go.")
     if hours is not None and not 0.0 < hours < _MOST_H:
         raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
-    diary, speed = _diary(output, resume, switched, port, controller, hours, speed)
+    diary = _diary(output, resume, switched, port, controller, hours)
     given = {
         "acquisition.rate_hz": rate,
         "acquisition.operator": operator,
@@ -118,7 +117,7 @@ def command(
     asked = diary.document["asked"]
     asked["flags"] |= {key: value for key, value in given.items() if value is not None}
     limits = asked["limits"] = limits or asked["limits"]
-    plan = _plan(diary, _name_of(output), speed)
+    plan = _plan(diary, _name_of(output))
     refuse_unasked(yes_move=yes_move)
     _end_left_behind(plan.name)
     axes = _axes(plan.controller, limits)
@@ -150,9 +149,8 @@ def _diary(
     port: str | None,
     controller: str | None,
     hours: float | None,
-    speed: float,
-) -> "tuple[Diary, float]":
-    """The diary to go on with, or a new one, and how much faster time runs."""
+) -> "Diary":
+    """The diary to go on with, or a new one."""
     from imutui.jobs.investigation_diary import Diary
 
     if resume:
@@ -171,15 +169,15 @@ def _diary(
         if switched:
             diary.document["power_on"] += 1
             diary.document["outcome"] = ""
-        return diary, asked["speed"]
+        return diary
     if port is None or controller is None or hours is None:
         raise fail(USAGE, "say which unit, which table, and for how long: --port, --controller, --hours.")
     if switched:
         raise fail(USAGE, "--switched belongs to --resume.")
     _refuse_files(output)
     diary = Diary.begun(hours, output)
-    diary.document["asked"] |= {"port": port, "controller": controller, "speed": speed, "since_ns": time.monotonic_ns()}
-    return diary, speed
+    diary.document["asked"] |= {"port": port, "controller": controller}
+    return diary
 
 
 def _refuse_files(folder: Path) -> None:
@@ -210,7 +208,7 @@ def _end_left_behind(name: str) -> None:
         client.attach(name).stop("imutui investigate")
 
 
-def _plan(diary: "Diary", name: str, speed: float) -> "Plan":
+def _plan(diary: "Diary", name: str) -> "Plan":
     """What all acquisitions have in common."""
     from imutui import config
     from imutui.cli.session_options import plan_from
@@ -232,8 +230,6 @@ def _plan(diary: "Diary", name: str, speed: float) -> "Plan":
         limits=asked["limits"],
         yes_move=True,
         needs_viewer=True,
-        speed=speed,
-        since_ns=0 if speed == 1.0 else asked["since_ns"],
     )
 
 
@@ -293,8 +289,8 @@ class _Laboratory:
         (folder / _LOGS).mkdir(exist_ok=True)
 
     def now_s(self) -> float:
-        """Time since this session began, s of the unit's."""
-        return (time.monotonic() - self._begun_s) * self._plan.speed
+        """Time since this session began, s."""
+        return time.monotonic() - self._begun_s
 
     def record(self, motion: "CandidateMotion", number: int) -> str:
         """Have the table make a motion while the unit is recorded."""

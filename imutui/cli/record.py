@@ -84,7 +84,6 @@ def command(
     ] = None,
     limits: Limits = "",
     yes_move: YesMove = False,
-    speed: Annotated[float, typer.Option("--speed", hidden=True)] = 1.0,
     rotate_minutes: RotateMinutes = None,
     rotate_mb: RotateMb = None,
     name: Name = None,
@@ -126,7 +125,7 @@ def command(
     The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
     Ctrl+C finishes the file. A unit that falls silent is waited for; one that is silent at the end is told, with exit
     code 4. A recording in several files loses no packet between them; the filter begins anew with
-    each, so that each replays by itself. `imutui service` has it run without anybody.
+    each, so that each replays by itself.
 
     Of a batch each unit has its own acquisition, named BATCH:UNIT, and its own log: one that fails keeps no other from
     its work. Asked again, it starts what does not run; the same with --name exchanges one while the others go on. What
@@ -150,7 +149,7 @@ def command(
         raise fail(USAGE, "--port is of one unit: of a batch say with --name which one it is that is now there.")
     if batch is not None and output is not None:
         raise fail(USAGE, "-o is of one unit; with --batch each file is named in the logs folder.")
-    if batch is not None and (controller is not None or speed != 1.0):
+    if batch is not None and controller is not None:
         raise fail(USAGE, "--controller is of one unit; units of a batch are recorded while one of them commands.")
     if output is not None:
         check_output(output, force)
@@ -190,7 +189,6 @@ def command(
         controller=controller or "",
         limits=limits,
         yes_move=yes_move,
-        speed=speed,
         reference_file=("", "")
         if file is None
         else (import_reference.name_of(str(reference)), file.content.decode("utf-8-sig")),

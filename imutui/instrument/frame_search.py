@@ -1,15 +1,18 @@
-"""Bytes from a line in, what stands in them out: the same for every protocol whose messages are frames.
+"""Decode the bytes of a line: one loop for every protocol, with a rule for each that finds its messages.
 
-A frame is described by a `FrameForm`: how it begins, how long it is, and when it is whole. No input or output, no
-clock, and nothing raises for noise: bytes that mean nothing become a `Discarded` event and a counter.
+No input or output, no clock. Noise raises no exception: its bytes become `Discarded` events and are counted.
 """
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 EventT = TypeVar("EventT")
 EventT_co = TypeVar("EventT_co", covariant=True)
+
+# A damaged frame is counted up to so many frames behind the last good one: beyond that, the bytes are noise.
+_MOST_DAMAGED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,234 +20,129 @@ class Discarded:
     """Bytes dropped while looking for the next packet or reply."""
 
     data: bytes  # the bytes, so that a log can hold everything that was on the line
-    bad_checksum: bool  # whether a packet or reply was due among them, began rightly and had a wrong sum
+    bad_checksum: bool  # True if a packet or reply was due among them, began rightly and had a wrong sum
 
 
-class Inbox:
-    """Bytes received and not yet handed out, each known by its position in everything ever received.
+class Rest(enum.IntEnum):
+    """How long the line has brought nothing."""
 
-    `start` is the first byte held, `scan` the first one not yet judged, `end` the one that comes next.
+    NONE = 0
+    MOMENT = 1  # the stream may go on where it stopped
+    LONG = 2  # what has begun will not end
+
+
+class Judged(NamedTuple):
+    """What the next bytes of a line are: a frame, or noise."""
+
+    length: int  # bytes of it
+    is_frame: bool = False
+    event: Any = None  # content of the frame; `Discarded` if the caller has no use for it, None if it is not reported
+    spoiled: int = 0  # of noise: length of the frame that begins with it and has a wrong sum, 0 if none does
+
+
+class Rule(Protocol[EventT_co]):
+    """Finds the messages of one protocol."""
+
+    answers: int
+    """Answers amid a stream since its last packet."""
+
+    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        """Return what the bytes held from position `at` on begin with; None if more must come to decide that."""
+
+    def missing(self, held: bytearray) -> int:
+        """Return the number of bytes, at least one, that complete the message that the bytes held begin."""
+
+
+def noise(held: bytearray, at: int, header: bytes, *, skip: int = 0, spoiled: int = 0) -> Judged | None:
+    """Return the noise from `at` up to the next header, or up to the bytes that may begin one.
+
+    `skip`: bytes that are noise in any case; 1 slides past a header that begins no frame, since the true one may be
+      among the bytes of the false frame.
     """
-
-    def __init__(self) -> None:
-        self._held = bytearray()
-        self._damaged: list[int] = []
-        self.start = 0
-        self.scan = 0
-        self.bad_checksums = 0
-        self.discarded_bytes = 0
-
-    @property
-    def end(self) -> int:
-        """Position of the byte that comes next."""
-        return self.start + len(self._held)
-
-    @property
-    def unjudged(self) -> int:
-        """How many bytes have not been judged yet."""
-        return self.end - self.scan
-
-    def append(self, data: bytes) -> None:
-        """Take bytes from the line."""
-        self._held += data
-
-    def peek(self, position: int, length: int) -> bytes:
-        """Bytes from a position on, fewer where not so many have come; they stay."""
-        first = position - self.start
-        return bytes(self._held[first : first + length])
-
-    def find(self, header: bytes, position: int, upto: int | None = None) -> int:
-        """Position of the next header that ends before another one; -1 if there is none."""
-        found = self._held.find(header, position - self.start, self.end if upto is None else upto - self.start)
-        return found if found < 0 else self.start + found
-
-    def seek(self, header: bytes, within: int | None = None) -> bool:
-        """Move `scan` to the next header; without one (`within` so many bytes) leave it and say so."""
-        found = self.find(header, self.scan, None if within is None else self.scan + within)
-        self.scan = max(self.scan, found)
-        return found >= 0
-
-    def mark_damaged(self, position: int) -> None:
-        """Count the frame at a position as one that was due and came with a wrong sum."""
-        self.bad_checksums += 1
-        self._damaged.append(position)
-
-    def take(self, length: int) -> bytes:
-        """Hand out `length` bytes from `start`."""
-        taken = bytes(self._held[:length])
-        del self._held[:length]
-        self.start += length
-        self.scan = self.start
-        return taken
-
-    def drop(self, upto: int) -> list[Discarded]:
-        """Discard what lies before position `upto`."""
-        if upto <= self.start:
-            return []
-        damaged = bool(self._damaged) and self._damaged[0] < upto
-        self._damaged = [position for position in self._damaged if position >= upto]
-        scan = max(self.scan, upto)
-        data = self.take(upto - self.start)
-        self.scan = scan
-        self.discarded_bytes += len(data)
-        return [Discarded(data, damaged)]
-
-
-class Search(Generic[EventT_co]):
-    """What is looked for in an inbox. This one looks for nothing: whatever comes is discarded."""
-
-    done = False
-    """Whether nothing more is expected."""
-    answers = 0
-    """Answers amid a stream, since its last packet."""
-
-    def scan(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Return what can be told from the bytes so far, and leave the rest."""
-        return [*inbox.drop(inbox.end)]
-
-    def release(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Return what can be told knowing that nothing comes at the moment, and leave what has begun."""
-        return []
-
-    def close(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Return what can be told knowing that the line is quiet: what has begun will not end."""
-        return []
-
-    def missing(self, inbox: Inbox) -> int:
-        """Bytes needed before `scan` can tell more, at least one."""
-        return 1
+    end = held.find(header, at + skip)
+    if end < 0:
+        end = len(held) - (len(header) > 1 and held[-1:] == header[:1])
+    return Judged(end - at, spoiled=spoiled) if end > at else None
 
 
 @dataclass(frozen=True, slots=True)
 class FrameForm:
-    """What frames look like."""
+    """Layout of frames whose sum makes them sure."""
 
-    header: bytes  # how each begins
-    least_bytes: int  # of the shortest
-    head_bytes: int  # by so many bytes from its first one its length is known
-    length: Callable[[bytes], int]  # bytes of a whole frame, by its head
-    is_whole: Callable[[bytes], bool]  # whether the sum of a frame is right
-    # whether a head may be one: what seems to be a frame and is not likely to gives way to a whole frame within it
-    is_likely: Callable[[bytes], bool] = lambda head: True
+    header: bytes  # first bytes of each frame
+    head_bytes: int  # bytes that `length` needs
+    least_bytes: int  # length of the shortest frame
+    # length of a frame by its first `head_bytes` bytes: None if more of them must come, 0 if no frame begins so
+    length: Callable[[bytes, Rest], int | None]
+    is_whole: Callable[[bytes], bool]  # True if the sum of a frame is right
+    answer: bytes = b"\0"  # first bytes of the frame that answers a question amid a stream
 
 
-class FrameSearch(Search[EventT_co]):
-    """Frames whose sum makes them sure.
+class SumFrames(Generic[EventT_co]):
+    """A rule for frames whose sum makes them sure: a frame counts if its sum is right.
 
-    After a bad frame the search slides by one byte, since the true header may be among the bytes of a false one. What
-    begins like a frame is waited for until its end.
+    The bytes of a frame that has begun are held until its end, or until the line rests.
 
-    `read`: what a whole frame says; None if that is not to be told. A frame that says `Discarded` is counted as such.
-    `due`: position where a frame is due; None if nowhere.
-    `once`: whether one frame is expected, and none behind it.
+    `read`: makes the event of a frame; see `Judged.event`.
     """
 
-    def __init__(
-        self,
-        form: FrameForm,
-        read: Callable[[bytes], EventT_co | Discarded | None],
-        *,
-        due: int | None = None,
-        once: bool = False,
-    ) -> None:
-        self._form = form
-        self._read = read
-        self._once = once
-        self._due = due  # where the last good frame ended, hence the next one is due
-        self._last_bytes = form.least_bytes  # of the last good frame
+    def __init__(self, form: FrameForm, read: Callable[[bytes], EventT_co | Discarded | None]) -> None:
+        self.answers = 0
+        self._form, self._read = form, read
+        self._usual_bytes = form.least_bytes  # length of the last frame
 
-    def scan(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Frames that are whole, with the noise before them; the beginning of one is left."""
-        return self._scan(inbox, paused=False)
+    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        """Judge as `Rule.judge` does."""
+        form = self._form
+        if not held.startswith(form.header, at):
+            return noise(held, at, form.header)
+        length = self._length(held, at, rest)
+        if length is None or at + length > len(held):
+            return self._covered(held, at, rest) if rest else None
+        frame = bytes(held[at : at + length])
+        if not length or not form.is_whole(frame):
+            return noise(held, at, form.header, skip=1, spoiled=length)
+        event = self._read(frame)
+        is_event = event is not None and not isinstance(event, Discarded)
+        self.answers = 0 if is_event else self.answers + frame.startswith(form.answer)
+        self._usual_bytes = max(length, form.least_bytes)
+        return Judged(length, True, event)
 
-    def release(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Whole frames that seemed to be within another one; the beginning of a frame stays."""
-        return self._scan(inbox, paused=True)
+    def missing(self, held: bytearray) -> int:
+        """Return the bytes up to the frame's end; a frame of unknown length is taken to be as long as the last one."""
+        length = self._length(held, 0, Rest.NONE) if held else None
+        return max((length or self._usual_bytes) - len(held), 1)
 
-    def close(self, inbox: Inbox) -> list[EventT_co | Discarded]:
-        """Discard the beginning of a frame, and not the whole ones in it; the next byte is a frame's first."""
-        found = self._scan(inbox, paused=True)
-        while inbox.start < inbox.end:
-            found += [*inbox.drop(inbox.start + 1), *self._scan(inbox, paused=True)]
-        self._due = inbox.end
-        return _joined(found)
+    def _length(self, held: bytearray, at: int, rest: Rest) -> int | None:
+        return self._form.length(bytes(held[at : at + self._form.head_bytes]), rest)
 
-    def missing(self, inbox: Inbox) -> int:
-        """Bytes up to the end of the frame that has begun; if none has, it is taken to be as long as the last one."""
-        head = inbox.peek(inbox.start, self._form.head_bytes)
-        length = self._last_bytes if len(head) < self._form.head_bytes else self._form.length(head)
-        return max(length - (inbox.end - inbox.start), 1)
-
-    def _scan(self, inbox: Inbox, *, paused: bool) -> list[EventT_co | Discarded]:
-        events: list[EventT_co | Discarded] = []
-        while not self.done and inbox.seek(self._form.header):
-            frames = self._frames_from(inbox, inbox.scan, paused=paused)
-            if frames is None:
-                break
-            for start, end in frames:
-                events += self._accept(inbox, start, end)
-            inbox.scan += not frames
-        else:
-            begun = self._form.header[:1]
-            inbox.scan = inbox.end - (len(self._form.header) > 1 and inbox.peek(inbox.end - 1, 1) == begun)
-        return events + inbox.drop(self._kept_from(inbox))
-
-    def _kept_from(self, inbox: Inbox) -> int:
-        """What lies before is noise."""
-        return inbox.scan
-
-    def _accept(self, inbox: Inbox, start: int, end: int) -> list[EventT_co | Discarded]:
-        noise = inbox.drop(start)
-        event = self._read(inbox.take(end - start))
-        self._due, self._last_bytes = inbox.start, max(end - start, self._form.least_bytes)
-        self.done = self._once
-        if isinstance(event, Discarded):
-            inbox.discarded_bytes += len(event.data)
-        elif event is not None:
-            self.answers = 0
-        return [*noise] if event is None else [*noise, event]
-
-    def _frames_from(self, inbox: Inbox, at: int, *, paused: bool) -> list[tuple[int, int]] | None:
-        """Starts and ends of the frames that the header at a position leads to; None if more must come."""
-        head = inbox.peek(at, self._form.head_bytes)
-        if len(head) < self._form.head_bytes:
-            return None
-        end, is_likely = at + self._form.length(head), self._form.is_likely(head)
-        if (not is_likely or (paused and end > inbox.end)) and (inner := self._frames_within(inbox, at + 1, end)):
-            return inner
-        if end > inbox.end:
-            return None
-        if self._form.is_whole(inbox.peek(at, end - at)):
-            return [(at, end)]
-        if self._is_due(at):
-            inbox.mark_damaged(at)
-            self._due = end if is_likely and not self._once else None
-        return []
-
-    def _is_due(self, position: int) -> bool:
-        return position == self._due
-
-    def _frames_within(self, inbox: Inbox, begin: int, end: int) -> list[tuple[int, int]]:
-        """The whole frame between two positions that is the first to end."""
-        end, found, at = min(end, inbox.end), list[tuple[int, int]](), begin
-        while (at := inbox.find(self._form.header, at, end)) >= 0:
-            head = inbox.peek(at, self._form.head_bytes)
-            its_end = at + self._form.length(head) if len(head) == self._form.head_bytes else end + 1
-            if its_end <= end and self._form.is_whole(inbox.peek(at, its_end - at)):
-                found.append((at, its_end))
-            at += 1
-        return sorted(found, key=lambda frame: frame[1])[:1]
+    def _covered(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        """Return the noise up to a whole frame within one that has only begun; None if there is none."""
+        inner = at
+        while (inner := held.find(self._form.header, inner + 1)) >= 0:
+            length = self._length(held, inner, rest)
+            if length and inner + length <= len(held) and self._form.is_whole(bytes(held[inner : inner + length])):
+                return Judged(inner - at)
+        return None
 
 
 class FrameDecoder(Generic[EventT_co]):
-    """Bytes in, events out.
+    """Bytes in, events out. The events do not depend on how the bytes are cut into feeds; only their time does.
 
-    What comes out does not depend on how the bytes are cut into feeds, only when.
+    `rule`: finds the messages.
+    `due`: True if a message is to come with the first byte, so that a damaged one is counted.
+    `once`: True if one message is expected, and nothing behind it.
     """
 
-    def __init__(self, search: Search[EventT_co]) -> None:
-        self._inbox = Inbox()
-        self._search = search
+    def __init__(self, rule: Rule[EventT_co], *, due: bool = False, once: bool = False) -> None:
+        self._rule, self._once = rule, once
+        self._held = bytearray()
+        self._done = False
+        self._behind: int | None = 0 if due else None  # bytes since the last frame
+        self.bad_checksums = 0
+        """Packets and replies that were due, began rightly and had a wrong sum."""
+        self.discarded_bytes = 0
+        """Bytes that belonged to no packet and no reply."""
 
     def feed(self, data: bytes) -> list[EventT_co | Discarded]:
         """Take bytes from the line.
@@ -252,32 +150,27 @@ class FrameDecoder(Generic[EventT_co]):
         `data`: any number of bytes, cut anywhere.
         Returns packets, replies and discarded bytes, in the order of the line.
         """
-        self._inbox.append(data)
-        return self._and_then_nothing(self._search.scan(self._inbox))
-
-    def quiet(self) -> list[EventT_co | Discarded]:
-        """Take note that the line has been quiet for some 30 ms: what has begun and was not finished is discarded."""
-        events = self._search.close(self._inbox)
-        return self._and_then_nothing([*events, *self._inbox.drop(self._inbox.end)])
+        self._held += data
+        return self._decode(Rest.NONE)
 
     def pause(self) -> list[EventT_co | Discarded]:
         """Take note that the line is quiet for the moment, while a stream is expected to go on.
 
-        The beginning of a packet is kept: a line that was held up brings the rest later, and if it brings something
-        else, the sum tells.
+        The beginning of a packet is kept: a line that was held up brings the rest later. If it brings something else,
+        the sum shows that.
         """
-        return self._search.release(self._inbox)
+        return self._decode(Rest.MOMENT)
 
-    def _and_then_nothing(self, events: list[EventT_co | Discarded]) -> list[EventT_co | Discarded]:
-        if not self._search.done:
-            return events
-        self._search = Search()
-        return events + self._search.scan(self._inbox)
+    def quiet(self) -> list[EventT_co | Discarded]:
+        """Take note that the line has been quiet for some 30 ms: the beginning of a message is discarded."""
+        events = self._decode(Rest.LONG)
+        self._behind = 0
+        return events
 
     @property
     def holds(self) -> bool:
-        """Whether bytes are held that may begin something."""
-        return self._inbox.start < self._inbox.end
+        """True if bytes are held that may begin a message."""
+        return bool(self._held)
 
     @property
     def missing(self) -> int:
@@ -285,31 +178,46 @@ class FrameDecoder(Generic[EventT_co]):
 
         A reader that asks the port for so many wakes at a packet's end, neither before nor a packet late.
         """
-        return self._search.missing(self._inbox)
+        return 1 if self._done else self._rule.missing(self._held)
 
     @property
     def answers(self) -> int:
-        """Answers to what a unit was asked amid a stream, since its last packet."""
-        return self._search.answers
+        """Answers amid a stream since its last packet."""
+        return self._rule.answers
 
-    @property
-    def bad_checksums(self) -> int:
-        """Packets and replies that were due, began rightly and had a wrong sum."""
-        return self._inbox.bad_checksums
+    def _decode(self, rest: Rest) -> list[EventT_co | Discarded]:
+        events: list[EventT_co | Discarded] = []
+        held, begin, at, damaged = self._held, 0, 0, False  # noise is from `begin` to `at`
+        while at < len(held):
+            judged = Judged(len(held) - at) if self._done else self._rule.judge(held, at, rest)
+            if judged is None:
+                if rest is not Rest.LONG:
+                    break
+                judged = Judged(1)
+            at += judged.length
+            if not judged.is_frame:
+                damaged |= self._is_due(judged.spoiled)
+                if self._behind is not None:
+                    self._behind += judged.length
+                continue
+            events += self._discard(bytes(held[begin : at - judged.length]), damaged)
+            begin, damaged, self._behind, self._done = at, False, 0, self._once
+            if isinstance(judged.event, Discarded):
+                self.discarded_bytes += len(judged.event.data)
+            if judged.event is not None:
+                events.append(judged.event)
+        events += self._discard(bytes(held[begin:at]), damaged)
+        del held[:at]
+        return events
 
-    @property
-    def discarded_bytes(self) -> int:
-        """Bytes that belonged to no packet and no reply."""
-        return self._inbox.discarded_bytes
+    def _is_due(self, spoiled: int) -> bool:
+        """Count a damaged frame of so many bytes if it stands where the next frame, or one after it, was due."""
+        behind = self._behind
+        if not spoiled or behind is None or behind % spoiled or behind > _MOST_DAMAGED * spoiled:
+            return False
+        self.bad_checksums += 1
+        return True
 
-
-def _joined(events: list[EventT | Discarded]) -> list[EventT | Discarded]:
-    """Discarded bytes that follow each other as one event."""
-    joined: list[EventT | Discarded] = []
-    for event in events:
-        before = joined[-1] if joined else None
-        if isinstance(event, Discarded) and isinstance(before, Discarded):
-            joined[-1] = Discarded(before.data + event.data, before.bad_checksum or event.bad_checksum)
-        else:
-            joined.append(event)
-    return joined
+    def _discard(self, data: bytes, damaged: bool) -> list[Discarded]:
+        self.discarded_bytes += len(data)
+        return [Discarded(data, damaged)] if data else []

@@ -56,8 +56,6 @@ class AskedEntry(TypedDict):
     controller: str
     limits: str
     flags: dict[str, float | str]  # settings that were given, by their keys
-    speed: float
-    since_ns: int  # monotonic instant from which on time runs faster, in trials
 
 
 class DiaryDocument(TypedDict):
@@ -91,7 +89,7 @@ class Diary:
             {
                 "version": document_shape.VERSION, "hours": hours, "spent_s": 0.0, "power_on": 0, "outcome": "",
                 "takes": [], "rounds": [],
-                "asked": {"port": "", "controller": "", "limits": "", "flags": {}, "speed": 1.0, "since_ns": 0},
+                "asked": {"port": "", "controller": "", "limits": "", "flags": {}},
             },
             folder,
         )  # fmt: skip

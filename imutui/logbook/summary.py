@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Statistics
 
 from imutui import outside_file
-from imutui.document_shape import problem
+from imutui.declared import problem
 from imutui.logbook import file_lock, layout, mcap_format, schemas
 from imutui.logbook.mcap_format import HEAD, MAGIC, MALFORMED, parse
 from imutui.logbook.mcap_stream import Messages

@@ -21,7 +21,7 @@ from typing import NoReturn, TypeVar
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from imutui import defects, fast_time, origin_gate
+from imutui import defects, origin_gate
 from imutui.command_line import command
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
@@ -75,8 +75,6 @@ def main(text: str) -> int:
     gc.freeze()
     gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(text)
-    if plan.speed != 1.0:
-        fast_time.run_faster(plan.speed, plan.since_ns)
     # until here there is nothing to be left in order
     for number in _SIGNALS:
         signal.signal(number, _end_early)
@@ -138,7 +136,7 @@ def _left_as_found(host: Host) -> Iterator[None]:
 @contextlib.contextmanager
 def _table(plan: Plan) -> Iterator[CommandedTable]:
     """A table under command; what its profile can't have is refused before anything moves, or is recorded."""
-    table = CommandedTable(plan.controller, plan.limits, plan.speed)
+    table = CommandedTable(plan.controller, plan.limits)
     try:
         motion = motion_of(plan)
         if plan.yes_move and plan.record and isinstance(motion, Profile):
@@ -205,7 +203,7 @@ def _serve(plan: Plan, engine: Engine) -> None:
     while not engine.lifecycle.ended.wait(0.5):
         if limit_s is not None and server.unwatched_s > limit_s:
             engine.request_stop(f"itself: nobody had looked on for {limit_s:g} s, and its unit is a virtual one")
-        if plan.needs_viewer and server.unwatched_s > _ORPHANED_S * plan.speed:
+        if plan.needs_viewer and server.unwatched_s > _ORPHANED_S:
             engine.request_stop("itself: whoever gave the table its motion has gone")
     stands = engine.lifecycle
     end_report.write(plan.name, stands.ended_by, stands.error, stands.findings, engine.result)

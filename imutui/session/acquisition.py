@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from filters import specification
@@ -166,9 +165,8 @@ class Acquisition:
     def look_at_table(self) -> None:
         """Write what a table under command measures, and command what comes next; raises OSError."""
         if self.guidance.table is not None:
-            second, speed = self._second(time.monotonic_ns()), self.recording.plan.speed
-            # the table is stopped after a silence in real time, which waits take
-            is_silent = self.line.falls_silent(replace(second, silent_s=second.silent_s / speed))
+            second = self._second(time.monotonic_ns())
+            is_silent = self.line.falls_silent(second)
             with self._handling(second.written_ns):
                 self.guidance.look_at_table(second.now_ns, second.written_ns, lambda: not is_silent)
 

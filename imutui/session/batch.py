@@ -228,11 +228,6 @@ def running() -> list[str]:
     return sorted({*map(batch_of, client.running())} - {""})
 
 
-def running_here() -> list[str]:
-    """Names of the batches of which a unit is being acquired in this environment's runtime folder."""
-    return sorted({*map(batch_of, client.running_here())} - {""})
-
-
 def names(batch: str) -> list[str]:
     """Names of a batch's acquisitions that run; raises SessionError if none does."""
     here = client.running()

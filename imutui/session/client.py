@@ -197,25 +197,12 @@ def running() -> list[str]:
     return ipc.names()
 
 
-def elsewhere() -> dict[str, str]:
-    """Names of acquisitions that run in other runtime folders of this user, with those folders."""
-    here = ipc.names(own=True)
-    return {name: str(ipc.socket_path(name).parent) for name in ipc.names() if name not in here}
+def attach(name: str | None = None) -> Client:
+    """Client of the running acquisition of that name, or of the only one.
 
-
-def running_here() -> list[str]:
-    """Names of running acquisitions of this environment's runtime folder."""
-    away = elsewhere()
-    return [name for name in running() if name not in away]
-
-
-def attach(name: str | None = None, *, stays: bool = False) -> Client:
-    """Client of a running acquisition: of that name, or of the only one; one that stays has a viewer's place.
-
-    Without a name only acquisitions in this environment's runtime folder count: others may be somebody else's work.
     Raises SessionError if there is none, or several and no name, or no place for another viewer.
     """
-    names = running_here() if name is None else running()
+    names = running()
     if name is None and len(names) > 1:
         batches = sorted({*map(batch_of, names)} - {""})
         one = f" {joined('--batch', batches[0])} takes all of one batch." if batches else ""
@@ -224,16 +211,10 @@ def attach(name: str | None = None, *, stays: bool = False) -> Client:
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
         others = f" Running: {', '.join(names)}." if names else ""
-        if name is None and (away := elsewhere()):
-            where = "; ".join(f'"{each}" runs in {place}' for each, place in away.items())
-            others = f" In this environment, that is; {where}. {joined('--name', next(iter(away)))} takes it."
         raise SessionError(
             f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
         )
-    found = Client(name or names[0])
-    if stays:
-        found.snapshot()
-    return found
+    return Client(name or names[0])
 
 
 class Starting:

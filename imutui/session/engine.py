@@ -40,7 +40,6 @@ _READER_END_S = 0.5
 _BEHIND_S = 0.2
 _LOOK_S = 0.1
 _AFTER_BLOCK_S = 0.015
-_real_s = time.monotonic  # packets take real time to come, whatever the process's own is (`imutui.fast_time`)
 _HANGS_S = 5.0  # a thread that does not come round for so long commands no table
 PATIENCE_S = 30.0
 """How long a request waits for the worker, unless the viewer waits less."""
@@ -95,7 +94,7 @@ class Engine:
         self._table = table
         self._looped_s = math.inf  # when the second thread last looked for something to do
         if table is not None:
-            table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S * plan.speed
+            table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S
         self._acquisition = Acquisition(plan, info, self._reader, self.lifecycle, foxglove, turner, table)
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
@@ -132,11 +131,11 @@ class Engine:
             live_filter.load()
         self._reader.start()
         self._worker.start()
-        deadline = _real_s() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
+        deadline = time.monotonic() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
         stands = self.lifecycle
         while not stands.streaming.wait(0.05) and not stands.ended.is_set():
             # a busy machine may take longer to make a file of the first one
-            if _real_s() > deadline and not self._reader.has_packet:
+            if time.monotonic() > deadline and not self._reader.has_packet:
                 self.request_stop()
                 stands.ended.wait(5.0)
                 raise InstrumentError(

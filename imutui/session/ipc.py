@@ -1,13 +1,11 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
-It lies in XDG_RUNTIME_DIR, else in a folder under the cache that nobody else may enter. A shell on the machine and one
-over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers find all of them by
-name, but take up by themselves only those of their own folder.
+It lies in the user's runtime folder, `XDG_RUNTIME_DIR` or /run/user/UID, and without either in the user's cache; only
+this user can enter it. Acquisitions in the cache are found from shells with a runtime folder too.
 """
 
 import contextlib
 import fcntl
-import hashlib
 import json
 import math
 import os
@@ -31,18 +29,13 @@ from imutui.document_shape import VERSION
 from imutui.outside_file import can_be_written
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
-from imutui.session.snapshot import NO_SERIES
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
 MAX_REQUEST = 1 << 20  # bytes of the longest request; a table profile or an effects file may be in it
 
 MAX_VIEWERS = 64
-RESERVED = 8  # places beyond those of viewers, for requests that are soon over
-_SOON_OVER = ("stop", "stop_recording", "mark", "describe")
-_FULL = f"{MAX_VIEWERS} viewers are connected already, which is the most; close one"
 _QUEUE_FULL_S = 0.01
-_LINK_SUFFIX = ".elsewhere"
 _SERIAL_SUFFIX, _LONGEST_UNIT = ".serial", 1000
 
 
@@ -51,28 +44,11 @@ class NameTakenError(Exception):
 
 
 def folder() -> Path:
-    """Folder of the sockets of acquisitions started from here, made if absent, closed to others."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    path = Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _cache_folder()
-    return _make_private(path if can_be_written(path) else _cache_folder())
+    """Return the folder of acquisitions that are started from here; it is made if absent, and closed to others.
 
-
-def folders() -> list[Path]:
-    """Where this user's acquisitions may lie, whatever environment they were started in; that of `folder` first."""
-    links = sorted(_cache_folder().glob(f"*{_LINK_SUFFIX}"))
-    found = [folder(), _cache_folder(), *(link.resolve() for link in links)]
-    return [path for path in dict.fromkeys(found) if path.is_dir() and path.stat().st_uid == os.getuid()]
-
-
-def _cache_folder() -> Path:
-    """Return the folder that any environment of this user leads to: in the temporary folder without a home."""
-    path = Path(platformdirs.user_cache_dir("imutui")) / "run"
-    if path.is_absolute() and can_be_written(path):
-        return path
-    return Path(tempfile.gettempdir()) / f"imutui-{os.getuid()}"
-
-
-def _make_private(path: Path) -> Path:
+    Raises PermissionError if it belongs to another user.
+    """
+    path = next(filter(can_be_written, _places()), Path(tempfile.gettempdir()) / f"imutui-{os.getuid()}")
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if path.lstat().st_uid != os.getuid():
         raise PermissionError(f"{path} belongs to another user: set XDG_RUNTIME_DIR to a folder of your own")
@@ -80,22 +56,20 @@ def _make_private(path: Path) -> Path:
     return path
 
 
-def _link_from_cache() -> None:
-    """Let other environments find this one's folder. One without a writable cache is found from its own only."""
-    here = folder()
-    if here == _cache_folder():
-        return
-    link = _cache_folder() / f"{hashlib.sha256(os.fsencode(here)).hexdigest()[:16]}{_LINK_SUFFIX}"
-    with contextlib.suppress(OSError):
-        _make_private(_cache_folder())
-        for other in _cache_folder().glob(f"*{_LINK_SUFFIX}"):
-            if not other.exists():
-                other.unlink()
-        link.symlink_to(here)
+def folders() -> list[Path]:
+    """Folders of this user's acquisitions that exist; `folder()` is the first."""
+    found = dict.fromkeys((folder(), *_places()))
+    return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
+
+
+def _places() -> list[Path]:
+    runtime = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
+    cache = Path(platformdirs.user_cache_dir("imutui")) / "run"
+    return [*([runtime / "imutui"] if runtime.is_dir() else []), *([cache] if cache.is_absolute() else [])]
 
 
 def _folder_of(name: str) -> Path:
-    """Where the acquisition of that name lies; where one would be made if there is none."""
+    """Folder of the acquisition of that name; that of a new one if none runs."""
     return next((path for path in folders() if is_locked(path / f"{name}.lock")), folder())
 
 
@@ -105,14 +79,13 @@ def socket_path(name: str) -> Path:
 
 
 def log_path(name: str) -> Path:
-    """What the process of that name wrote to its stderr."""
+    """File with the stderr of the process of that name."""
     return _folder_of(name) / f"{name}.log"
 
 
-def names(*, own: bool = False) -> list[str]:
-    """Acquisitions whose process is alive; `own`: only those in the folder of this environment."""
-    places = [folder()] if own else folders()
-    return sorted({path.stem for place in places for path in place.glob("*.lock") if is_locked(path)})
+def names() -> list[str]:
+    """Names of acquisitions whose process is alive."""
+    return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
 
 
 def lock(name: str) -> int:
@@ -129,13 +102,12 @@ def lock(name: str) -> int:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            # whoever only looks whether it is taken has it for a moment
+            # a process that looks whether the name is taken holds the lock for a moment
             if is_locked(path) or time.monotonic() > deadline:
                 os.close(descriptor)
                 raise NameTakenError(name) from error
             time.sleep(0.001)
         else:
-            _link_from_cache()
             return descriptor
 
 
@@ -170,13 +142,13 @@ def _holder(descriptor: int) -> str:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a living process has taken that name."""
+    """Return True if a living process has taken that name."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except OSError:
         return False
     try:
-        # shared: several may look at once and see nobody but the owner
+        # a shared lock: several processes may look at once
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
         return True
@@ -187,7 +159,7 @@ def is_locked(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _address(path: Path) -> Iterator[str]:
-    """A path short enough for a socket address, whatever the folder: reached through an open descriptor if need be."""
+    """Yield a path that fits a socket address: the path itself, or one through an open descriptor of its folder."""
     if len(os.fsencode(path)) < _MAX_ADDRESS:
         yield str(path)
         return
@@ -208,7 +180,7 @@ def connect(name: str, timeout: float) -> socket.socket:
                 try:
                     connection.connect(address)
                 except BlockingIOError:
-                    # a queue that is full for the moment is waited for, which the kernel does not do
+                    # the server's queue is full for the moment; the kernel does not wait
                     if time.monotonic() > deadline:
                         raise
                     time.sleep(_QUEUE_FULL_S)
@@ -220,24 +192,22 @@ def connect(name: str, timeout: float) -> socket.socket:
 
 
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
-    """Answers requests with what `answer` returns; an InputError it raises becomes the reply's error.
+    """Answers each request with the reply that `answer` returns; an InputError becomes the reply's error.
 
-    Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
-    heard, at most `MAX_VIEWERS` at a time; beyond them are `RESERVED` places for requests that are soon over, where
-    whoever has asked for nothing for the longest makes room for the next one. `answer` is called in a thread for each
-    viewer; this process holds the lock of the acquisition's name.
+    Only this user and root are served, at most `MAX_VIEWERS` connections at a time. A line that is no request gets an
+    error as its reply. `answer` is called in a thread for each connection. This process holds the lock of the
+    acquisition's name.
     """
 
     daemon_threads = True
     block_on_close = False
-    # viewers that come all at once wait here to be accepted
+    # connections that arrive at once wait to be accepted
     request_queue_size = 128
 
     def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
         self.answer = answer
         self.busy = set[socket.socket]()
         self.viewers = set[socket.socket]()
-        self._reserved: dict[socket.socket, None] = {}  # who asked last stands last
         self._unwatched_since = time.monotonic()
         self.idle = threading.Condition()
         path = socket_path(name)
@@ -257,45 +227,34 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
     @property
     def unwatched_s(self) -> float:
-        """For how long nobody has been connected."""
+        """Seconds since the last viewer left; 0 while one is connected."""
         with self.idle:
-            # one that was killed while it waited for an answer is heard to have gone when there is one
-            if not all(map(_has_hung_up, (*self.viewers, *self._reserved))):
+            # a viewer that was killed while it waited for a reply leaves only when the reply is sent
+            if not all(map(_has_hung_up, self.viewers)):
                 self._unwatched_since = time.monotonic()
             return time.monotonic() - self._unwatched_since
 
     @contextlib.contextmanager
     def answering(self, connection: socket.socket) -> Iterator[Callable[[Request], Reply]]:
-        """While a request is being answered: what answers it."""
+        """Mark a connection as busy; yield the function that answers its requests."""
         with self.idle:
             self.busy.add(connection)
-            reserved = connection in self._reserved
-            if reserved:
-                del self._reserved[connection]
-                self._reserved[connection] = None
         try:
-            answer, peer = self._answer_briefly if reserved else self.answer, peer_of(connection)
-            yield lambda request: answer({**request, "peer": peer})
+            peer = peer_of(connection)
+            yield lambda request: self.answer({**request, "peer": peer})
         finally:
             with self.idle:
                 self.busy.discard(connection)
                 self.idle.notify_all()
 
-    def _answer_briefly(self, request: Request) -> Reply:
-        looks = request["ask"] == "snapshot" and request.get("since") == NO_SERIES
-        if not looks and request["ask"] not in _SOON_OVER:
-            raise InputError(_FULL)
-        return self.answer(request)
-
     def left(self, connection: socket.socket) -> None:
-        """Take note that a viewer has gone."""
+        """Note that a viewer has left."""
         with self.idle:
             self.viewers.discard(connection)
-            self._reserved.pop(connection, None)
             self._unwatched_since = time.monotonic()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Whether whoever connects is heard: this user or root, and not one too many."""
+        """Return True if the connection is of this user or root, and within `MAX_VIEWERS`; refuse it otherwise."""
         del client_address
         if peer_of(request)[0] not in (0, os.getuid()):
             _refuse(request, "this acquisition belongs to another user")
@@ -304,22 +263,8 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             if len(self.viewers) < MAX_VIEWERS:
                 self.viewers.add(request)
                 return True
-            if len(self._reserved) < RESERVED or self._make_room():
-                self._reserved[request] = None
-                return True
-        _refuse(request, _FULL)
+        _refuse(request, f"{MAX_VIEWERS} viewers are connected already, which is the most; close one")
         return False
-
-    def _make_room(self) -> bool:
-        """Let go of whoever has been idle in a reserved place for the longest; whether there was one."""
-        idle = next((one for one in self._reserved if one not in self.busy), None)
-        if idle is None:
-            return False
-        del self._reserved[idle]
-        _refuse(idle, _FULL)
-        with contextlib.suppress(OSError):
-            idle.shutdown(socket.SHUT_RDWR)  # its thread then ends
-        return True
 
 
 class _Handler(socketserver.StreamRequestHandler):
@@ -331,9 +276,9 @@ class _Handler(socketserver.StreamRequestHandler):
                 with self.server.answering(self.request) as answer:
                     self.wfile.write(_line(reply_to(line, answer)))
                 if len(line) > MAX_REQUEST:
-                    return  # where the next request begins is not known
+                    return  # the start of the next request is unknown
         except OSError:
-            return  # the viewer left, as viewers may
+            return  # the viewer has left
 
     def finish(self) -> None:
         self.server.left(self.request)
@@ -342,20 +287,20 @@ class _Handler(socketserver.StreamRequestHandler):
 
 
 def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
-    """Reply to whatever came as a line, which should be a request."""
+    """Return the reply to a line from a viewer."""
     try:
         reply = answer(_request(line))
     except (InputError, OSError) as error:
         # some errors of the system have no text
         return {"ok": False, "error": one_line(str(error) or f"it failed: {type(error).__name__}", NOTE_LIMIT)}
-    except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
+    except Exception as error:  # noqa: BLE001 - the viewer waits for a reply, and the other viewers go on
         return {"ok": False, "error": one_line(defects.told(error), NOTE_LIMIT)}
     reply["ok"] = True
     return reply
 
 
 def _request(line: bytes) -> Request:
-    """Request of a line; raises InputError if it is none."""
+    """Return the request that a line holds; raise InputError if it holds none."""
     if len(line) > MAX_REQUEST:
         raise InputError(f"the request is longer than {MAX_REQUEST} bytes")
     try:
@@ -385,7 +330,7 @@ def _line(reply: Reply | Refusal) -> bytes:
 
 def _refuse(connection: socket.socket, error: str) -> None:
     with contextlib.suppress(OSError):
-        # whoever reads nothing holds nobody up
+        # a peer that does not read must not block the server
         connection.send(_line({"ok": False, "error": error}), socket.MSG_DONTWAIT)
 
 

@@ -19,7 +19,7 @@ from filters.kalman.augmentation import MakeEffects
 from filters.kalman.filter_input import Readings
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui import defects
+from imutui import compile_cache, defects
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.logbook import reader
 from imutui.logbook.samples import Samples
@@ -95,6 +95,7 @@ class Preparation:
             self.ready.set()
             # a search through all that was loaded for garbage would make the reader late
             gc.freeze()
+            compile_cache.release()
 
 
 PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)

@@ -2,10 +2,8 @@
 
 import json
 import math
-import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
@@ -24,7 +22,6 @@ MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
 POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
 SAMPLINGS = ("stream", "polled")
-_FASTEST = 100.0
 _LONGEST_S = 10 * 366 * 86400.0
 LOOPBACK = "127.0.0.1"
 FILE_MODE = "0640"  # permissions of logs, unless configured
@@ -103,10 +100,6 @@ def batch_of(name: str) -> str:
     return name.partition(":")[0] if ":" in name else ""
 
 
-def _is_here(controller: str) -> bool:
-    return not controller or urlsplit(controller).hostname in (LOOPBACK, "localhost", "::1")
-
-
 def check_rotation(minutes: float, mb: float) -> None:
     """Refuse limits of a file that make no sense; raises InputError."""
     for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
@@ -174,8 +167,6 @@ class Plan:
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
     needs_viewer: bool = False  # ends, and stops the table, soon after its last viewer has gone, who gave the motion
-    speed: float = 1.0  # times that time runs faster, with virtual instruments only
-    since_ns: int = 0  # monotonic instant from which on it does, the same for processes that belong together; 0: now
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
     instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
     explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
@@ -206,17 +197,6 @@ class Plan:
             if self.controller.partition(":")[0] not in registry.CONTROLLERS:
                 raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
             gate.parse_limits(self.limits)
-        if self.speed != 1.0 and not 0.0 < self.speed <= _FASTEST:
-            raise InputError(f"`speed` is {self.speed:g}; time runs up to {_FASTEST:g} times as fast")
-        if self.speed != 1.0 and not (self._is_virtual and _is_here(self.controller)):
-            raise InputError(
-                "`speed` is for trials: time runs faster only with a virtual unit and a virtual controller, on this"
-                " computer"
-            )
-
-    @property
-    def _is_virtual(self) -> bool:
-        return self.port == VIRTUAL_PORT or os.path.realpath(self.port).startswith("/dev/pts/")
 
     def asking(self) -> "Plan":
         """The plan where whatever answers at its port is taken; a virtual instrument of its own is the usual one."""

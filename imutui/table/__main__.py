@@ -6,7 +6,6 @@ import sys
 
 from filters.errors import InputError
 from imutui import defects
-from imutui.fast_time import run_faster
 from imutui.table import keeper
 from imutui.table.gate import parse_limits
 from imutui.table.registry import connect
@@ -17,14 +16,10 @@ def main() -> int:
     asked = argparse.ArgumentParser(prog="python -m imutui.table", description=__doc__)
     asked.add_argument("url")
     asked.add_argument("--limits", default="")
-    asked.add_argument("--speed", type=float, default=1.0)
-    asked.add_argument("--since-ns", type=int, default=0)
     said = asked.parse_args()
-    if said.speed != 1.0:
-        run_faster(said.speed, said.since_ns)
     try:
         given = parse_limits(said.limits)
-        return keeper.run(lambda asks: connect(said.url, asks=asks), given, said.speed)
+        return keeper.run(lambda asks: connect(said.url, asks=asks), given)
     except InputError as error:
         print(json.dumps({"error": str(error), "ended": True}), flush=True)
         return 2

@@ -30,7 +30,6 @@ from imutui.table.controller import (
 from imutui.table.links import Link
 
 _PATIENCE_S = 1.0  # for an answer
-_real_s = time.monotonic  # a controller takes real time, whatever the process's own is (`imutui.fast_time`)
 _MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as they were
 _CLOSING_S = 3.0  # for interlocks
 _ENTERING_S = 0.5  # for a mode
@@ -84,9 +83,9 @@ class Acutrol:
             n = self._number(axis)
             self._tell(demand("rate", n, 0.0), mode("off", n))
             self._tell(*(interlock(what, n) for what in ("open", "reset", "close")))
-        deadline = _real_s() + _CLOSING_S
+        deadline = time.monotonic() + _CLOSING_S
         while wrong := self._look_at_modes():
-            if _real_s() > deadline:
+            if time.monotonic() > deadline:
                 raise TableError(
                     f"{'; '.join(wrong)}, after it was reset and closed. Look for what holds it open (emergency stop,"
                     " door, end switch), then try again."
@@ -207,11 +206,11 @@ class Acutrol:
         self._settle()
         self.axes = self.axes or self._count()
         wrong = [f"the {axis} axis turns still, at {rate:.2f} deg/s" for axis, rate in self._wait_for_rest()]
-        deadline = _real_s() + _ENTERING_S
+        deadline = time.monotonic() + _ENTERING_S
         while True:
             self._look_at_modes()
             on = [axis for axis, which in self._modes.items() if which != OFF]
-            if not on or _real_s() > deadline:
+            if not on or time.monotonic() > deadline:
                 break
         wrong += [f"the {axis} axis was to enter mode off, and is in mode {self._modes[axis]}" for axis in on]
         if wrong:
@@ -222,8 +221,8 @@ class Acutrol:
         if not self._link.acknowledges:
             return
         quiet_s = min(_SLICE_S + 2e-9 * (self._exchanged[1] - self._exchanged[0]), _PATIENCE_S)
-        deadline = _real_s() + _PATIENCE_S
-        while self._link.receive(quiet_s) and _real_s() < deadline:
+        deadline = time.monotonic() + _PATIENCE_S
+        while self._link.receive(quiet_s) and time.monotonic() < deadline:
             pass
 
     def _pause(self, seconds: float) -> None:
@@ -313,8 +312,8 @@ class Acutrol:
     def _enter(self, axis: str, which: str) -> None:
         """Have an axis enter a mode, and see that it is in it."""
         self._tell(mode(which, self._number(axis)))
-        deadline = _real_s() + _ENTERING_S
-        while (found := self._mode_of(axis)) != _OURS[which] and not self._fault and _real_s() < deadline:
+        deadline = time.monotonic() + _ENTERING_S
+        while (found := self._mode_of(axis)) != _OURS[which] and not self._fault and time.monotonic() < deadline:
             pass
         if found != _OURS[which]:
             why = f" ({self._fault})" if self._fault else ""
@@ -387,9 +386,9 @@ class Acutrol:
         while self._link.quiet_s and self._link.receive(0.0):
             pass
         sent, heard = time.monotonic_ns(), 0
-        deadline = _real_s() + _PATIENCE_S
+        deadline = time.monotonic() + _PATIENCE_S
         self._link.send(line)
-        while (left := deadline - _real_s()) > 0.0:
+        while (left := deadline - time.monotonic()) > 0.0:
             # a bus is read once an answer: it says where one ends
             wait_s = self._link.quiet_s if heard else _SLICE_S
             data = self._link.receive(min(left, wait_s) if self._link.quiet_s else left)

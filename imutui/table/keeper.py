@@ -34,7 +34,7 @@ _POLL_S = 1.0 / 200.0
 _AGAIN_S, _PATIENCE_S = 0.5, 60.0
 _ALIVE_S = 0.5  # between two words to the owner while a command takes its time
 _MOST = 1 << 16
-_real_s, _wait = time.monotonic, time.sleep  # its owner is waited for in real time, whatever the process's own is
+_wait = time.sleep
 
 
 class StateTold(TypedDict):
@@ -92,7 +92,7 @@ def stop_for_certain(
     `is_deaf`: ask nothing over the link at hand either before the modes are off; over a new link that is always so.
     Returns the link over which the controller has confirmed that all axes rest with their modes off, or None.
     """
-    until_s, said = _real_s() + _PATIENCE_S, ""
+    until_s, said = time.monotonic() + _PATIENCE_S, ""
     while True:
         try:
             controller = controller or connect(False)
@@ -109,7 +109,7 @@ def stop_for_certain(
             with contextlib.suppress(TableError):
                 controller.close()
         controller, is_deaf = None, True
-        if _real_s() > until_s:
+        if time.monotonic() > until_s:
             return None
         _wait(_AGAIN_S)
 
@@ -146,15 +146,15 @@ class Keeper:
         self._legs: dict[str, tuple[deque[float], float, float]] = {}  # angles still to go to, rate, acceleration
         self._enabled = self._stops_now = False
         self._stops = 0  # how many the owner has asked for
-        self._alive_s = _real_s()
+        self._alive_s = time.monotonic()
         controller.meanwhile = self._heed
         told = {axis: asdict(limits) for axis, limits in self.limits.items()}
         say({"identity": identity, "axes": controller.axes, "limits": told})
 
     def _heed(self) -> None:
         """Look up while the controller is busy; raises what must interrupt it."""
-        if _real_s() - self._alive_s > _ALIVE_S:
-            self._alive_s = _real_s()
+        if time.monotonic() - self._alive_s > _ALIVE_S:
+            self._alive_s = time.monotonic()
             self._say({})
         if self._stops_now:
             return
@@ -278,7 +278,7 @@ class Keeper:
 
         `is_deaf`: the controller's answers are lost, so that the stop asks for nothing.
         """
-        begun_s = _real_s()
+        begun_s = time.monotonic()
         stopped = "the table was not moved from here"
         if self._enabled:
             stopped = "it was stopped: rate zero, mode off" if self._stop(is_deaf) else _NOT_STOPPED
@@ -289,7 +289,7 @@ class Keeper:
                 self._controller.disable()
         with contextlib.suppress(TableError):
             self._controller.close()
-        self._say({"ended_in_s": _real_s() - begun_s})
+        self._say({"ended_in_s": time.monotonic() - begun_s})
 
     def _stop(self, is_deaf: bool) -> bool:
         self._stops_now = True
@@ -344,7 +344,7 @@ class Lines:
         self._rest = b""
         self.waiting: deque[bytes] = deque()
         self.signal = ""
-        self._since_s = _real_s()  # when the owner wrote last
+        self._since_s = time.monotonic()  # when the owner wrote last
 
     def look(self, wait_s: float) -> None:
         """Take lines that come within a time; raises OwnerGoneError at their end, or if none came for too long."""
@@ -352,10 +352,10 @@ class Lines:
             data = os.read(self._descriptor, _MOST)
             if not data:
                 raise OwnerGoneError("the program that commanded the table has ended.")
-            self._since_s = _real_s()
+            self._since_s = time.monotonic()
             *lines, self._rest = (self._rest + data).split(b"\n")
             self.waiting += [line for line in lines if line.strip()]
-        elif _real_s() - self._since_s > SILENT_S:
+        elif time.monotonic() - self._since_s > SILENT_S:
             raise OwnerGoneError(f"the program that commanded the table has said nothing for {SILENT_S:g} s.")
 
     @property
@@ -416,10 +416,10 @@ def run(connect: Connect, given: Mapping[str, AxisLimits], speed: float = 1.0) -
 def _keep(keeper: Keeper, lines: Lines, poll_s: float) -> None:
     """Poll, and carry out lines, until one or a signal ends it."""
     while not lines.signal:
-        due_s = _real_s() + poll_s
+        due_s = time.monotonic() + poll_s
         with contextlib.suppress(StopAskedError):  # it is among the lines
             keeper.poll()
-        lines.look(0.0 if lines.waiting else max(0.0, due_s - _real_s()))
+        lines.look(0.0 if lines.waiting else max(0.0, due_s - time.monotonic()))
         while lines.waiting:
             if not keeper.carry_out(lines.waiting.popleft()):
                 return

@@ -16,7 +16,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, cast
 
-from imutui import fast_time
 from imutui.table.controller import AxisLimits, TableError, TableState
 from imutui.table.keeper import BRAKES_S, Told, stop_for_certain
 from imutui.table.registry import connect
@@ -27,7 +26,6 @@ _SILENT_S = 5.0
 _END_S = 75.0
 _BRAKES_MOST_S = 20.0  # waited for between rate zero and mode off
 _MOST_STATES = 1 << 16
-_real_s = time.monotonic
 
 
 class KeptTable:
@@ -55,9 +53,9 @@ class KeptTable:
         self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
         self._answered = threading.Condition()
         self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
-        command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text, *fast_time.arguments()]
+        command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-        self._heard_s = _real_s()
+        self._heard_s = time.monotonic()
         threading.Thread(target=self._read, name="table", daemon=True).start()
         self._wait_for_start()
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
@@ -127,13 +125,13 @@ class KeptTable:
         while not self._ended.wait(_BEAT_S):
             if self._lives():
                 self.send(do="beat")
-            if _real_s() - self._heard_s > _SILENT_S:  # it hangs, and watches over nothing
+            if time.monotonic() - self._heard_s > _SILENT_S:  # it hangs, and watches over nothing
                 self._process.kill()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self._heard_s = _real_s()
+            self._heard_s = time.monotonic()
             with contextlib.suppress(json.JSONDecodeError):  # the last line of one that was killed
                 self._take(json.loads(line))
             self._started.set()

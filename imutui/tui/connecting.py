@@ -156,14 +156,14 @@ class Connector:
     def _start_demo(self) -> None:
         """Start the demo, or look at the one that runs."""
         plan = demo(self.defaults)
-        if plan.name in session.running_here():
+        if plan.name in session.running():
             self._resume(plan.name)
         else:
             self.start(plan)
 
     def _resume(self, name: str) -> None:
         """Look at a running acquisition."""
-        self._try(Attempt(lambda: session.attach(name, stays=True), stops=False), f'acquisition "{name}"')
+        self._try(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
 
     def start(self, plan: Plan) -> None:
         """Start the acquisition that a plan describes, and show it once it streams."""
@@ -235,7 +235,7 @@ class Connector:
         """Look at a unit of the rack, which goes on if that fails."""
 
         async def steps() -> None:
-            self.look_at(await in_thread(lambda: session.attach(name, stays=True)), page)
+            self.look_at(await in_thread(lambda: session.attach(name)), page)
 
         await self._context.guarded(steps)
 
@@ -244,9 +244,6 @@ class Connector:
         app = self._context.app
         self.exit_code = 0
         self._context.connection.attach(client, lambda event: app.post_message(FromPoller(event)))
-        away = session.elsewhere().get(client.name)
-        if away is not None:
-            self._context.say(f'acquisition "{client.name}" of another environment: {away}', "wait")
         app.switch_mode(page)
         app.screen.refresh_bindings()
 

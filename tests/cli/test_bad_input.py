@@ -544,13 +544,6 @@ REFUSED = {
         "-o pipe": (2, "is a device or a pipe"),
         "-o /dev/null": (2, "is a device or a pipe"),
     },
-    "service": {
-        "--name a/b": (2, "--name"),
-        "--name -": (2, "--name"),
-        "--unit --udev": (2, "one at a time"),
-        "--install": (2, "--port"),
-        "--udev --port /dev/none": (2, "no serial port"),
-    },
 }
 """How command lines begin and go on, with the exit code and what the error says: what would be right, or what to do."""
 

@@ -23,7 +23,6 @@ QUICK = ("replay", SAMPLE, "--filter", "spkf-paper", "--end", "5")
         ("recover", SAMPLE),
         ("import", "a.csv", "--accel-sign", "+1"),
         ("apply", SAMPLE, "--effects", "effects.toml"),
-        ("service", "--unit"),
     ],
 )
 def test_no_command_replaces_a_recording_that_runs(line: tuple[object, ...], home: Path) -> None:

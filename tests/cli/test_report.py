@@ -16,7 +16,7 @@ from helpers.paths import ROOT
 from helpers.traces import REPLAY
 
 from filters.types import Array
-from imutui import document_shape
+from imutui import declared
 from imutui.cli import installed_from
 from imutui.jobs.campaign import batch
 from imutui.jobs.replay import replay
@@ -166,7 +166,7 @@ def test_a_batch_on_one_page_names_the_bad_unit_and_what_is_the_tables(home: Pat
     assert '<a href="U2/index.html">U2/index.html</a>' in page_text
     assert "<dd>U2</dd>" in (home / "b7" / "U2" / "index.html").read_text()
     document = json.loads((home / "b7" / "batch.json").read_text())
-    assert document_shape.problem(document, batch.BatchDocument, "batch") == ""
+    assert declared.problem(document, batch.BatchDocument, "batch") == ""
     assert [unit["outcome"] for unit in document["units"]] == ["fail", "table", "table", "table"]
     assert "Unit U2 FAILS: bias of gy" in imutui("campaign", "--summary", "b7").stdout
     imutui("collect", "b7", "-o", "all", check=1)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from helpers.paths import SAMPLE
 
-from imutui import document_shape
+from imutui import declared
 from imutui.jobs import check, documents, info, recover
 from imutui.logbook import results
 
@@ -32,7 +32,7 @@ def test_documents_have_their_shapes_to_the_last_field(
         (told, documents.InfoDocument), (checked, documents.CheckDocument), (made, documents.RecoverDocument)
     ]  # fmt: skip
     for document, shape in made_of:
-        assert document_shape.problem(document, shape, "document", exact=True) == ""
+        assert declared.problem(document, shape, "document", exact=True) == ""
     assert told["events"]
     assert set(told["temperature_degc"] or {}) == {"first", "last", "min", "max"}
     assert set(made["lost"]) == {"messages", "samples"}

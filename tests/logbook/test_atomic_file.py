@@ -292,8 +292,6 @@ def test_the_system_knows_a_growing_file_by_its_name(tmp_path: Path) -> None:
 ELSEWHERE = {
     "imutui/logbook/atomic_file.py": "the writer itself",
     "imutui/defects.py": "mkstemp in the temporary folder, where nothing of imutui may be needed any more",
-    "imutui/service/udev_rule.py": "a temporary folder of its own",
-    "imutui/service/user_unit.py": "a temporary folder of its own",
     "imutui/session/batch.py": "a link, not a file",
     "imutui/session/client.py": "appends to what the process says, in the private runtime folder",
     "imutui/session/ipc.py": "locks and links in the private runtime folder",

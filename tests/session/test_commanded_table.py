@@ -158,7 +158,6 @@ def test_a_controller_without_a_profile_is_recorded_and_never_commanded(home: Pa
         (("--reference", "run.toml"), "--yes-move"),
         (("--reference", "clock.toml"), 'align = "marks"'),
         (("--yes-move", "--limits", "inner=fast"), "outer=30/50"),
-        (("--speed", "20"), "only with a virtual unit"),
     ],
 )
 def test_what_can_not_be_asked_is_refused_with_what_next(home: Path, asked: tuple[str, ...], said: str) -> None:

@@ -9,7 +9,7 @@ from helpers.acquisitions import Running, acquiring
 from helpers.documents import dwell, profile_toml, rate
 from helpers.fake_client import FakeClient
 
-from imutui import document_shape
+from imutui import declared
 from imutui.estimate_history import HistorySnapshot
 from imutui.logbook.results import ReadingsDocument, ResultDocument
 from imutui.session import live_filter
@@ -25,7 +25,7 @@ def travelled(record: Any) -> Any:
 
 
 def mismatch(seen: Any, shape: Any, where: str) -> str:
-    return document_shape.problem(seen, shape, where, exact=True)
+    return declared.problem(seen, shape, where, exact=True)
 
 
 def looked_at(run: Running) -> Any:

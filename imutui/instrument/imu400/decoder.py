@@ -1,12 +1,11 @@
 """The host's side of the Crossbow protocol: packets and replies in a stream of bytes.
 
-Neither header nor sum makes a packet sure, and letters are payload bytes too: what is looked for is what was asked for.
+Neither header nor sum makes a packet sure, and letters are payload bytes too: so each decoder finds what was asked for
+and nothing else.
 """
 
-from functools import partial
-
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.frame_search import Discarded, FrameDecoder, FrameForm, FrameSearch, Inbox, Search
+from imutui.instrument.frame_search import FrameDecoder, FrameForm, Judged, Rest, Rule, SumFrames, noise
 from imutui.instrument.imu400.crossbow import (
     HEADER,
     LETTER_REPLY,
@@ -27,261 +26,162 @@ from imutui.instrument.imu400.crossbow import (
     serial_number_of,
 )
 
-# "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back tell another.
+# "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back show another.
 NOMINAL_PERIOD_S = 7.5e-3
 
-# A packet follows from an earlier one when the counter stepped by a few whole periods, within 2 %: by 3 at most (the
-# newest sample, when the line is slower than the unit's loop), one more for every 18 bytes between them, and never by
-# more than 6, since a seventh would wrap. Each period allowed lets in more wrong frames, hence no more than needed.
-_STEP_TOLERANCE = 0.02
-_ADJACENT_PERIODS = 3
+# A seventh period would wrap. A step of two or three is usual where the line is slower than the unit's loop.
 _MOST_PERIODS = 6
-
-# How far, in bytes, an accepted packet can vouch for a later one: the six packets above, and two of noise.
-_REACH_BYTES = (_MOST_PERIODS + 2) * PACKET_BYTES
+_STEP_TOLERANCE = 0.02
 
 # The manual says "ASCII string"; units send 0xFF, text, checksum, and drivers read at most 32 bytes.
 _VERSION_BYTES = 32
 
-_PACKET = FrameForm(HEADER, PACKET_BYTES, PACKET_BYTES, lambda head: PACKET_BYTES, is_whole)
-_SERIAL_NUMBER = FrameForm(HEADER, SERIAL_BYTES, len(HEADER), lambda head: SERIAL_BYTES, is_whole)
+_SERIAL_NUMBER = FrameForm(HEADER, len(HEADER), SERIAL_BYTES, lambda head, rest: SERIAL_BYTES, is_whole)
 
 
 def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
-    """What finds data packets. At most about 200 bytes are held between feeds.
+    """Return a decoder of data packets. It holds less than 36 bytes between feeds.
 
-    `mode`: what the unit was told to measure.
-    `streaming`: whether packets come by themselves, back to back or at the loop's rate, or one for each
+    `mode`: the unit's measurement mode.
+    `streaming`: True if packets come by themselves, back to back or at the loop's rate; False if one comes for each
       `Command.GET_PACKET`.
     """
-    return FrameDecoder(PacketSearch(mode, streaming=streaming))
+    return FrameDecoder(Crossbow(mode, streaming=streaming), due=not streaming)
 
 
 def reply_decoder(command: AnyCommand) -> FrameDecoder[AnyReply]:
-    """What finds the reply to a command, and discards what is before and behind it.
+    """Return a decoder of the reply to a command; it discards the bytes before and behind the reply.
 
     `command`: one that is answered by a letter, a serial number or a version.
     Raises ValueError if the unit answers `command` with packets or not at all.
     """
-    search: Search[AnyReply]
+    rule: Rule[AnyReply]
     if command is Command.SERIAL_NUMBER:
-        search = FrameSearch(_SERIAL_NUMBER, serial_number_of, due=0, once=True)
+        rule = SumFrames(_SERIAL_NUMBER, serial_number_of)
     elif command is Command.VERSION:
-        search = _VersionSearch()
+        rule = _VersionText()
     elif isinstance(command, ZeroRateSensors):
-        search = _LetterSearch(Reply.RATES_ZEROED)
+        rule = _Letter(Reply.RATES_ZEROED)
     elif isinstance(command, Command) and command in LETTER_REPLY:
-        search = _LetterSearch(LETTER_REPLY[command])
+        rule = _Letter(LETTER_REPLY[command])
     else:
         raise ValueError(f"`command` must be one that is answered by a reply, not {command}")
-    return FrameDecoder(search)
+    return FrameDecoder(rule, due=True, once=True)
 
 
-class PacketSearch(FrameSearch[Packet]):
-    """Data packets.
+class Crossbow:
+    """The rule for data packets.
 
-    Neither the header (0xFF is a common byte) nor the sum (one wrong frame in 256 passes) makes a packet of a stream
-    sure. A frame with both is accepted if the time counter follows from the packet accepted last, or if another good
-    frame, or the reply that was asked for, follows back to back. Otherwise it is set aside, and accepted after all when
-    a later frame's counter follows from it: so a good packet between noise is found.
+    The header 0xFF is a common byte, and one wrong frame in 256 has a right sum. So a frame of a stream counts if its
+    counter follows the last packet's by one to six periods, or if another whole frame, or the reply that was asked for,
+    stands right behind it. Where the line rests behind a frame with a right sum, it counts too.
 
-    A polled packet comes alone on a quiet line and has no such witness: its sum is enough.
+    A polled packet comes alone on a quiet line: its sum is enough.
     """
 
     def __init__(self, mode: Mode, *, streaming: bool) -> None:
-        super().__init__(_PACKET, partial(packet_of, mode), due=None if streaming else 0)
-        self._streaming = streaming
+        self._mode, self._streaming = mode, streaming
         self._last_ticks: int | None = None
         self._period_ticks = NOMINAL_PERIOD_S / TICK_S
-        self._set_aside: list[int] = []  # positions of good frames without a witness yet
+        self.answers = 0
         self.reply = b""
-        """A serial number as it may stand between packets, where the unit was asked for it."""
+        """Serial number as it may stand between packets; empty unless the unit was asked for it."""
 
-    def scan(self, inbox: Inbox) -> list[Packet | Discarded]:
-        """Packets, with the noise before them: at once those that are where they are due and as they must be."""
-        found = list[Packet | Discarded]()
-        while frame := self._next(inbox):
-            found.append(self._read(frame))  # type: ignore[arg-type]
-        return found + super().scan(inbox) if inbox.unjudged else found
-
-    def _next(self, inbox: Inbox) -> bytes:
-        """The next frame if nothing is amiss, taken; else nothing, and each byte is to be looked at."""
-        at = inbox.start
-        if self._due != at or inbox.scan != at or inbox.unjudged < PACKET_BYTES or self.reply or self._set_aside:
-            return b""
-        frame = inbox.peek(at, PACKET_BYTES)
-        ticks = int.from_bytes(frame[15:17], "big")
-        if not self._streaming or self._last_ticks is None or frame[:1] != HEADER or not is_whole(frame):
-            return b""
-        if not self._follows(self._last_ticks, ticks, 0):
-            return b""
-        self._last_ticks, self._due, self.answers = ticks, at + PACKET_BYTES, 0
-        return inbox.take(PACKET_BYTES)
-
-    def close(self, inbox: Inbox) -> list[Packet | Discarded]:
-        """Accept a good frame that waited for the next one to vouch for it: on a quiet line none comes."""
-        events = [*self._witnessed_by_quiet(inbox), *inbox.drop(inbox.end)]
-        self._set_aside.clear()
-        if self._due is not None:
-            self._due = inbox.end
-        return events
-
-    def release(self, inbox: Inbox) -> list[Packet | Discarded]:
-        """Accept a good frame that waited for the next one to vouch for it; the beginning of another one stays."""
-        return self._witnessed_by_quiet(inbox) + self.scan(inbox)
-
-    def missing(self, inbox: Inbox) -> int:
-        """Bytes up to the end of the frame that has begun."""
-        return PACKET_BYTES - inbox.unjudged % PACKET_BYTES
-
-    def _witnessed_by_quiet(self, inbox: Inbox) -> list[Packet | Discarded]:
-        waits = inbox.unjudged >= PACKET_BYTES
-        return self._accept(inbox, inbox.scan, inbox.scan + PACKET_BYTES) if waits else []
-
-    def _kept_from(self, inbox: Inbox) -> int:
-        self._set_aside = self._within_reach(inbox.scan)
-        return min([inbox.scan, *self._set_aside])
-
-    def _within_reach(self, position: int) -> list[int]:
-        return [earlier for earlier in self._set_aside if position - earlier <= _REACH_BYTES]
-
-    def _is_due(self, position: int) -> bool:
-        if self._due is None:
-            return False
-        return position - self._due <= _REACH_BYTES and (position - self._due) % PACKET_BYTES == 0
-
-    def _frames_from(self, inbox: Inbox, at: int, *, paused: bool) -> list[tuple[int, int]] | None:
-        reply_at = inbox.find(self.reply, at, at + PACKET_BYTES + SERIAL_BYTES - 1) if self.reply else -1
+    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        """Judge as `Rule.judge` does."""
+        if not held.startswith(HEADER, at):
+            return noise(held, at, HEADER)
+        # a unit replies between packets: a packet that began before its reply does not go on
+        reply_at = held.find(self.reply, at, at + PACKET_BYTES + SERIAL_BYTES - 1) if self.reply else -1
         if reply_at >= 0:
-            # a unit replies between packets: what began before goes on no more
-            return [(reply_at, reply_at + SERIAL_BYTES)]
-        if inbox.unjudged < PACKET_BYTES:
+            self.answers += reply_at == at
+            return Judged(reply_at - at) if reply_at > at else Judged(SERIAL_BYTES, True)
+        end = at + PACKET_BYTES
+        if end > len(held):
             return None
-        if not _is_packet(inbox, at):
-            if self._is_due(at):
-                inbox.mark_damaged(at)
-            return []
-        sure = self._sure_packets(inbox, at)
-        if sure == []:
-            self._set_aside = [*self._within_reach(at), at]
-        return None if sure is None else [(start, start + PACKET_BYTES) for start in sure]
+        frame = bytes(held[at:end])
+        if not is_whole(frame):
+            return noise(held, at, HEADER, skip=1, spoiled=PACKET_BYTES)
+        ticks = _ticks(frame)
+        if self._streaming and not self._follows(self._last_ticks, ticks):
+            behind = bytes(held[end : end + PACKET_BYTES])
+            is_reply = bool(self.reply) and behind.startswith(self.reply)
+            if not is_reply and len(behind) == PACKET_BYTES and behind[:1] == HEADER and is_whole(behind):
+                self._learn(ticks, _ticks(behind))
+            elif not is_reply and (len(behind) == PACKET_BYTES or behind[:1] not in (b"", HEADER)):
+                return noise(held, at, HEADER, skip=1)
+            elif not is_reply and not rest:
+                return None
+        self._last_ticks, self.answers = ticks, 0
+        return Judged(PACKET_BYTES, True, packet_of(self._mode, frame))
 
-    def _sure_packets(self, inbox: Inbox, position: int) -> list[int] | None:
-        """Positions of the packets that the good frame at `position` makes sure; None if more bytes must tell."""
-        if not self._streaming or self._follows_last(inbox, position):
-            return [position]
-        for earlier in reversed(self._within_reach(position)):
-            gap = position - (earlier + PACKET_BYTES)
-            if gap >= 0 and self._follows(_ticks(inbox, earlier), _ticks(inbox, position), gap):
-                return [earlier, position]
-        following = position + PACKET_BYTES
-        if self.reply and inbox.peek(following, SERIAL_BYTES) == self.reply:
-            return [position]
-        if inbox.end > following and inbox.peek(following, 1) != HEADER:
-            return []
-        if inbox.end < following + PACKET_BYTES:
-            return None
-        if not _is_packet(inbox, following):
-            return []
-        self._explain(_ticks(inbox, position), _ticks(inbox, following))
-        return [position, following]
+    def missing(self, held: bytearray) -> int:
+        """Return the bytes up to the end of the frame that has begun."""
+        return PACKET_BYTES - len(held) % PACKET_BYTES
 
-    def _follows_last(self, inbox: Inbox, position: int) -> bool:
-        if self._due is None or self._last_ticks is None:
+    def _follows(self, earlier: int | None, later: int) -> bool:
+        """Return True if the counter stepped down by one to six periods, within 2 %."""
+        if earlier is None:
             return False
-        gap = position - self._due
-        return gap <= _REACH_BYTES and self._follows(self._last_ticks, _ticks(inbox, position), gap)
-
-    def _follows(self, earlier: int, later: int, gap: int) -> bool:
-        """Whether the counter stepped down by whole periods, as many as a `gap` in bytes makes likely."""
-        step = earlier - later
-        for periods in range(1, min(_MOST_PERIODS, _ADJACENT_PERIODS + gap // PACKET_BYTES) + 1):
-            expected = periods * self._period_ticks
-            off = (step - expected) % SPAN
-            if min(off, SPAN - off) <= _STEP_TOLERANCE * expected:
-                return True
-        return False
-
-    def _explain(self, earlier: int, later: int) -> None:
-        """Learn the period from two packets back to back, unless the known one explains them already.
-
-        A line that takes two and a half periods a packet makes steps of two and of three; either alone would mislead.
-        """
         step = (earlier - later) % SPAN
-        stands_still = step == 0
-        if not stands_still and not self._follows(earlier, later, gap=0):
-            self._period_ticks = step
+        periods = round(step / self._period_ticks)
+        off = abs(step - periods * self._period_ticks)
+        return 0 < periods <= _MOST_PERIODS and off <= _STEP_TOLERANCE * periods * self._period_ticks
 
-    def _accept(self, inbox: Inbox, start: int, end: int) -> list[Packet | Discarded]:
-        self._set_aside.clear()
-        if end - start == SERIAL_BYTES:
-            noise = inbox.drop(start)
-            inbox.take(SERIAL_BYTES)
-            self._due = inbox.start
-            self.answers += 1
-            return [*noise]
-        self._last_ticks = _ticks(inbox, start)
-        return super()._accept(inbox, start, end)
+    def _learn(self, earlier: int, later: int) -> None:
+        """Learn the period from two packets back to back, unless the known one explains them.
+
+        On a line that takes two and a half periods a packet steps are of two and of three: either alone would mislead.
+        """
+        if earlier != later and not self._follows(earlier, later):
+            self._period_ticks = (earlier - later) % SPAN
 
 
-def _is_packet(inbox: Inbox, position: int) -> bool:
-    frame = inbox.peek(position, PACKET_BYTES)
-    return frame[:1] == HEADER and is_whole(frame)
+def _ticks(frame: bytes) -> int:
+    return int.from_bytes(frame[15:17], "big")
 
 
-def _ticks(inbox: Inbox, position: int) -> int:
-    return int.from_bytes(inbox.peek(position + 15, 2), "big")
+class _Letter:
+    """The rule for a reply of one letter."""
 
-
-class _LetterSearch(Search[Reply]):
-    """A reply of one letter. Letters are payload bytes too, hence only looked for when asked for."""
+    answers = 0
 
     def __init__(self, reply: Reply) -> None:
         self._reply = reply
 
-    def scan(self, inbox: Inbox) -> list[Reply | Discarded]:
-        """The reply, once its letter has come; all before it is noise."""
-        if not inbox.seek(self._reply.value):
-            return [*inbox.drop(inbox.end)]
-        self.done = True
-        events = inbox.drop(inbox.scan)
-        inbox.take(1)
-        return [*events, self._reply]
+    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        if held.startswith(self._reply.value, at):
+            return Judged(1, True, self._reply)
+        return noise(held, at, self._reply.value)
+
+    def missing(self, held: bytearray) -> int:
+        return 1
 
 
-class _VersionSearch(Search[Version]):
-    """The version text, whose length nobody documents: it ends when the line falls quiet, or with its 32nd byte."""
+class _VersionText:
+    """The rule for the version text. Its length is not documented: it ends when the line rests, or with 32 bytes."""
 
-    def scan(self, inbox: Inbox) -> list[Version | Discarded]:
-        """The version, once so much has come that it must be whole."""
-        events: list[Version | Discarded] = []
-        while not self.done:
-            inbox.seek(HEADER, within=_VERSION_BYTES)
-            if inbox.unjudged < _VERSION_BYTES:
-                break
-            events += self._read(inbox, _VERSION_BYTES)
-        return events
+    answers = 0
 
-    def close(self, inbox: Inbox) -> list[Version | Discarded]:
-        """The version from what there is: its length is known by the quiet after it only."""
-        return self._read(inbox, inbox.unjudged)
+    def __init__(self) -> None:
+        self._found: Judged | None = None  # the text, where noise stands before it
 
-    def missing(self, inbox: Inbox) -> int:
-        """Bytes up to the longest reply, at most a packet."""
-        return min(PACKET_BYTES, _VERSION_BYTES - inbox.unjudged)
-
-    def _read(self, inbox: Inbox, length: int) -> list[Version | Discarded]:
-        """Read the next `length` bytes as a whole reply, or discard them."""
-        reply = inbox.peek(inbox.scan, length)
-        noise, text = _version_text(reply)
+    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
+        if self._found is not None:
+            return self._found
+        if (begin := held.find(HEADER, at, at + _VERSION_BYTES)) > at:
+            return Judged(begin - at)
+        reply = bytes(held[at : at + _VERSION_BYTES])
+        if len(reply) < _VERSION_BYTES and rest is not Rest.LONG:
+            return None
+        before, text = _version_text(reply)
         if text is None:
-            if reply.startswith(HEADER):
-                inbox.mark_damaged(inbox.scan)
-            return [*inbox.drop(inbox.scan + length)]
-        self.done = True
-        events = inbox.drop(inbox.scan + noise)
-        inbox.take(length - noise)
-        return [*events, Version(text)]
+            return Judged(len(reply), spoiled=len(reply) if begin == at else 0)
+        self._found = Judged(len(reply) - before, True, Version(text))
+        return Judged(before) if before else self._found
+
+    def missing(self, held: bytearray) -> int:
+        return min(PACKET_BYTES, _VERSION_BYTES - len(held))
 
 
 def _version_text(reply: bytes) -> tuple[int, str | None]:

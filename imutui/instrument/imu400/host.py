@@ -24,7 +24,7 @@ from imutui.instrument.imu400.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.imu400.decoder import PacketSearch, packet_decoder, reply_decoder
+from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.port import Port
@@ -51,7 +51,7 @@ class Imu400Host(Host):
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         super().__init__(port)
-        self._streamed: PacketSearch | None = None
+        self._streamed: Crossbow | None = None
 
     def find(self) -> Identity:
         handshake.find_speed(self.port, POWER_UP_BAUD)
@@ -89,7 +89,7 @@ class Imu400Host(Host):
         handshake.stop_stream(self.port)
 
     def packets(self) -> PacketStream:
-        self._streamed = PacketSearch(Mode.SCALED, streaming=True)
+        self._streamed = Crossbow(Mode.SCALED, streaming=True)
         return FrameDecoder(self._streamed)
 
     def poller(self, giving_up: Callable[[], bool]) -> host.Poller:

@@ -1,14 +1,23 @@
 """Both ends of the line of a 440, 380 or 381: bytes in, frozen events out.
 
-Unlike the IMU400's, every frame says what it is, so that nothing has to be expected: replies come between the packets
-of a stream, and are told apart by their type. A frame may end in 0x55, so that three of them follow each other, and the
-true preamble begins with the second.
+Every frame names its type, so no decoder has to be told what to expect: replies stand between the packets of a stream.
+A frame may end in 0x55, so that three of them follow each other, and the true preamble begins with the second.
 """
 
 from collections.abc import Callable
+from functools import partial
 
-from imutui.instrument.frame_search import Discarded, EventT_co, FrameDecoder, FrameSearch, Inbox
-from imutui.instrument.uut.frames import FORM, PREAMBLE, Frame, frame_of
+from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder, FrameForm, Rest, SumFrames
+from imutui.instrument.uut.frames import (
+    CRC_BYTES,
+    FIXED_LENGTHS,
+    HEADER_BYTES,
+    OVERHEAD_BYTES,
+    PREAMBLE,
+    Frame,
+    crc16,
+    frame_of,
+)
 from imutui.instrument.uut.messages import Measurement, Reply, Request, read_reply, read_request
 
 # "The ping may be sent without length and CRC": the text UUPK.
@@ -16,56 +25,59 @@ BARE_PING = PREAMBLE + b"PK"
 _REST_OF_PING = bytes.fromhex("00 9E F4")
 
 
-class UutSearch(FrameSearch[EventT_co]):
-    """Frames, and bare pings.
+def frame_decoder(
+    read: Callable[[Frame], EventT | Discarded | None], *, ping_at_once: bool = False
+) -> FrameDecoder[EventT]:
+    """Return a decoder of frames and bare pings. It holds less than 262 bytes between feeds.
 
-    `read`: what a frame says; see `FrameSearch`.
-    `ping_at_once`: whether the four bytes of a bare ping are a ping as soon as they are there, as for a unit, which
-      can't wait for more. Else they are one when something other than the rest of a whole ping follows, or nothing.
+    `read`: makes the event of a frame; see `frame_search.SumFrames`.
+    `ping_at_once`: True if the four bytes of a bare ping are a ping as soon as they are there, as for a unit, which
+      cannot wait for more. Else they are one when something other than the rest of a whole ping follows, or nothing.
     """
-
-    def __init__(self, read: Callable[[Frame], EventT_co | Discarded | None], *, ping_at_once: bool = False) -> None:
-        super().__init__(FORM, lambda data: read(frame_of(data)))
-        self._ping_at_once = ping_at_once
-
-    def _frames_from(self, inbox: Inbox, at: int, *, paused: bool) -> list[tuple[int, int]] | None:
-        bare = at + len(BARE_PING)
-        if inbox.peek(at, len(BARE_PING)) != BARE_PING:
-            return super()._frames_from(inbox, at, paused=paused)
-        rest = inbox.peek(bare, len(_REST_OF_PING))
-        if rest == _REST_OF_PING:
-            return [(at, bare + len(rest))]
-        if self._ping_at_once or paused or not _REST_OF_PING.startswith(rest):
-            return [(at, bare)]
-        return None
-
-    def _accept(self, inbox: Inbox, start: int, end: int) -> list[EventT_co | Discarded]:
-        self.answers += inbox.peek(start, len(BARE_PING)) == BARE_PING
-        return super()._accept(inbox, start, end)
+    length = partial(_length, ping_at_once=ping_at_once)
+    head_bytes = len(BARE_PING) + len(_REST_OF_PING)
+    form = FrameForm(PREAMBLE, head_bytes, OVERHEAD_BYTES, length, _is_whole, answer=BARE_PING)
+    return FrameDecoder(SumFrames(form, lambda data: read(frame_of(data))))
 
 
-class Decoder(FrameDecoder[Measurement | Reply]):
-    """The host's side: bytes from the unit in, events out. Less than 262 bytes are held between feeds."""
-
-    def __init__(self) -> None:
-        super().__init__(UutSearch(read_reply))
+def Decoder() -> FrameDecoder[Measurement | Reply]:  # noqa: N802 - stands where others have a class of their own
+    """Return a decoder of the bytes from a unit."""
+    return frame_decoder(read_reply)
 
 
 class RequestDecoder:
-    """The unit's side: bytes from the host in, requests out. Frames with a wrong CRC are ignored, as noise is."""
+    """The unit's side: bytes from the host in, requests out. It ignores noise, and frames with a wrong CRC."""
 
     def __init__(self) -> None:
-        self._decoder: FrameDecoder[Request] = FrameDecoder(UutSearch(read_request, ping_at_once=True))
+        self._decoder: FrameDecoder[Request] = frame_decoder(read_request, ping_at_once=True)
 
     def feed(self, data: bytes) -> list[Request]:
         """Take bytes from the line, any number, cut anywhere; a bare ping comes with its fourth byte."""
         return [found for found in self._decoder.feed(data) if not isinstance(found, Discarded)]
 
     def quiet(self) -> list[Request]:
-        """Give up the beginning of a frame, whose rest has not come in time; what was whole behind it comes out."""
+        """Give up the beginning of a frame whose rest has not come in time; return the whole frames behind it."""
         return [found for found in self._decoder.quiet() if not isinstance(found, Discarded)]
 
     @property
     def has_begun(self) -> bool:
-        """Whether the beginning of a frame is there."""
+        """True if the beginning of a frame is there."""
         return self._decoder.holds
+
+
+def _length(head: bytes, rest: Rest, *, ping_at_once: bool) -> int | None:
+    if head.startswith(BARE_PING):
+        behind = head[len(BARE_PING) :]
+        if behind == _REST_OF_PING:
+            return len(head)
+        return len(BARE_PING) if ping_at_once or rest or not _REST_OF_PING.startswith(behind) else None
+    if len(head) < HEADER_BYTES:
+        return None
+    kind, payload_bytes = head[2:4], head[HEADER_BYTES - 1]
+    # a length that the type never has is likelier noise, and not waited for
+    return OVERHEAD_BYTES + payload_bytes if FIXED_LENGTHS.get(kind, payload_bytes) == payload_bytes else 0
+
+
+def _is_whole(data: bytes) -> bool:
+    crc = int.from_bytes(data[-CRC_BYTES:], "big")
+    return data == BARE_PING or crc16(data[len(PREAMBLE) : -CRC_BYTES]) == crc

@@ -6,8 +6,6 @@ Nothing here searches for frames in a stream of bytes (`decoder`) or looks into 
 import binascii
 from dataclasses import dataclass
 
-from imutui.instrument.frame_search import FrameForm
-
 # "0x5555, packet type, payload length, payload, CRC": the length counts payload bytes only.
 PREAMBLE = b"\x55\x55"
 TYPE_BYTES = 2
@@ -71,21 +69,3 @@ FIXED_LENGTHS = {
     b"\x15\x15": 2,
 }
 """Payload bytes of the types that have always as many."""
-
-_ANY_LENGTH = frozenset((b"ID", b"CH", b"GF", b"RF", b"SF", b"WF", b"RE", b"WE", b"UE", b"LE"))
-
-
-def _is_likely(head: bytes) -> bool:
-    kind, length = head[2:4], head[-1]
-    return FIXED_LENGTHS.get(kind, length if kind in _ANY_LENGTH else None) == length
-
-
-FORM = FrameForm(
-    PREAMBLE,
-    OVERHEAD_BYTES,
-    HEADER_BYTES,
-    length=lambda head: OVERHEAD_BYTES + head[-1],
-    is_whole=lambda data: crc16(data[len(PREAMBLE) : -CRC_BYTES]) == int.from_bytes(data[-CRC_BYTES:], "big"),
-    is_likely=_is_likely,
-)
-"""How frames are found. One of an unknown type, or of a length that its type never has, is likelier noise."""

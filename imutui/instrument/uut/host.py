@@ -12,7 +12,7 @@ from filters.errors import InputError
 from imutui.instrument import names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.frame_search import Discarded, FrameDecoder
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.host import (
     PATIENCE_S,
     QUICK_S,
@@ -26,7 +26,7 @@ from imutui.instrument.host import (
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
-from imutui.instrument.uut.decoder import BARE_PING, Decoder, UutSearch
+from imutui.instrument.uut.decoder import BARE_PING, Decoder, frame_decoder
 from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, fits_line, in_words, orientation_of
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
@@ -239,7 +239,7 @@ class UutHost(Host):
         return f"the unit was found with {in_words(own)} and does not take that back: {has} until its power goes"
 
     def packets(self) -> PacketStream:
-        return FrameDecoder(UutSearch(self._streamed))
+        return frame_decoder(self._streamed)
 
     def _streamed(self, frame: Frame) -> Measurement | Discarded | None:
         """What the session takes of a frame in a stream; raises PortError if the unit refuses to stream."""

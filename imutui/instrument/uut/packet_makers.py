@@ -10,9 +10,9 @@ import numpy as np
 from filters.errors import InputError
 from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.counts import triple
-from imutui.instrument.frame_search import Discarded, FrameDecoder
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, Meaning
-from imutui.instrument.uut.decoder import UutSearch
+from imutui.instrument.uut.decoder import frame_decoder
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER_LATER, Field, Orientation
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, framed
 from imutui.instrument.uut.messages import SCALING, Measurement, PacketS0, PacketS1, encode, read_reply
@@ -127,7 +127,7 @@ class RecordedStream:
 
 
 def _packets_of(raw: bytes) -> list[MadePacket]:
-    decoder, made, before = FrameDecoder(UutSearch(lambda frame: frame)), list[MadePacket](), b""
+    decoder, made, before = frame_decoder(lambda frame: frame), list[MadePacket](), b""
     for found in [*decoder.feed(raw), *decoder.quiet()]:
         if isinstance(found, Discarded):
             before += found.data

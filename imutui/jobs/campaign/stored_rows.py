@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from filters.errors import InputError
-from imutui import document_shape, outside_file
+from imutui import declared, document_shape, outside_file
 from imutui.command_line import command
 from imutui.jobs.campaign import rows
 from imutui.jobs.campaign.rows import HeadFields, Row
@@ -141,7 +141,7 @@ def _object(line: bytes) -> dict[str, Any]:
 def _record(record: dict[str, Any]) -> dict[str, Any] | None:
     """A record of a journal from anywhere, looked at to its last field."""
     shape = rows.Row if "log" in record else rows.HeadFields
-    return None if document_shape.problem(record, shape, "line") else record
+    return None if declared.problem(record, shape, "line") else record
 
 
 def own_record(record: dict[str, Any]) -> dict[str, Any] | None:

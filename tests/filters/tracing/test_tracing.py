@@ -18,7 +18,7 @@ from filters.state import PAPER_SITE
 from filters.tracing.result import Trace
 from filters.tracing.trace import trace
 from filters.tracing.trace_document import TraceFindings
-from imutui.document_shape import problem
+from imutui.declared import problem
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 METRICS = {"e10", "nis", "drift_10s", "drift_60s", "bias_prediction", "coverage", "gravity_norm", "gravity_direction"}

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.frame_search import Discarded, FrameDecoder
-from imutui.instrument.uut.decoder import Decoder, RequestDecoder, UutSearch
+from imutui.instrument.frame_search import Discarded
+from imutui.instrument.uut.decoder import Decoder, RequestDecoder, frame_decoder
 from imutui.instrument.uut.frames import Frame, crc16, framed
 from imutui.instrument.uut.messages import (
     SCALING,
@@ -201,7 +201,7 @@ def test_events_come_byte_by_byte_at_their_last_byte() -> None:
     for place, byte in enumerate(STREAM):
         ends += [place + 1 for _ in decoder.feed(bytes([byte]))]
         assert 1 <= decoder.missing <= 262
-        assert len(decoder._inbox._held) < 262
+        assert len(decoder._held) < 262
     lengths = [len(encode(m)) for m in MESSAGES] + [31] * len(REAL_BYTES)
     assert ends == np.cumsum(lengths).tolist()
 
@@ -217,18 +217,21 @@ def test_a_reader_is_told_how_many_bytes_to_wait_for() -> None:
 
 def test_a_preamble_behind_an_0x55_is_found() -> None:
     decoder = Decoder()
-    events = decoder.feed(b"\x55" + REAL_BYTES[0])
+    events = decoder.feed(b"\x55" + REAL_BYTES[0]) + decoder.pause()
     assert events == [Discarded(b"\x55", bad_checksum=False), *decoded([REAL_BYTES[0]])[0]]
 
 
 @pytest.mark.parametrize(
     "noise", [b"\x55\x55", b"\x55\x55S1\xff", b"\x55\x55z1\xff\x55", b"\x55\x55\x01\x02\x03\x55\x55"]
 )
-def test_a_false_beginning_delays_no_frame(noise: bytes) -> None:
-    decoder = Decoder()
-    events = decoder.feed(noise + REAL_BYTES[0])
-    assert kept(events) == decoded([REAL_BYTES[0]])[0]
+def test_a_false_beginning_costs_no_frame(noise: bytes) -> None:
+    """The frames behind it come when what it seems to be would be whole, or when the line pauses."""
+    decoder, behind = Decoder(), REAL_BYTES * 2
+    events = decoder.feed(noise + b"".join(behind))
+    assert kept(events) == decoded(behind)[0]
     assert discarded(events) == noise
+    decoder = Decoder()
+    assert kept(decoder.feed(noise + REAL_BYTES[0]) + decoder.pause()) == decoded(behind[:1])[0]
 
 
 def test_a_pause_releases_what_noise_seems_to_cover() -> None:
@@ -293,11 +296,11 @@ def test_good_frames_between_noise_are_all_found(line: list[tuple[bytes, bytes]]
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_no_bytes_raise(pieces: list[bytes]) -> None:
-    search, told = FrameDecoder(UutSearch(lambda frame: frame)), b""
+    search, told = frame_decoder(lambda frame: frame), b""
     for piece in pieces:
         for found in [*search.feed(piece), *search.pause()]:
             told += found.data if isinstance(found, Discarded) else b"UUPK" if found.type == b"PK" else framed(found)
-        assert len(search._inbox._held) < 262
+        assert len(search._held) < 262
     decoder, requests = Decoder(), RequestDecoder()
     for piece in pieces:
         decoder.feed(piece)

@@ -100,7 +100,7 @@ class Host:
     def ask(self, *messages: Request | bytes) -> list[Event]:
         """What a quiet unit answers."""
         self.send(*messages)
-        return self.listen(0.2)
+        return self.listen(0.2) + self.decoder.pause()
 
     def quiet(self) -> None:
         """Let it send nothing by itself."""

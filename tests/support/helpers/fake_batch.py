@@ -63,7 +63,7 @@ class Batch:
         self.units["lot:3"].changes["filter"] = settled(departure=BAD_AXIS)
         monkeypatch.setattr(session, "attach", self.attach)
 
-    def attach(self, name: str, *, stays: bool = False) -> Client:
+    def attach(self, name: str) -> Client:
         """The acquisition of that name, if it runs."""
         found = self.units[name]
         found.snapshot(0)

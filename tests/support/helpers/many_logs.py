@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from helpers.logs import START
-from imutui import document_shape
+from imutui import declared
 from imutui.jobs.campaign.one_log import Task, row_of
 from imutui.jobs.campaign.rows import TIMINGS, ResultsDocument, Row
 from imutui.logbook import SessionInfo, schemas
@@ -69,6 +69,6 @@ def here(tasks: Iterator[Task], count: int) -> Iterator[tuple[Task, Row | None]]
 def rows_of(results: Path) -> list[dict[str, Any]]:
     """Rows of a folder of results without what depends on when and where they were made."""
     document = json.loads((results / "results.json").read_text())
-    assert document_shape.problem(document, ResultsDocument, "results") == ""
+    assert declared.problem(document, ResultsDocument, "results") == ""
     assert document["complete"]
     return [{key: value for key, value in row.items() if key not in TIMINGS} for row in document["rows"]]

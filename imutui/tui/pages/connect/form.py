@@ -119,8 +119,6 @@ class ConnectForm(Vertical):
             said = ""
         elif choice.kind == "attach":
             said = f'looks at the running acquisition "{choice.value}"'
-        elif choice.kind == "elsewhere":
-            said = f'looks at the acquisition "{choice.value}" of another environment'
         elif choice.kind == "batch":
             said = f'looks at all units of the running batch "{choice.value}"'
         else:
@@ -253,7 +251,7 @@ class ConnectForm(Vertical):
         if choice is None:
             return
         self.say_error("")
-        if choice.kind in ("batch", "attach", "elsewhere"):
+        if choice.kind in ("batch", "attach"):
             request = requests.OpenRack if choice.kind == "batch" else requests.Resume
             self.post_message(request(choice.value))
             return
@@ -342,4 +340,4 @@ class Radio(Widget, can_focus=True):
 
 def _choices() -> list[text.Choice]:
     """What there is to choose from on this machine."""
-    return text.choices(session.running_here(), session.ports(), session.elsewhere())
+    return text.choices(session.running(), session.ports())

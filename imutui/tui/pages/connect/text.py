@@ -1,7 +1,6 @@
 """What the connect page offers and says. Pure functions."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -47,7 +46,7 @@ _ANSWER = 38
 class Choice:
     """One line of the list.
 
-    A running batch ("batch") or acquisition ("attach"), one of another runtime folder ("elsewhere"), a port ("port").
+    A running batch ("batch") or acquisition ("attach"), or a port ("port").
     """
 
     kind: str
@@ -80,13 +79,8 @@ def rates(offer: Instrument) -> str:
     return f"{bounds}; unaveraged at {' '.join(f'{rate:g}' for rate in sorted(offer.rates_hz))}"
 
 
-def choices(
-    running: list[str], ports: list[tuple[str, str]], elsewhere: Mapping[str, str] | None = None
-) -> list[Choice]:
-    """What the list offers: running batches and acquisitions, real ports, and always the virtual instrument.
-
-    `elsewhere`: acquisitions of other runtime folders, with those; they are offered last, as nothing to begin with.
-    """
+def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
+    """Return the lines of the list: running batches and acquisitions, real ports, and the virtual instrument."""
     batches = dict.fromkeys(name.partition(":")[0] for name in running if ":" in name)
     found = [Choice("batch", name, f'running batch "{name}": look at all its units') for name in batches]
     alone = [name for name in running if ":" not in name]
@@ -95,11 +89,7 @@ def choices(
         Choice("port", port, f"{formatting.port_name(port, _NAME):{_NAME}}  {about}".rstrip()) for port, about in ports
     ]
     virtual = f"{'virtual instrument':{_NAME}}  simulated IMU400CD on this machine"
-    others = [
-        Choice("elsewhere", name, f'acquisition "{name}" in {folder}: look at it')
-        for name, folder in (elsewhere or {}).items()
-    ]
-    return [*found, Choice("port", VIRTUAL_PORT, virtual), *others]
+    return [*found, Choice("port", VIRTUAL_PORT, virtual)]
 
 
 def label(choice: Choice, answers: dict[str, str]) -> str:
@@ -131,8 +121,7 @@ def likely(found: list[Choice]) -> Choice:
 
     Built-in ports (ttyS0) come last: most machines list them with nothing behind.
     """
-    offered = [c for c in found if c.kind != "elsewhere"]
-    return next(c for c in offered if c.kind != "port" or "ttyS" not in c.value)
+    return next(c for c in found if c.kind != "port" or "ttyS" not in c.value)
 
 
 def lead(found: list[Choice]) -> StyledText:
