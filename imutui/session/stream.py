@@ -5,7 +5,7 @@ The reader makes blocks (`Stamper`). Every consumer takes every event, in the or
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -55,7 +55,8 @@ class PacketArrival(NamedTuple):
     doubled: int = 0
 
 
-class Block(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
     """Packets in a row, with nothing between them; `gap` and the counts are of the line before the first one."""
 
     rows: np.ndarray  # of `ROW`
@@ -66,7 +67,7 @@ class Block(NamedTuple):
 
     def cut(self, count: int) -> "tuple[Block, Block]":
         """Return the first packets, so many of them, and the others."""
-        return self._replace(rows=self.rows[:count]), Block(self.rows[count:])
+        return replace(self, rows=self.rows[:count]), Block(self.rows[count:])
 
 
 class Stamper:

@@ -79,7 +79,7 @@ class Polled:
 
     @property
     def lost(self) -> int:
-        return self.events.count(Broke(Why.UNANSWERED))
+        return sum(event == Broke(Why.UNANSWERED) for event in self.events)
 
     @property
     def silent(self) -> bool:

@@ -33,7 +33,7 @@ from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.session.reader_thread import Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned
-from imutui.session.stream import Block, PacketArrival
+from imutui.session.stream import Block, PacketArrival, Stamper
 
 DATA = ROOT.parent / "shared" / "data"
 STREAM, DECODED = DATA / "aceinna_imu381_scale1.raw", DATA / "aceinna_imu381_s1_static.npz"
@@ -231,7 +231,7 @@ def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() 
     options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
     with served(VirtualUnit(stream, options)) as name, Port(name, 115200) as port:
         host = UutHost(port, 20.0)
-        reader = Reader(host, None, events.put, KnownUnit(host.open(None), port.baud))
+        reader = Reader(host, Stamper(clock_of(host, None)), None, events.put, KnownUnit(host.open(None), port.baud))
         reader.start()
         reader.join(20.0)
         lost = events.get(timeout=1.0)
