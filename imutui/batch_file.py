@@ -25,19 +25,20 @@ The batch is called as its file is, without the suffix. No unit's acquisition is
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 from filters.errors import InputError
 from filters.imu import parse_mount
-from imutui import outside_file, toml_text
+from imutui import declared, outside_file, toml_text
 from imutui.config import ALLOWED
+from imutui.declared import Meta
 from imutui.instrument.names import NAMES, VIRTUAL_PORT
-from imutui.toml_text import Table, tables_of
 
-_TEXTS = ("filter", "note", "operator", "table", "place", "profile")
-COMMON = ("rate", *_TEXTS)
+COMMON = ("rate", "filter", "note", "operator", "table", "place", "profile")
 """Keys at the top of the file, which are for all units."""
 _OF_UNIT = ("port", "serial", "name", "instrument", "mount", "effects")
 _WORD = re.compile(r"[\w-][\w.-]*")
@@ -89,7 +90,8 @@ class Batch:
 def read(path: Path) -> Batch:
     """Batch of a file; raises BatchError if it can't be read, or is none."""
     try:
-        return _batch(toml_text.parse(outside_file.read(path, toml_text.LIMIT)), path)
+        document = toml_text.parse(outside_file.read(path, toml_text.LIMIT))
+        return declared.make(document, _Batch, partial(_batch, path))
     except OSError as error:
         words = (
             f"{path}: {error.strerror or error}. --batch names a TOML file; `imutui devices --probe -o FILE` writes it."
@@ -110,56 +112,63 @@ def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _batch(document: dict[str, Any], path: Path) -> Batch:
-    top = Table(document, (*COMMON, "unit"), "a batch", where="")
-    tables = tables_of(document, "unit")
-    if not tables:
+def _serial(value: object) -> str:
+    # a number without quotes is what people write
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        raise InputError(f"`serial` is {value!r}, not a serial number")
+    return str(value)
+
+
+def _mount(text: str) -> str:
+    parse_mount(text)
+    return text
+
+
+class _Unit(TypedDict, total=False):
+    port: str
+    serial: Annotated[Any, Meta(make=_serial)]
+    name: str
+    instrument: Annotated[str, Meta(make=str.lower)]
+    mount: Annotated[str, Meta(make=_mount)]
+    effects: str
+
+
+class _Batch(TypedDict, total=False):
+    rate: float
+    filter: Annotated[str, Meta(allowed=ALLOWED["filter.name"])]
+    note: str
+    operator: str
+    table: str
+    place: str
+    profile: str
+    unit: list[_Unit]
+
+
+def _batch(path: Path, unit: Sequence[dict[str, Any]] = (), profile: str | None = None, **common: Any) -> Batch:
+    if not unit:
         raise InputError(f"it has no [[unit]]. {_FIND}")
-    units = tuple(_unit(table, number, path.parent) for number, table in enumerate(tables, 1))
+    units = tuple(_unit(path.parent, number, **fields) for number, fields in enumerate(unit, 1))
     for key in ("name", "port", "serial"):
         seen: dict[str, int] = {}
-        for number, unit in enumerate(units, 1):
-            value = getattr(unit, key)
+        for number, each in enumerate(units, 1):
+            value = getattr(each, key)
             if value and value in seen and value != VIRTUAL_PORT:
-                raise InputError(f'[[unit]] {number}: `{key}` is "{value}", as that of [[unit]] {seen[value]}')
+                raise InputError(f'unit {number}: `{key}` is "{value}", as that of unit {seen[value]}')
             seen[value] = number
-    texts = {key: top.text(key, None) for key in _TEXTS}
-    if texts["profile"]:
-        texts["profile"] = _beside(texts["profile"], path.parent)
-    filters = ALLOWED["filter.name"]
-    if texts["filter"] is not None and texts["filter"] not in filters:
-        raise top.wrong("filter", f"not one of: {', '.join(map(str, filters))}")
-    return Batch(path, units, top.number("rate") if "rate" in top else None, **texts)
+    return Batch(path, units, profile=_beside(profile, path.parent) if profile else profile, **common)
 
 
-def _unit(values: dict[str, Any], number: int, folder: Path) -> Unit:
-    which = f"[[unit]] {number}"
-    table = Table(values, _OF_UNIT, which)
-    texts = {key: table.text(key, "") or "" for key in _OF_UNIT if key != "serial"}
-    # a number without quotes is what people write
-    serial = values.get("serial", "")
-    texts["serial"] = str(serial) if isinstance(serial, int) and not isinstance(serial, bool) else serial
-    if not isinstance(texts["serial"], str):
-        raise table.wrong("serial", "no serial number")
-    if bool(texts["port"]) == bool(texts["serial"]):
-        which_of = (
-            "both `port` and `serial`; keep the one that is to count" if texts["port"] else "no `port` or `serial`"
-        )
-        raise InputError(f"{which} has {which_of}. {_FIND}")
-    texts["name"] = texts["name"] or re.sub(r"[^\w.-]+", "-", texts["serial"]) or str(number)
-    if not _WORD.fullmatch(texts["name"]):
-        raise table.wrong("name", "not one word of letters, digits, . _ and -")
-    texts["instrument"] = texts["instrument"].lower()
-    if texts["instrument"] and texts["instrument"] not in NAMES:
-        raise table.wrong("instrument", f"not one of: {', '.join(NAMES)}")
-    if texts["mount"]:
-        try:
-            parse_mount(texts["mount"])
-        except InputError as error:
-            raise InputError(f"{which}: {error}") from error
-    if texts["effects"]:
-        texts["effects"] = str(folder / texts["effects"])
-    return Unit(**texts)
+def _unit(folder: Path, number: int, name: str = "", instrument: str = "", effects: str = "", **fields: str) -> Unit:
+    port, serial = fields.get("port", ""), fields.get("serial", "")
+    if bool(port) == bool(serial):
+        has = "both `port` and `serial`; keep the one that is to count" if port else "no `port` or `serial`"
+        raise InputError(f"unit {number} has {has}. {_FIND}")
+    name = name or re.sub(r"[^\w.-]+", "-", serial) or str(number)
+    if not _WORD.fullmatch(name):
+        raise InputError(f"unit {number}: `name` is {name!r}, not one word of letters, digits, . _ and -")
+    if instrument and instrument not in NAMES:
+        raise InputError(f"unit {number}: `instrument` is {instrument!r}, not one of: {', '.join(NAMES)}")
+    return Unit(name, instrument=instrument, effects=str(folder / effects) if effects else "", **fields)
 
 
 def _beside(name: str, folder: Path) -> str:

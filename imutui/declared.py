@@ -31,6 +31,7 @@ class Meta:
     most: float | None = None  # infinity: the value may be infinite
     above: float | None = None  # the value is larger than this
     length: int | None = None  # number of items of a list
+    allowed: tuple[Any, ...] = ()  # the only values; a `Literal` where they are known to the type checker
     words: str = ""  # what is allowed, in place of words made from type and limits
     to: str = ""  # name of the field in what is made, if it is not the key's
     make: Callable[[Any], Any] | None = None  # converts the value; the place is added to an InputError that it raises
@@ -51,6 +52,12 @@ def read(value: object, shape: type[T], where: str = "") -> T:
     `where`: name of the value in messages; empty if keys alone say where they are.
     """
     made: T = _value(value, shape, (where,) if where else (), _Rules(exact=True, largest=LARGEST))
+    return made
+
+
+def make(value: object, shape: object, into: Callable[..., T], where: str = "") -> T:
+    """Return what a function makes of the fields of a record; raises InputError as `read` does."""
+    made: T = into(**_value(value, shape, (where,) if where else (), _Rules(exact=True, largest=LARGEST)))
     return made
 
 
@@ -88,7 +95,7 @@ def _value(value: Any, shape: Any, path: _Path, rules: _Rules) -> Any:
         made = kind(value)
     elif kind is typing.Union:
         made = _one_of(value, shape, path, rules)
-    elif _is_record(kind):
+    elif _is_record(kind) and isinstance(value, Mapping):
         made = _record(value, kind, path, rules)
     elif kind is dict and isinstance(value, Mapping):
         made = {key: _value(item, of[1], (*path, key), rules) for key, item in value.items()}
@@ -105,10 +112,12 @@ def _value(value: Any, shape: Any, path: _Path, rules: _Rules) -> Any:
         made = value
     else:
         raise _wrong(value, shape, path)
+    if meta.allowed and not _is_word(value, meta.allowed):
+        raise _wrong(value, shape, path)
     try:
         return made if meta.make is None else meta.make(made)
     except InputError as error:
-        raise InputError(f"{_before(path[:-1])}{error}") from error
+        raise InputError(f"{_before(path if isinstance(value, Mapping) else path[:-1])}{error}") from error
 
 
 def _is_number(value: Any, kind: type, meta: Meta, largest: float) -> bool:
@@ -149,9 +158,7 @@ def _tagged(value: Mapping[str, Any], records: list[Any], path: _Path) -> Any:
     return by_word[word]
 
 
-def _record(value: Any, record: Any, path: _Path, rules: _Rules) -> Any:
-    if not isinstance(value, Mapping):
-        raise _wrong(value, record, path)
+def _record(value: Mapping[str, Any], record: Any, path: _Path, rules: _Rules) -> Any:
     declared, made = _fields(record), {}
     if rules.exact:
         refuse_unknown(value, declared, _table(path))
@@ -159,7 +166,7 @@ def _record(value: Any, record: Any, path: _Path, rules: _Rules) -> Any:
         if key in value:
             made[name] = _value(value[key], shape, (*path, key), rules)
         elif is_required:
-            raise InputError(f"{_before(path)}`{key}` is missing; it is {_allowed(shape)}")
+            raise InputError(f"{_before(path)}`{key}` is missing; it is {_allowed(shape, key)}")
     try:
         return made if typing.is_typeddict(record) else record(**made)
     except InputError as error:
@@ -178,28 +185,34 @@ def _wrong(value: object, shape: object, path: _Path) -> InputError:
     keys = len(path)
     while keys and isinstance(path[keys - 1], int):
         keys -= 1
-    items = "".join(f"item {number} of " for number in reversed(path[keys:]))
-    name = f"`{path[keys - 1]}`" if keys else "it"
+    numbers, name = path[keys:], path[keys - 1] if keys else ""
+    items = "".join(f"item {number} of " for number in reversed(numbers))
     shown = repr(value)
     shown = shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}…"
-    return InputError(f"{_before(path[: max(keys - 1, 0)])}{items}{name} is {shown}, not {_allowed(shape)}")
+    what = f"{items}`{name}`" if name else "it"
+    allowed = _allowed(shape, f"[{name}]" if numbers else f"{name}")
+    return InputError(f"{_before(path[: max(keys - 1, 0)])}{what} is {shown}, not {allowed}")
 
 
-def _allowed(shape: Any) -> str:
-    """Return in words what a value may be."""
+def _allowed(shape: Any, key: str) -> str:
+    """Return in words what the value of a key may be."""
     kind, of, meta = _split(shape)
     if meta.words or _is_record(kind):
-        return meta.words or "a table"
+        return meta.words or f"a table [{key}]"
     if kind is typing.Union:
-        return " or ".join(_allowed(member) for member in of if member is not NoneType)
-    if kind is typing.Literal:
-        return f"one of: {', '.join(map(str, of))}"
+        return " or ".join(dict.fromkeys(_allowed(member, key) for member in of if member is not NoneType))
+    if words := of if kind is typing.Literal else meta.allowed:
+        return f"one of: {', '.join(map(str, words))}"
     if kind not in (int, float):
+        if kind is list and (_split(of[0])[0] in (dict, typing.Union) or _is_record(_split(of[0])[0])):
+            return f"a list of tables [[{key}]]"
         length = len(of) if kind is tuple and of[-1] is not Ellipsis else meta.length
         return _WORDS[kind] if length is None else f"a list of {length}"
-    limits = ((meta.above, "above "), (meta.least, "from "), (meta.most, "up to "))
-    said = " ".join(f"{word}{limit:g}" for limit, word in limits if limit not in (None, math.inf))
-    return f"a {'whole' if kind is int else 'finite'} number {said}".strip()
+    limits = f" above {meta.above:g}" if meta.above is not None else ""
+    limits = f" from {meta.least:g}" if meta.least is not None else limits
+    ends = meta.most is not None and meta.most < math.inf
+    limits += f" to {meta.most:g}" if ends else " on" if meta.least is not None else ""
+    return f"a {'whole' if kind is int else 'finite'} number{limits}"
 
 
 @cache
@@ -213,7 +226,7 @@ def _split(shape: Any) -> tuple[Any, tuple[Any, ...], Meta]:
     stated: dict[str, Any] = {}
     for extra in extras:
         own = Meta(length=extra) if isinstance(extra, int) else extra
-        stated |= {name: value for name in Meta.__slots__ if (value := getattr(own, name)) not in (None, "")}
+        stated |= {name: value for name in Meta.__slots__ if (value := getattr(own, name)) not in (None, "", ())}
     kind = get_origin(shape) or shape
     return typing.Union if kind is UnionType else kind, get_args(shape), Meta(**stated)
 

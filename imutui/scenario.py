@@ -81,52 +81,36 @@ scenario::
     seconds = 5.0                      # default: for ever
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from math import radians
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Required, TypedDict
 
 from filters.errors import InputError
-from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
+from filters.imu import STANDARD_GRAVITY, AxisMap, parse_mount
 from filters.motion.profile import Profile
 from filters.simulation import (
     FAULT_KINDS,
+    TABLE_FAULT_KINDS,
     Effect,
     Fault,
     Personality,
     PowerOn,
     Scenario,
+    TableFault,
+    TableModel,
     Temperature,
 )
 from filters.state import PAPER_SITE, Site
-from imutui import outside_file, scenario_table, toml_text
+from imutui import declared, outside_file, toml_text
+from imutui.declared import Meta, refuse_unknown
 from imutui.logbook import reference_file
-from imutui.toml_text import Table, is_number, tables_of
 
-_DPS = math.pi / 180.0
 _MG = 1e-3 * STANDARD_GRAVITY
 _SQRT_HOUR = 60.0
-_MOST_POWER_ONS = 1000
 _SIMULATED = "VIRTUAL SIM"
-
-# a number in the file and what it is multiplied with, by the field of ImuSpec
-_NOISE = {
-    "gyro_arw_deg_sqrt_h": ("gyro_arw", _DPS / _SQRT_HOUR),
-    "accel_vrw_mps_sqrt_h": ("accel_vrw", 1.0 / _SQRT_HOUR),
-    "gyro_bandwidth_hz": ("gyro_bandwidth", 1.0),
-    "accel_bandwidth_hz": ("accel_bandwidth", 1.0),
-}
-_TOP = (
-    *("seed", "profile", "power_ons", "biases", "noise", "temperature", "site", "instrument"),
-    *("effect", "power_on", "fault", "unit", "line", "table", "table_fault"),
-)
-_SITE = ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2")
-_UNIT = (
-    *("version", "version_plain_text", "ping", "power_up_mode", "auto_baud"),
-    *("reply_delay_s", "clock_skew_ppm"),
-)
-_PINGS, _MODES = ("keeps", "stops", "resets"), ("voltage", "scaled")
 
 
 class ScenarioError(InputError):
@@ -142,7 +126,13 @@ def load_profile(path: Path) -> Profile:
     """
     if path.suffix.lower() == ".csv":
         return _csv_profile(path)
-    return _profile(_parsed(path), path)
+    document = _parsed(path)
+    try:
+        return _profile(document, path.parent)
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError(f"{path}: {error}") from error
 
 
 def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
@@ -161,8 +151,8 @@ def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
     document = _parsed(path)
     try:
         if "segment" in document or "samples" in document:
-            return replace(usual, profile=_profile(document, path))
-        return _scenario(document, path, usual)
+            return replace(usual, profile=_profile(document, path.parent))
+        return declared.make(document, _Scenario, partial(_scenario, usual, path.parent))
     except ScenarioError:
         raise
     except InputError as error:
@@ -181,23 +171,19 @@ def _parsed(path: Path) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------------------------ profiles
 
 
-def _profile(document: Mapping[str, Any], path: Path) -> Profile:
-    try:
-        if "samples" not in document:
-            return reference_file.from_document(document)
-        Table(document, ("samples", "sign", "align", "offset_sd_s"), "a profile with `samples`")
-        if not isinstance(document["samples"], str):
-            raise InputError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
-        # what comes beside the samples is what comes beside segments: checked by the one who knows
-        beside = dict(document) | {"segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
-        del beside["samples"]
-        model = reference_file.from_document(beside)
-        sampled = _csv_profile(path.parent / document["samples"])
-    except ScenarioError:
-        raise
-    except InputError as error:
-        raise ScenarioError(f"{path}: {error}") from error
-    return replace(sampled, sign=model.sign, align=model.align, offset_sd=model.offset_sd)
+class _Sampled(reference_file.Joint):
+    samples: Required[str]
+
+
+def _profile(document: Mapping[str, Any], folder: Path, where: str = "") -> Profile:
+    """Return the profile of a table; a CSV that it names is looked for in a folder."""
+    if "samples" not in document:
+        return reference_file.from_document(document, where)
+
+    def joined(samples: str, **joint: Any) -> Profile:
+        return replace(_csv_profile(folder / samples), **joint)
+
+    return declared.make(document, _Sampled, joined, where)
 
 
 def _csv_profile(path: Path) -> Profile:
@@ -216,181 +202,232 @@ def _csv_profile(path: Path) -> Profile:
 # ----------------------------------------------------------------------------------------------------------- scenarios
 
 
-def _scenario(document: Mapping[str, Any], path: Path, usual: Scenario) -> Scenario:
-    top = Table(document, _TOP, "a scenario", where="")
-    biases = Table.inside(document, "biases", ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"))
+def _simulated(version: str) -> str:
+    if _SIMULATED not in version:
+        raise InputError(f"`version` is {version!r}: without {_SIMULATED} in it, its readings pass for measured ones")
+    return version
+
+
+def _temperature(points: tuple[tuple[float, float], ...] | None = None, constant: float | None = None) -> Temperature:
+    if (constant is None) == (not points):
+        raise InputError("it has either `constant_degc = 25.0` or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)")
+    try:
+        return Temperature(points or ((0.0, float(constant or 0.0)),))
+    except InputError as error:
+        raise InputError(f"`history` is {points}: times do not increase") from error
+
+
+def _site(gravity: float | None = None, **place: float) -> Site:
+    if not place:
+        return PAPER_SITE if gravity is None else replace(PAPER_SITE, gravity=gravity)
+    for key in ("latitude_deg", "longitude_deg", "height_m"):
+        if key not in place:
+            raise InputError(f"`{key}` is missing: a site has latitude, longitude and height")
+    return Site.at(place["latitude_deg"], place["longitude_deg"], place["height_m"], gravity)
+
+
+def _effect(table: dict[str, Any]) -> Effect:
+    stated: Any = declared.read({key: table[key] for key in ("name", "channel") if key in table}, _Effect)
+    channel = stated.get("channel", [])
+    parameters = {key: value for key, value in table.items() if key not in stated}
+    return Effect(stated["name"], (channel,) if isinstance(channel, str) else tuple(channel), parameters)
+
+
+def _fault(at_s: float, kind: str, **more: Any) -> Fault:
+    keys = ("at_s", "kind", FAULT_KINDS[kind], *(("power", "serial_number") if kind == "hang_up" else ()))
+    refuse_unknown(more, [key for key in keys if key], kind)
+    return Fault(at_s, kind, **more)
+
+
+def _table_fault(at_s: float, kind: str, **more: Any) -> TableFault:
+    named = {"delay_s" if name == "delay" else name: name for name in TABLE_FAULT_KINDS[kind]}
+    refuse_unknown(more, ("at_s", "kind", *named), kind)
+    return TableFault(at_s, kind, **{named[key]: value for key, value in more.items()})
+
+
+def _table(stops: tuple[float | None, float | None] = (None, None), **fields: Any) -> TableModel:
+    return TableModel(low=stops[0], high=stops[1], **fields)
+
+
+def _scaled(factor: float) -> Meta:
+    return Meta(make=lambda value: value * factor)
+
+
+def _into(make: Any, to: str = "") -> Meta:
+    return Meta(to=to, make=lambda fields: make(**fields))
+
+
+_Seed = Annotated[int, Meta(least=0)]
+_Positive = Annotated[float, Meta(above=0.0)]
+_NotNegative = Annotated[float, Meta(least=0.0)]
+_Mg = Annotated[float, _scaled(_MG)]
+_Radians = Annotated[float, Meta(make=radians)]
+_Triple = Meta(words="three numbers: [x, y, z]")
+_Accel = Annotated[tuple[_Mg, _Mg, _Mg], _Triple, Meta(to="accel_bias")]
+_Gyro = Annotated[tuple[_Radians, _Radians, _Radians], _Triple, Meta(to="gyro_bias")]
+_Size = Annotated[float, Meta(least=0.0, make=radians)]
+_ArcMinutes = Annotated[float, Meta(least=0.0, make=lambda minutes: radians(minutes / 60.0))]
+
+
+class _Biases(TypedDict, total=False):
+    accel_mg: _Accel
+    gyro_dps: _Gyro
+    accel_run_mg: Annotated[_NotNegative, _scaled(_MG), Meta(to="accel_bias_run_sd")]
+    gyro_run_dps: Annotated[_Size, Meta(to="gyro_bias_run_sd")]
+
+
+class _Noise(TypedDict, total=False):
+    gyro_arw_deg_sqrt_h: Annotated[_NotNegative, Meta(to="gyro_arw", make=lambda arw: radians(arw) / _SQRT_HOUR)]
+    accel_vrw_mps_sqrt_h: Annotated[_NotNegative, Meta(to="accel_vrw", make=lambda vrw: vrw / _SQRT_HOUR)]
+    gyro_bandwidth_hz: Annotated[_NotNegative, Meta(to="gyro_bandwidth")]
+    accel_bandwidth_hz: Annotated[_NotNegative, Meta(to="accel_bandwidth")]
+
+
+class _TemperatureTable(TypedDict, total=False):
+    constant_degc: Annotated[float, Meta(to="constant")]
+    history: Annotated[
+        list[Annotated[tuple[float, float], Meta(words="a pair [s, degC]")]], Meta(to="points", make=tuple)
+    ]
+
+
+_Temperature = Annotated[
+    _TemperatureTable,
+    _into(_temperature),
+    Meta(words="a table with `constant_degc` or with `history`"),
+]
+
+
+class _SiteTable(TypedDict, total=False):
+    latitude_deg: Annotated[float, Meta(least=-90.0, most=90.0)]
+    longitude_deg: float
+    height_m: float
+    gravity_mps2: Annotated[float, Meta(to="gravity")]
+
+
+class _Instrument(TypedDict, total=False):
+    accel_sign: Annotated[Literal[-1, 1], Meta(make=int)]
+    mount: Annotated[str, Meta(make=parse_mount, words='a text such as "x,-y,-z"')]
+
+
+class _Effect(TypedDict, total=False):
+    name: Required[str]
+    channel: Annotated[str | list[str], Meta(words='one such as "gx", or a list of them')]
+
+
+class _PowerOn(TypedDict, total=False):
+    seed: _Seed
+    accel_mg: _Accel
+    gyro_dps: _Gyro
+    temperature: _Temperature
+
+
+class _Fault(TypedDict, total=False):
+    at_s: Required[_NotNegative]
+    kind: Required[Annotated[str, Meta(allowed=tuple(FAULT_KINDS))]]
+    count: Annotated[int, Meta(least=1)]
+    seconds: _Positive
+    power: bool
+    serial_number: Annotated[int, Meta(least=0)]
+
+
+class _Unit(TypedDict, total=False):
+    version: Annotated[str, Meta(make=_simulated)]
+    version_plain_text: bool
+    ping: Literal["keeps", "stops", "resets"]
+    power_up_mode: Literal["voltage", "scaled"]
+    auto_baud: bool
+    reply_delay_s: Annotated[_NotNegative, Meta(to="reply_delay")]
+    clock_skew_ppm: float
+
+
+class _Line(TypedDict, total=False):
+    usb_bursts_s: Annotated[_NotNegative, Meta(to="usb_bursts")]
+
+
+class _Table(TypedDict, total=False):
+    axes: Annotated[list[str], Meta(make=tuple, words='a list of names such as ["middle", "inner"]')]
+    seed: _Seed
+    stops_deg: Annotated[tuple[_Radians, _Radians], Meta(to="stops", words="two angles, such as [-110.0, 110.0]")]
+    rate_dps: Annotated[_Size, Meta(to="rate")]
+    accel_dps2: Annotated[_Size, Meta(to="accel")]
+    jerk_dps3: Annotated[_Size, Meta(to="jerk")]
+    lag_s: Annotated[_NotNegative, Meta(to="lag")]
+    encoder_noise_deg: Annotated[_Size, Meta(to="encoder_noise")]
+    rate_noise_dps: Annotated[_Size, Meta(to="rate_noise")]
+    encoder_offset_sd_deg: Annotated[_Size, Meta(to="encoder_offset_sd")]
+    orthogonality_sd_arcmin: Annotated[_ArcMinutes, Meta(to="orthogonality_sd")]
+    wobble_sd_arcmin: Annotated[_ArcMinutes, Meta(to="wobble_sd")]
+
+
+class _TableFault(TypedDict, total=False):
+    at_s: Required[_NotNegative]
+    kind: Required[Annotated[str, Meta(allowed=tuple(TABLE_FAULT_KINDS))]]
+    axis: str
+    seconds: _NotNegative
+    delay_s: _NotNegative
+    count: Annotated[int, Meta(least=1)]
+
+
+class _Scenario(TypedDict, total=False):
+    seed: _Seed
+    profile: Annotated[str | dict[str, Any], Meta(words="the name of a file, or [[profile.segment]] tables")]
+    power_ons: Annotated[int, Meta(least=1, most=1000)]
+    biases: _Biases
+    noise: _Noise
+    temperature: _Temperature
+    site: Annotated[_SiteTable, _into(_site)]
+    instrument: _Instrument
+    effect: Annotated[list[Annotated[dict[str, Any], Meta(make=_effect)]], Meta(to="effects", make=tuple)]
+    power_on: list[Annotated[_PowerOn, _into(PowerOn)]]
+    fault: Annotated[list[Annotated[_Fault, _into(_fault)]], Meta(to="faults", make=tuple)]
+    unit: _Unit
+    line: _Line
+    table: Annotated[_Table, _into(_table)]
+    table_fault: Annotated[list[Annotated[_TableFault, _into(_table_fault)]], Meta(to="table_faults", make=tuple)]
+
+
+def _scenario(
+    usual: Scenario,
+    folder: Path,
+    *,
+    profile: str | dict[str, Any] | None = None,
+    power_ons: int | None = None,
+    power_on: list[PowerOn] | None = None,
+    biases: dict[str, Any] | None = None,
+    noise: dict[str, Any] | None = None,
+    instrument: dict[str, Any] | None = None,
+    unit: dict[str, Any] | None = None,
+    line: dict[str, Any] | None = None,
+    **fields: Any,
+) -> Scenario:
+    """Return a scenario of the values in its file; what they leave open is as usual."""
+    given = tuple(power_on or ())
+    count = max(len(given), 1) if power_ons is None else power_ons
+    if count < len(given):
+        raise InputError(f"`power_ons` is {count}, but there are {len(given)} [[power_on]] tables")
+    axes = usual.axes
+    if instrument:
+        axes = AxisMap(instrument.get("mount", parse_mount("x,y,z")), instrument.get("accel_sign", axes.accel_sign))
     return Scenario(
-        seed=top.whole("seed", 0) if "seed" in top else 0,
-        spec=_spec(Table.inside(document, "noise", _NOISE), usual.spec),
-        accel_bias=biases.triple("accel_mg", _MG),
-        gyro_bias=biases.triple("gyro_dps", _DPS),
-        accel_bias_run_sd=biases.number("accel_run_mg", 0.0, least=0.0) * _MG,
-        gyro_bias_run_sd=biases.number("gyro_run_dps", 0.0, least=0.0) * _DPS,
-        temperature=_temperature(document["temperature"], "") if "temperature" in top else Temperature(),
-        profile=_profile_of(document, path),
-        effects=tuple(_effect(table, f"effect {n}: ") for n, table in enumerate(tables_of(document, "effect"), 1)),
-        power_ons=_power_ons(top, document),
-        faults=tuple(_fault(table, f"fault {n}") for n, table in enumerate(tables_of(document, "fault"), 1)),
-        personality=_personality(
-            Table.inside(document, "unit", _UNIT), Table.inside(document, "line", ("usb_bursts_s",))
-        ),
-        table=scenario_table.model_of(document),
-        table_faults=scenario_table.faults_of(document),
-        site=_site(Table.inside(document, "site", _SITE)),
-        axes=_axes(Table.inside(document, "instrument", ("accel_sign", "mount")), usual.axes),
+        spec=replace(usual.spec, **(noise or {})),
+        axes=axes,
+        profile=_profile_named(profile, folder)
+        if isinstance(profile, str)
+        else None
+        if profile is None
+        else _profile(profile, folder, "profile"),
+        power_ons=given + (PowerOn(),) * (count - len(given)),
+        personality=Personality(**(unit or {}), **(line or {})),
+        **(biases or {}),
+        **fields,
     )
 
 
-def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
-    profile = document.get("profile")
-    if profile is None:
-        return None
-    if isinstance(profile, str):
-        return _profile_named(profile, path.parent)
-    if isinstance(profile, dict):
-        try:
-            return _profile(profile, path)
-        except ScenarioError as error:
-            if str(error).startswith(f"{path}: "):
-                raise ScenarioError(f"{path}: profile, {str(error).removeprefix(f'{path}: ')}") from error
-            raise
-    raise InputError(f"`profile` is {profile!r}; it is the name of a file, or [[profile.segment]] tables")
-
-
 def _profile_named(name: str, folder: Path) -> Profile:
-    """Profile of a file in a folder, or of a name."""
+    """Return the profile of a file in a folder, or of a ready-made one's name."""
     file, named = folder / name, reference_file.find(name)
     if named is not None and not file.exists():
         return named.profile
     if not file.exists() and file.suffix.lower() not in (".toml", ".csv"):
         raise InputError(f'`profile` is "{name}": no such file, nor a ready-made profile: {reference_file.listed()}')
     return load_profile(file)
-
-
-def _spec(table: Table, usual: ImuSpec) -> ImuSpec:
-    fields = {field: table.number(key, least=0.0) * unit for key, (field, unit) in _NOISE.items() if key in table}
-    return replace(usual, **fields)  # type: ignore[arg-type] # all of these are numbers
-
-
-def _temperature(value: Any, where: str) -> Temperature:
-    if not isinstance(value, dict) or set(value) not in ({"constant_degc"}, {"history"}):
-        raise InputError(
-            f"{where}`temperature` is {value!r}; it has either `constant_degc = 25.0`"
-            " or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)"
-        )
-    if "constant_degc" in value:
-        constant = Table(value, value, "", where=f"{where}[temperature]: ").number("constant_degc")
-        return Temperature(((0.0, constant),))
-    history = value["history"]
-    pairs = (
-        isinstance(history, list)
-        and history
-        and all(isinstance(pair, list) and len(pair) == 2 and all(is_number(v) for v in pair) for pair in history)
-    )
-    if not pairs:
-        raise InputError(f"{where}`temperature.history` is {history!r}, not pairs [s, degC]")
-    try:
-        return Temperature(tuple((float(t), float(degc)) for t, degc in history))
-    except InputError as error:
-        raise InputError(f"{where}`temperature.history` is {history}: times do not increase") from error
-
-
-def _effect(table: Mapping[str, Any], where: str) -> Effect:
-    name = table.get("name")
-    if not isinstance(name, str):
-        raise InputError(f"{where}`name` is {name!r}, not the name of an effect")
-    channel = table.get("channel", [])
-    channels = [channel] if isinstance(channel, str) else channel
-    if not isinstance(channels, list) or not all(isinstance(c, str) for c in channels):
-        raise InputError(f'{where}`channel` is {channel!r}; it is one such as "gx", or a list of them')
-    parameters = {key: value for key, value in table.items() if key not in ("name", "channel")}
-    try:
-        return Effect(name, tuple(channels), parameters)
-    except InputError as error:
-        raise InputError(f"{where}{error}") from error
-
-
-def _power_ons(top: Table, document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
-    given = tuple(_power_on(table, f"power_on {n}") for n, table in enumerate(tables_of(document, "power_on"), 1))
-    count = top.whole("power_ons", 1) if "power_ons" in top else max(len(given), 1)
-    if count > _MOST_POWER_ONS:
-        raise InputError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
-    if count < len(given):
-        raise InputError(f"`power_ons` is {count}, but there are {len(given)} [[power_on]] tables")
-    return given + (PowerOn(),) * (count - len(given))
-
-
-def _power_on(values: Mapping[str, Any], which: str) -> PowerOn:
-    table = Table(values, ("seed", "accel_mg", "gyro_dps", "temperature"), which)
-    return PowerOn(
-        seed=table.whole("seed", 0) if "seed" in table else None,
-        temperature=_temperature(values["temperature"], f"{which}: ") if "temperature" in table else None,
-        accel_bias=table.triple("accel_mg", _MG),
-        gyro_bias=table.triple("gyro_dps", _DPS),
-    )
-
-
-def _site(table: Table) -> Site:
-    if not len(table):
-        return PAPER_SITE
-    gravity = table.number("gravity_mps2") if "gravity_mps2" in table else None
-    if gravity is not None and len(table) == 1:
-        return replace(PAPER_SITE, gravity=gravity)
-    latitude, longitude, height = (table.number(key) for key in _SITE[:3])
-    if not -90.0 <= latitude <= 90.0:
-        raise table.wrong("latitude_deg", "not within ±90")
-    return Site.at(latitude, longitude, height, gravity)
-
-
-def _axes(table: Table, usual: AxisMap) -> AxisMap:
-    sign = table.number("accel_sign", usual.accel_sign)
-    if sign not in (-1, 1):
-        raise table.wrong("accel_sign", "not -1 or 1")
-    mount = table.text("mount", "x,y,z", 'not a text such as "x,-y,-z"')
-    return AxisMap(parse_mount(str(mount)), int(sign))
-
-
-# ------------------------------------------------------------------------------------------------------------ the wire
-
-
-def _personality(unit: Table, line: Table) -> Personality:
-    usual, version = Personality(), unit.text("version", None)
-    if version is not None and _SIMULATED not in version:
-        raise unit.wrong("version", f"with {_SIMULATED} in it nobody takes its readings for measured")
-    fields: dict[str, Any] = {
-        "version": version,
-        "version_plain_text": unit.yes("version_plain_text", usual.version_plain_text),
-        "ping": unit.choice("ping", _PINGS, usual.ping),
-        "power_up_mode": unit.choice("power_up_mode", _MODES, usual.power_up_mode),
-        "auto_baud": unit.yes("auto_baud", usual.auto_baud),
-        "reply_delay": unit.number("reply_delay_s", usual.reply_delay),
-        "clock_skew_ppm": unit.number("clock_skew_ppm", usual.clock_skew_ppm),
-        "usb_bursts": line.number("usb_bursts_s", usual.usb_bursts),
-    }
-    try:
-        return Personality(**fields)
-    except InputError as error:
-        raise InputError(f"[unit] or [line]: {error}") from error
-
-
-def _fault(values: Mapping[str, Any], which: str) -> Fault:
-    kind = values.get("kind")
-    if not isinstance(kind, str) or kind not in FAULT_KINDS:
-        raise InputError(f"{which}: `kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
-    measure = FAULT_KINDS[kind]
-    more = ("power", "serial_number") if kind == "hang_up" else ()
-    keys = [key for key in ("at_s", "kind", measure, *more) if key]
-    table = Table(values, keys, f"{which}: {kind}", where=f"{which}: ")
-    at = table.number("at_s", least=0.0)
-    if not measure:
-        return Fault(at, kind)
-    if measure == "count":
-        return Fault(at, kind, count=table.whole("count", 1))
-    seconds = table.number("seconds", least=0.0)
-    if seconds == 0.0:
-        raise table.wrong("seconds", "not a positive number")
-    serial_number = table.whole("serial_number", 0) if "serial_number" in table else None
-    try:
-        return Fault(at, kind, seconds=seconds, power=table.yes("power"), serial_number=serial_number)
-    except InputError as error:
-        raise InputError(f"{which}: {error}") from error

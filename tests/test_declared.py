@@ -72,8 +72,8 @@ def test_a_record_is_made_with_its_defaults_conversions_and_tags() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"count": None}, "`count` is None, not a whole number from 1 up to 10"),
-        ({"count": 11}, "`count` is 11, not a whole number from 1 up to 10"),
+        ({"count": None}, "`count` is None, not a whole number from 1 to 10"),
+        ({"count": 11}, "`count` is 11, not a whole number from 1 to 10"),
         ({"count": True}, "`count` is True, not a whole"),
         ({"count": 2.0}, "`count` is 2.0, not a whole"),
         ({"nmae": "x"}, "`nmae` is unknown; did you mean `name`?; known: count, segment, name"),
@@ -93,8 +93,8 @@ def test_a_record_is_made_with_its_defaults_conversions_and_tags() -> None:
         ({"maybe": -1.0}, "`maybe` is -1.0, not a finite number above 0"),
         ({"accel_mg": LARGEST * 2}, "`accel_mg` is 2000000000000.0, not a finite number from 0"),
         ({"accel_mg": 10**400}, "`accel_mg` is 1000"),
-        ({"segment": {}}, "`segment` is {}, not a list"),
-        ({"segment": [3]}, "item 1 of `segment` is 3, not a table"),
+        ({"segment": {}}, "`segment` is {}, not a list of tables [[segment]]"),
+        ({"segment": [3]}, "item 1 of `segment` is 3, not a table [[segment]]"),
         ({"segment": [{}]}, "segment 1: `kind` is None, not one of: dwell, rate, turn"),
         ({"segment": [{"kind": []}]}, "segment 1: `kind` is [], not one of"),
         ({"segment": [{"kind": "dwell"}]}, "segment 1: `angles` is missing; it is a list of 2"),
@@ -122,7 +122,7 @@ def test_a_document_may_have_more_keys_and_larger_numbers_than_a_file() -> None:
     assert problem(document, Top, "document") == ""
     assert problem(document, Top, "document", exact=True).startswith("document: `newer` is unknown")
     assert problem(document | {"maybe": 1e31}, Top, "document").startswith("document: `maybe` is 1e+31")
-    assert problem([], Top, "document") == "`document` is [], not a table"
+    assert problem([], Top, "document") == "`document` is [], not a table [document]"
 
 
 def test_a_known_word_is_proposed_only_where_it_is_alike() -> None:

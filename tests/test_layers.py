@@ -68,6 +68,7 @@ FLOORS = {
     "imutui.foxglove_server": {"imutui.logbook", "imutui.origin_gate"},
     "imutui.session": {
         "imutui.batch_file",
+        "imutui.compile_cache",
         "imutui.filter_snapshot",
         "imutui.instrument",
         "imutui.logbook",
@@ -109,8 +110,7 @@ FLOORS = {
         "imutui.verdict",
     },
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_table"},
-    "imutui.scenario_table": {"filters"},
+    "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }
 

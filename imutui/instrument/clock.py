@@ -9,7 +9,7 @@ show whether the line was late, and nothing is missing, or was silent: a backlog
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
 from imutui.instrument.counter_spec import SPAN, CounterSpec
@@ -96,12 +96,15 @@ class Clock:
     def __init__(self, line_ns: float, counter: CounterSpec, *, polled: bool = False, period_ns: float = 0.0) -> None:
         self._line_ns = line_ns
         self._polled = polled
-        self._period_ns = period_ns
         self._opening_ns = max(_OPENING_NS, _OPENING_PERIODS * period_ns)
         self._caught_up_ns = max(_CAUGHT_UP_NS, _CAUGHT_UP_PERIODS * period_ns)
         self._longest_hold_ns = max(_LONGEST_HOLD_NS, _HOLD_PERIODS * period_ns)
         self._longest_loss_s = max(_LONGEST_LOSS_NS, _LOSS_PERIODS * period_ns) / 1e9
-        self._count_by(counter)
+        self._counter = counter
+        self._soon_ns = _SOON * WRAP * counter.tick_ns
+        self._ambiguous_ns = _AMBIGUOUS * WRAP * counter.tick_ns
+        self._time = HostTime(counter)
+        self._grid = PacketGrid(self._line_ns / counter.tick_ns)
         self._ticks: int | None = None
         self._host_ns = 0
         self._opened = False
@@ -113,13 +116,6 @@ class Clock:
         self._emptied = False
         self._gap_from_ns: int | None = None
         self._last = 0
-
-    def _count_by(self, counter: CounterSpec) -> None:
-        self._counter = counter
-        self._soon_ns = _SOON * WRAP * counter.tick_ns
-        self._ambiguous_ns = _AMBIGUOUS * WRAP * counter.tick_ns
-        self._time = HostTime(counter)
-        self._grid = PacketGrid(self._line_ns / counter.tick_ns)
 
     @property
     def tick_ns(self) -> float:
@@ -195,7 +191,6 @@ class Clock:
     def _open(self) -> list[Stamp]:
         """Begin with the least late of the packets held."""
         held, self._held = self._held, []
-        self._tell_meaning(held)
         steps = [0] + [self._opening_step(before, packet) for before, packet in pairwise(held)]
         known = [step for step, packet in zip(steps[1:], held[1:], strict=True) if packet.contiguous]
         if known:
@@ -216,14 +211,6 @@ class Clock:
             stamps.append(self._emit(at, packet, step, gap, by_host=not step))
             gap = None
         return stamps
-
-    def _tell_meaning(self, held: list[_Packet]) -> None:
-        """Whether the counter counts packets: as a time, no step is so short."""
-        steps = [packet.step for packet in held[1:] if packet.contiguous]
-        if self._counter.may_count_packets and self._period_ns and len(steps) >= _FEWEST - 1:
-            counter = self._counter
-            ones = steps.count(1) == len(steps)
-            self._count_by(counter.of_packets(self._period_ns) if ones else replace(counter, may_count_packets=False))
 
     def _opening_step(self, before: _Packet, packet: _Packet) -> int:
         """Ticks between two packets of the opening; wraps by arrival where bytes are missing."""
@@ -325,7 +312,7 @@ class Clock:
         self._grid.advance(step, packets)
         missing, seconds = packets - 1, step * self.tick_ns / 1e9
         gap = None
-        silent = packet.quiet and not self._counter.counts_packets and seconds > self._longest_loss_s
+        silent = packet.quiet and seconds > self._longest_loss_s
         if silent or (wraps and (packet.quiet or packet.contiguous or not regular)):
             # the unit may have sent nothing meanwhile, or everything
             gap = Gap(seconds, 0, missing + (not regular))

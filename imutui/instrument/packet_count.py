@@ -31,8 +31,8 @@ class PacketGrid:
 
     @property
     def known(self) -> bool:
-        """Whether there is a grid: a counter that stands still makes none."""
-        return self.spacing >= 0.5 * self._line
+        """True if there is a grid: a counter that stands still, or counts something other than time, makes none."""
+        return self.spacing > 0.0
 
     def learn(self, steps: Sequence[int]) -> None:
         """Find the grid from a stretch of packets that follow each other.
@@ -44,7 +44,7 @@ class PacketGrid:
         mean = sum(usual) / len(usual)
         # no packet leaves before the one before it has
         self._paced_by_line = mean < (1.0 + _TOLERANCE) * self._line
-        self.spacing = (self._line if self._paced_by_line else mean) if median > 0 else 0.0
+        self.spacing = 0.0 if median < 0.5 * self._line else self._line if self._paced_by_line else mean
         at, phases = 0.0, [0.0]
         for step in steps if self.known else ():
             at += step - self.packets(step) * self.spacing

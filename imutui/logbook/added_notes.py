@@ -7,13 +7,13 @@ time and the user's name; the last note and the last operator count, and the ear
 import getpass
 import os
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, TypedDict
 
 from filters.errors import InputError
-from imutui import outside_file, toml_text
+from imutui import declared, outside_file, toml_text
+from imutui.declared import Meta
 from imutui.logbook import atomic_file
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, in_line, one_line, quoted
 
@@ -22,15 +22,24 @@ _LIMIT = 2**20
 _MOST = 1000
 
 
+def _line(limit: int) -> Meta:
+    return Meta(make=lambda text: one_line(text, limit))
+
+
 @dataclass(frozen=True, slots=True)
 class AddedNote:
     """One addition."""
 
-    utc: str  # when, as 2026-03-01T09:30:00Z
-    by: str  # who added it, by the name of the user of the computer
+    utc: Annotated[str, _line(NAME_LIMIT)]  # when, as 2026-03-01T09:30:00Z
+    by: Annotated[str, _line(NAME_LIMIT)]  # name of the computer's user who added it
     # note, operator: what it says; None where it leaves as it was what stood before
-    note: str | None = None
-    operator: str | None = None
+    note: Annotated[str, _line(NOTE_LIMIT)] | None = None
+    operator: Annotated[str, _line(NAME_LIMIT)] | None = None
+
+
+class _File(TypedDict):
+    version: Literal[1]
+    added: list[AddedNote]
 
 
 def path_of(log: Path) -> Path:
@@ -48,24 +57,10 @@ def read(log: Path) -> tuple[AddedNote, ...]:
     if not path.is_file():
         return ()
     try:
-        entries = toml_text.tables_of(toml_text.parse(outside_file.read(path, _LIMIT)), "added")
-        return tuple(_entry(entry) for entry in entries[-_MOST:])
+        document = declared.read(toml_text.parse(outside_file.read(path, _LIMIT)), _File)
+        return tuple(document["added"][-_MOST:])
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from error
-
-
-def _entry(entry: Mapping[str, Any]) -> AddedNote:
-    said = {key: entry.get(key) for key in ("utc", "by", "note", "operator")}
-    wrong = next((key for key, value in said.items() if value is not None and not isinstance(value, str)), None)
-    if wrong is not None:
-        raise InputError(f"`{wrong}` is no text")
-    note, operator = said["note"], said["operator"]
-    return AddedNote(
-        in_line(str(said["utc"] or ""))[:NAME_LIMIT],
-        in_line(str(said["by"] or ""))[:NAME_LIMIT],
-        None if note is None else one_line(str(note), NOTE_LIMIT),
-        None if operator is None else one_line(str(operator), NAME_LIMIT),
-    )
 
 
 def read_or_none(log: Path) -> tuple[AddedNote, ...]:

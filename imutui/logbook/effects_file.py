@@ -31,7 +31,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Required, TypedDict
 
 import numpy as np
 
@@ -39,9 +39,9 @@ from filters.effects import plain_names
 from filters.effects.records import Included, State
 from filters.errors import InputError
 from filters.imu import CHANNELS
-from imutui import document_shape, outside_file, plain_text, toml_text
+from imutui import declared, document_shape, outside_file, plain_text, toml_text
+from imutui.declared import Meta
 from imutui.logbook.session_info import SessionInfo
-from imutui.toml_text import Document, Table, tables_of
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import Effects, MakeEffects
@@ -51,10 +51,6 @@ ATTACHMENT = "effects.toml"  # name under which the effects travel in a log
 MEDIA_TYPE = "application/toml"
 NONE = b""  # content that stands for no effects
 MOST = 256  # effects, and states of all of them
-_KINDS = ("A", "N", "S", "P")
-_TOP = ("version", "source", "units", "effect", "correlation")
-_EFFECT = ("effect", "channels", "include_as", "parameters", "state")
-_STATE = ("name", "unit", "mean", "sd", "tau_s", "q")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,16 +142,52 @@ def parse(content: bytes) -> EffectsDocument:
         raise InputError(f"an effects file is TOML, and this is not: {error}") from error
     if wrong := document_shape.wrong_version(document):
         raise InputError(f"{wrong}. `imutui trace LOG... -o effects.toml` makes it anew")
-    Table(document, _TOP, "the file")
-    effects = tuple(_effect(table, f"effect {k}") for k, table in enumerate(tables_of(document, "effect"), 1))
-    p = sum(len(entry.states) for entry in effects)
-    if max(len(effects), p) > MOST:
-        raise InputError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
-    units = document.get("units", [])
-    if not isinstance(units, list) or not all(isinstance(unit, str) for unit in units):
-        raise InputError(f"`units` is {units!r}, not a list of texts")
-    correlation = _correlation(document.get("correlation"), p)
-    return EffectsDocument(str(document.get("source", "")), effects, correlation, tuple(units))
+    return declared.make(document, _File, _document)
+
+
+def _given(value: Any) -> Any:
+    if not value:
+        raise InputError("an effect has a name, `effect`, and at least one of the `channels`")
+    return value
+
+
+class _State(TypedDict, total=False):
+    name: Required[str]
+    unit: Required[str]
+    mean: Required[float]
+    sd: Required[Annotated[float, Meta(least=0.0)]]
+    tau_s: Annotated[float, Meta(above=0.0, most=math.inf)]
+    q: Annotated[float, Meta(least=0.0)]
+
+
+class _Effect(TypedDict, total=False):
+    effect: Required[Annotated[str, Meta(make=_given)]]
+    channels: Required[Annotated[list[Annotated[str, Meta(allowed=CHANNELS)]], Meta(make=lambda c: tuple(_given(c)))]]
+    include_as: Required[Literal["A", "N", "S", "P"]]
+    parameters: dict[str, Any]
+    state: Annotated[list[Annotated[_State, Meta(make=lambda fields: State(**fields))]], Meta(to="states", make=tuple)]
+
+
+class _File(TypedDict, total=False):
+    version: Required[int]
+    source: str
+    units: Annotated[list[str], Meta(make=tuple)]
+    effect: list[Annotated[_Effect, Meta(make=lambda fields: Included(**fields))]]
+    correlation: list[list[float]]
+
+
+def _document(
+    *,
+    version: int,
+    effect: Sequence[Included] = (),
+    source: str = "",
+    units: tuple[str, ...] = (),
+    correlation: list[list[float]] | None = None,
+) -> EffectsDocument:
+    p = sum(len(entry.states) for entry in effect)
+    if max(len(effect), p) > MOST:
+        raise InputError(f"it has {len(effect)} effects with {p} states; the most of each is {MOST}")
+    return EffectsDocument(source, tuple(effect), _correlation(correlation, p), units)
 
 
 def unit_of(info: SessionInfo) -> str:
@@ -174,35 +206,6 @@ def of_other_unit(content: bytes, info: SessionInfo) -> str:
         return ""
     listed = plain_text.in_line(", ".join(units))
     return f"the effects are of another unit ({listed}) than the log ({plain_text.in_line(own)})"
-
-
-def _effect(values: Document, of: str) -> Included:
-    if not (name := Table(values, _EFFECT, of).text("effect", None)):
-        raise InputError(f"{of} has no name: `effect` is {name!r}")
-    of = f'{of} ("{name}")'
-    table = Table(values, _EFFECT, of)
-    kind = table.choice("include_as", _KINDS, "")
-    channels, parameters, states = values.get("channels"), values.get("parameters", {}), values.get("state", [])
-    if not isinstance(channels, list) or not channels or not all(c in CHANNELS for c in channels):
-        raise table.wrong("channels", f"not a list of {', '.join(CHANNELS)}")
-    if not isinstance(parameters, dict):
-        raise table.wrong("parameters", "not a table [effect.parameters]")
-    if not isinstance(states, list) or not all(isinstance(state, dict) for state in states):
-        raise table.wrong("state", "not a list of tables [[effect.state]]")
-    entries = tuple(_state(state, f"{of}, state {k}") for k, state in enumerate(states, 1))
-    return Included(name, tuple(channels), kind, parameters, entries)
-
-
-def _state(values: Document, of: str) -> State:
-    table = Table(values, _STATE, of)
-    name, unit = table.text("name", None), table.text("unit", None)
-    if name is None or unit is None:
-        raise table.wrong("name" if name is None else "unit", "not a text")
-    mean, sd, q = table.number("mean"), table.number("sd", least=0.0), table.number("q", 0.0, least=0.0)
-    tau = values.get("tau_s", math.inf)  # a time without end is infinite
-    if tau != math.inf and (not toml_text.is_number(tau) or not tau > 0.0):
-        raise table.wrong("tau_s", "not positive")
-    return State(name, unit, mean, sd, float(tau), q)
 
 
 def _correlation(rows: Any, p: int) -> np.ndarray:

@@ -32,19 +32,20 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Literal, Required, TypedDict
 
 import numpy as np
 
 from filters.errors import InputError
 from filters.motion import profile
-from filters.motion.profile import ACCEL, SLEW, Profile
+from filters.motion.profile import ALIGNS, Profile
 from filters.motion.reference import Trajectory
 from filters.motion.segments import AXES, SIX, TWELVE, Dwell, Rate, Sampled, Segment, Sine, positions, turns
-from imutui import toml_text
+from imutui import declared, toml_text
+from imutui.declared import Meta
 from imutui.logbook import reference_file, trajectory_file
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.toml_text import Document, Table
+from imutui.toml_text import Document
 
 ATTACHMENTS = ("reference.toml", "reference.csv")  # names under which a reference travels
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
@@ -115,10 +116,11 @@ def parse_angles(text: str, name: str) -> Profile:
 # -------------------------------------------------------------------------------------- a profile as a TOML document
 
 
-def from_document(document: Document) -> Profile:
-    """Profile from the content of a TOML file; the module shows one.
+def from_document(document: Document, where: str = "") -> Profile:
+    """Return the profile in the content of a TOML file; the module shows one.
 
-    `document`: as `tomllib` gives it; nothing in it is taken for granted.
+    `document`: as `tomllib` gives it; its content is not trusted.
+    `where`: table in the file that the document is; empty for the whole file.
     Raises InputError if a key is missing, unknown, or has a value that does not fit; the message names it.
     """
     if "samples" in document:
@@ -126,23 +128,61 @@ def from_document(document: Document) -> Profile:
             "`samples` is for a virtual unit's profile (`imutui virtual --scenario`); here name the CSV file itself,"
             f" whose heading is {','.join(PROFILE_COLUMNS)}"
         )
-    table = Table(
-        document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "a profile", where=""
-    )
-    tables = document.get("segment")
-    if not isinstance(tables, list) or not tables:
-        raise InputError("`segment` is missing: a profile has at least one [[segment]]")
-    sign = document.get("sign", [1, 1, 1])
-    if not isinstance(sign, list) or len(sign) != 3 or any(s not in (-1, 1) for s in sign):
-        raise table.wrong("sign", "not three of -1 and 1")
-    offset_sd = table.number("offset_sd_s", least=0.0) if "offset_sd_s" in table else None
-    slew, accel = (
-        math.radians(_positive(table, key)) if key in table else default
-        for key, default in (("slew_dps", SLEW), ("accel_dps2", ACCEL))
-    )
-    segments = tuple(_segment(values, f"segment {n}") for n, values in enumerate(tables, 1))
-    signs = int(sign[0]), int(sign[1]), int(sign[2])
-    return Profile(segments, signs, document.get("align", "none"), offset_sd, slew, accel)
+    return declared.make(document, _Profile, Profile, where)
+
+
+def _turning(dps: float) -> float:
+    if dps == 0.0:
+        raise InputError("`rate_dps` is 0, and a dwell rests")
+    return math.radians(dps)
+
+
+_Radians = Annotated[float, Meta(make=math.radians)]
+_Positive = Annotated[float, Meta(above=0.0)]
+_PositiveRadians = Annotated[float, Meta(above=0.0, make=math.radians)]
+_Sign = Literal[-1, 1]
+_Axis = Annotated[str, Meta(allowed=AXES)]
+
+
+class _Dwell(TypedDict):
+    kind: Literal["dwell"]
+    angles_deg: Annotated[
+        tuple[_Radians, _Radians, _Radians], Meta(to="angles", words="three angles: [outer, middle, inner]")
+    ]
+    seconds: _Positive
+
+
+class _Rate(TypedDict):
+    kind: Literal["rate"]
+    axis: _Axis
+    rate_dps: Annotated[float, Meta(to="rate", make=_turning)]
+    seconds: _Positive
+
+
+class _Sine(TypedDict):
+    kind: Literal["sine"]
+    axis: _Axis
+    amplitude_deg: Annotated[_PositiveRadians, Meta(to="amplitude")]
+    hz: _Positive
+    seconds: _Positive
+
+
+_SEGMENTS: dict[str, type[Segment]] = {"dwell": Dwell, "rate": Rate, "sine": Sine}
+_Segment = Annotated[_Dwell | _Rate | _Sine, Meta(make=lambda made: _SEGMENTS[made.pop("kind")](**made))]
+
+
+class Joint(TypedDict, total=False):
+    """Keys of a profile that say how its angles and its time are joined to those of a log."""
+
+    align: Annotated[str, Meta(allowed=ALIGNS)]
+    sign: tuple[_Sign, _Sign, _Sign]
+    offset_sd_s: Annotated[float, Meta(least=0.0, to="offset_sd")]
+
+
+class _Profile(Joint, total=False):
+    slew_dps: Annotated[_PositiveRadians, Meta(to="slew")]
+    accel_dps2: Annotated[_PositiveRadians, Meta(to="accel")]
+    segment: Required[Annotated[list[_Segment], Meta(to="segments", make=tuple)]]
 
 
 def about(text: str) -> list[str]:
@@ -186,40 +226,6 @@ def _segment_text(segment: Segment) -> str:
 def _degrees(radians: float) -> float:
     # what was written in degrees comes back as it was written
     return round(math.degrees(radians), 9)
-
-
-_TOP = ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment")
-_KEYS = {
-    "dwell": ("angles_deg", "seconds"),
-    "rate": ("axis", "rate_dps", "seconds"),
-    "sine": ("axis", "amplitude_deg", "hz", "seconds"),
-}
-
-
-def _segment(values: Any, of: str) -> Segment:
-    values = values if isinstance(values, dict) else {"kind": values}
-    kind = Table({"kind": values.get("kind")}, ("kind",), of).choice("kind", tuple(_KEYS), "")
-    table = Table(values, ("kind", *_KEYS[kind]), of)
-    seconds = _positive(table, "seconds")
-    if kind == "dwell":
-        angles = table.triple("angles_deg", 1.0)
-        if angles is None:
-            raise table.wrong("angles_deg", "not three angles: [outer, middle, inner]")
-        outer, middle, inner = map(math.radians, angles)
-        return Dwell((outer, middle, inner), seconds)
-    axis = table.choice("axis", AXES, "")
-    if kind == "rate":
-        rate_dps = table.number("rate_dps")
-        if rate_dps == 0.0:
-            raise table.wrong("rate_dps", "and a dwell rests")
-        return Rate(axis, math.radians(rate_dps), seconds)
-    return Sine(axis, math.radians(_positive(table, "amplitude_deg")), _positive(table, "hz"), seconds)
-
-
-def _positive(table: Table, key: str) -> float:
-    if not (value := table.number(key)) > 0.0:
-        raise table.wrong(key, "not a positive number")
-    return value
 
 
 # ----------------------------------------------------------------------------------------------------- named profiles

@@ -245,9 +245,10 @@ def test_whole_packets_dropped_without_a_trace_are_found_by_time() -> None:
     assert 200 <= gap.lost_max <= 201
 
 
-def test_a_counter_that_stands_still_leaves_the_arrival() -> None:
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_counter_that_stands_still_or_counts_packets_leaves_the_arrival(step: int) -> None:
     clock = Clock(4.6875e6, COUNTER)
-    stamps = [s for k in range(200) for s in clock.take(77, 10**12 + k * 7_500_000, contiguous=k > 0)]
+    stamps = [s for k in range(200) for s in clock.take(777 - step * k, 10**12 + k * 7_500_000, contiguous=k > 0)]
     stamps += clock.release()
     assert len(stamps) == 200
     assert all(s.by_host and s.gap is None for s in stamps)

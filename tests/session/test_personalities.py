@@ -34,7 +34,6 @@ from imutui.instrument.imu400.unit import UnitOptions
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut_unit
-from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.messages import PacketS1
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.instrument.virtual_instrument import Reading, Source, VirtualInstrument
@@ -284,10 +283,7 @@ PERSONALITIES = {
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
     "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
     "falls into voltage mode": Personality(set_up_again, fault("mode_change")),
-    "(an IMU381) counts its packets": imu381(counter=Meaning.PACKETS),
-    "(an IMU381) counts packets and loses some": imu381(
-        check=losing(2), faults=fault("lose_packets", count=2), counter=Meaning.PACKETS
-    ),
+    "(an IMU381) loses some": imu381(check=losing(2), faults=fault("lose_packets", count=2)),
     "(an IMU381) runs fast": imu381(clock_skew_ppm=200.0),
     "(an IMU381) answers late": imu381(reply_delay_s=0.7),
 }

@@ -59,8 +59,8 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 # "2, 3, 5 and 6" of the field BAUD, and those that only the 440 and the 380 have.
 SPEEDS = (115200, 57600, 38400, 230400, 19200, 9600)
 _QUICK_SPEEDS = SPEEDS[:4]
-COUNTER = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1, may_count_packets=True)
-"""Time, 65536 counts a second, so that it wraps each second; a count of packets on some."""
+COUNTER = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1)
+"""Time, 65536 counts a second, so that it wraps each second."""
 
 _S1 = int.from_bytes(b"S1", "big")
 _UNKNOWN = 0xFFFF

@@ -11,7 +11,7 @@ from filters.errors import InputError
 from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.counts import triple
 from imutui.instrument.frame_search import Discarded
-from imutui.instrument.uut.counter import COUNTS_PER_SECOND, Meaning
+from imutui.instrument.uut.counter import COUNTS_PER_SECOND
 from imutui.instrument.uut.decoder import frame_decoder
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER_LATER, Field, Orientation
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, framed
@@ -157,9 +157,9 @@ def in_columns(packet: Measurement) -> tuple[str, int, bytes]:
     return data[2:4].decode("ascii"), packet.counter, data
 
 
-def counter_at(meaning: Meaning, instant: float, packets: int) -> int:
-    """What a counter that began at 0 says: by its meaning the time, s, or the packets that were sent."""
-    return (packets if meaning is Meaning.PACKETS else math.floor(instant * COUNTS_PER_SECOND)) % SPAN
+def counter_at(instant: float) -> int:
+    """Return the value of a counter that was 0 at the time 0, s."""
+    return math.floor(instant * COUNTS_PER_SECOND) % SPAN
 
 
 def _matrix(orientation: Orientation) -> np.ndarray:

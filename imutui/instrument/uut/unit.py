@@ -80,7 +80,6 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._replies = deque[tuple[float, bytes, int]]()
         self._ready = ready
         self._frame_since = ready
-        self._sent = 0
         self._fields.power_up()
         self._begin_next(ready)
 
@@ -110,7 +109,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
 
     def _begin_anew(self, now: float) -> None:
         """Put the fields in EEPROM in force, and restart the counter."""
-        self._first_count = -counter_at(self.options.counter, now, 0) % SPAN
+        self._first_count = -counter_at(now) % SPAN
         self._wake(now + self.options.boot_s)
 
     def change_mode(self, now: float) -> None:
@@ -266,7 +265,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
                 return
             made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._next))
             if made is not None:
-                self._count(made, self._loop.instant(self._next))
+                self._tell(made.packet, self._loop.instant(self._next))
                 self._line.send(made.data, start, self.baud)
             self._next += self.options.loop_hz // self.rate_hz
 
@@ -276,16 +275,12 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._begin_source(newest)
         made = self._packets.polled(*self._asked_of(kind, newest))
         if made is not None:
-            self._count(made, self._loop.instant(newest))
+            self._tell(made.packet, self._loop.instant(newest))
         return made
-
-    def _count(self, made: MadePacket, instant: float) -> None:
-        self._sent += 1
-        self._tell(made.packet, instant)
 
     def _asked_of(self, kind: bytes, number: int) -> tuple[bytes, int, int, Orientation]:
         reading = max(0, number - int(self._begun)) if self.data_asked_for else 0
-        counter = (self._first_count + counter_at(self.options.counter, self._loop.instant(number), self._sent)) % SPAN
+        counter = (self._first_count + counter_at(self._loop.instant(number))) % SPAN
         return kind, reading, counter, self._fields.orientation
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from imutui.instrument import virtual_instrument
-from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.fields import (
     BAUD_OF_CODE,
     QUIET,
@@ -49,7 +48,6 @@ class UnitOptions(virtual_instrument.UnitOptions):
     baud_codes: tuple[int, ...] = (2, 3, 5, 6)  # values of the field `BAUD` that it takes
     # rate of its own loop, Hz, 100 or 200; only the latter has the dividers of later firmware
     loop_hz: Literal[100, 200] = 100
-    counter: Meaning = Meaning.TIME  # what the counter of S1 counts
     bit: int = 0  # its status word
     # address and word of the factory's memory; a unit refuses to read others
     factory_words: tuple[tuple[int, int], ...] = ((0x071C, 0x0081),)
