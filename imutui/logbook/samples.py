@@ -71,7 +71,7 @@ class SampleGroups:
         since = ((stamps - self._begun_ns) / self._period_ns).astype(np.int64)
         number = np.maximum.accumulate(np.append(self._number, since))
         # the packets of the period that is not over come first, as one row
-        edges = np.flatnonzero(np.diff(number, prepend=-1))
+        edges = np.append(0, np.flatnonzero(number[1:] != number[:-1]) + 1)
         first = np.append(self._first_ns, stamps)
         late = first - np.repeat(first[edges], np.diff(np.append(edges, number.size)))
         late[0] = self._late_ns

@@ -14,6 +14,7 @@ from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui.estimate_history import HistorySnapshot
 from imutui.instrument.registry import INSTRUMENTS
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import operator_guide
@@ -30,7 +31,6 @@ from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Consumer, Event, Said, Second, Why
 from imutui.session.table_turner import TableTurner
-from imutui.session.timebase import Timebase
 from imutui.session.watches import ClockStepMonitor, EventLog, FoxgloveFollower, GravityCheck, LineWatch, StatusWords
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ import numpy as np
 from filters.errors import InputError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import log_time, power_on, schemas
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import lifecycle, previous_log
@@ -33,7 +34,6 @@ from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS
 from imutui.session.run import Run
 from imutui.session.stream import INFORMATION, WARNING, Began, Block, Broke, Event, Said, Second, Why
-from imutui.session.timebase import Timebase
 from imutui.verdict import sources
 
 if TYPE_CHECKING:

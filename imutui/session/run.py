@@ -24,12 +24,12 @@ from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import health, polled_rate, schemas
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.samples import SampleGroups, Samples
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Event, Said, Second, Why
-from imutui.session.timebase import Timebase
 from imutui.table.controller import TableState
 from imutui.verdict import sources
 

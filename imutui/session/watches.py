@@ -21,6 +21,7 @@ from imutui.instrument.clock import Gap
 from imutui.instrument.instrument import Instrument
 from imutui.logbook import line_advice
 from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.origin_gate import url
@@ -31,7 +32,6 @@ from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
 from imutui.session.snapshot import EventLine, MarkLine, ReconnectingSnapshot
 from imutui.session.stream import INFORMATION, WARNING, Began, Block, Broke, Event, Said, Second, Why
-from imutui.session.timebase import Timebase
 
 _MOST_TOLD = 20
 _NICENESS, _END_S = 5, 3.0  # of a process that serves: the acquisition comes first
@@ -98,12 +98,12 @@ class StatusWords:
     def take(self, event: Event, /) -> Iterable[Said]:
         """Take the words of packets; say, each second, which came for the first time."""
         if isinstance(event, Block):
-            words = event.rows["status"]
-            for word in words[np.diff(words, prepend=self._newest) != 0].tolist():
+            words = event.rows["status"].tolist()
+            for word in dict.fromkeys(words):
                 if word not in self._seen and len(self._seen) <= _MOST_TOLD:
                     self._seen.add(word)
                     self._new.append(word)
-            self._newest = int(words[-1])
+            self._newest = words[-1]
         elif isinstance(event, Second):
             new, self._new = self._new, []
             for word in new:
@@ -264,12 +264,15 @@ class LineWatch:
 
     def _packets(self, block: Block) -> Iterator[Said]:
         rows, gap = block.rows, block.gap
-        for requested_ns in rows["requested_ns"][rows["requested_ns"] > 0].tolist():
+        for requested_ns in filter(None, rows["requested_ns"].tolist()):
             self._polled_rate.answered(requested_ns)
-        late_ns = rows["host_ns"] - rows["stamp_ns"]
-        for k in np.flatnonzero((late_ns > HELD_UP_S * 1e9) | (np.arange(rows.size) == (-1 if gap is None else 0))):
-            lost = gap.lost_min if gap is not None and k == 0 else 0
-            self.loss_advice.packet(lost, float(rows["host_ns"][k]) / 1e9, float(late_ns[k]) / 1e9)
+        lost = 0 if gap is None else gap.lost_min
+        for read_ns, late_ns in zip(
+            rows["host_ns"].tolist(), (rows["host_ns"] - rows["stamp_ns"]).tolist(), strict=True
+        ):
+            if lost or late_ns > HELD_UP_S * 1e9:
+                self.loss_advice.packet(lost, read_ns / 1e9, late_ns / 1e9)
+            lost = 0
         if self._last_stamp_ns is None:
             yield from self._connected()
         self._last_stamp_ns = int(rows["stamp_ns"][-1])

@@ -21,13 +21,13 @@ from imutui.instrument.uut.messages import PacketS1
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import audit, schemas
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.mcap_format import records
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.run import Run
 from imutui.session.stream import Said
-from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
 LOOP_NS = {"imu400cd": 7_500_000, "imu381": 10_000_000}

@@ -24,6 +24,7 @@ from imutui.jobs.info import brief, info
 from imutui.jobs.replay import replay
 from imutui.logbook import effects_file, reader, schemas
 from imutui.logbook.effects_file import EffectsDocument
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.reading import Reading
 from imutui.logbook.samples import SampleGroups
 from imutui.logbook.session_info import SessionInfo
@@ -31,7 +32,6 @@ from imutui.logbook.writer import LogWriter
 from imutui.session import engine, live_filter, recording
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.run import Run
-from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
 FILE = effects_toml(effect("thermal_lin", "gy", state("k", "rad/s/K", 1e-3, 1e-3))).encode()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.acquisitions import unread, untimed
-from helpers.blocks import block_of
+from helpers.blocks import Stamped, blocks_of
 from helpers.documents import effect, effects_toml, state
 
 from imutui.instrument.clock import Stamp
@@ -105,12 +105,16 @@ def test_the_rate_of_growth_is_told_through_all_files() -> None:
 
 def feed(recording: Recording, first: int, last: int) -> None:
     """Packets at 133 Hz of a unit that warms by 20 K in a minute, and cools."""
+    packets = list[Stamped]()
     for k in range(first, last):
         counts = [int(x) for x in NOISE[k] * 40 + [0, 0, 0, 0, 0, 5461]]
         warmth = 350.0 * np.sin(k / 2500.0)
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
         stamp = Stamp(k * 7_518_797, False)
-        recording.take(block_of(packet, stamp, stamp.monotonic_ns + 2_000_000))
+        packets.append((packet, stamp, stamp.monotonic_ns + 2_000_000))
+    for k in range(0, len(packets), 67):
+        (block,) = blocks_of(packets[k : k + 67])
+        recording.take(block)
 
 
 def recorded(
