@@ -199,14 +199,6 @@ class Acquisition:
         if self.lifecycle.ended_by:
             self.event("acquisition", f"ended by {self.lifecycle.ended_by}")
 
-    def finish(self) -> None:
-        """Finish the file, if there is one. Raises OSError."""
-        self.recording.finish()
-
-    def finish_bare(self) -> None:
-        """Finish a file that `finish` could not, without the filter's result. Raises OSError."""
-        self.recording.finish_bare()
-
     def abandon_zeroing(self, message: str) -> None:
         """Answer a request to zero the rate sensors, which is not carried out any more."""
         if self.zeroing is not None:

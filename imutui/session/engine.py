@@ -194,12 +194,12 @@ class Engine:
     # -- worker ---------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
-        acquisition = self._acquisition
+        acquisition, recording = self._acquisition, self._acquisition.recording
         try:
             self._guard(self._loop)
             if self.lifecycle.exit_code == lifecycle.OWN_ERROR and self.lifecycle.error is not None:
                 self._guard(lambda: acquisition.event("acquisition", self.lifecycle.error or "", ERROR))
-            for step in (acquisition.look_back, acquisition.finish, acquisition.finish_bare):
+            for step in (acquisition.look_back, recording.finish, recording.finish_bare):
                 if self.lifecycle.exit_code != lifecycle.DISK:
                     self._guard(step)
         finally:

@@ -218,13 +218,6 @@ def why_lost(writer: LogWriter, error: OSError | None = None) -> str:
     )
 
 
-def is_full(plan: Plan, seconds: float, size: int) -> bool:
-    """Return whether a file has had its time or its size, and another may follow; never in its first second."""
-    if seconds < _MIN_FILE_S or not plan.rotates:
-        return False
-    return 0.0 < plan.rotate_minutes * 60.0 <= seconds or 0.0 < plan.rotate_mb * _MB <= size
-
-
 class Recording:
     """Runs of samples, one after the other, with a file or without. Not thread-safe.
 
@@ -354,10 +347,9 @@ class Recording:
             self.begins_with_packet = False
             self._begin(self.plan.note, Path(self.plan.output) if self.plan.output else None)
             return
-        started_ns, end_ns = self.run.started_ns, self._lifecycle.stopping_since_ns
-        if self.writer is None or started_ns is None or (end_ns is not None and read_ns >= end_ns):
-            return
-        if is_full(self._file_plan, (read_ns - started_ns) / 1e9, self.writer.size):
+        end_ns = self._lifecycle.stopping_since_ns
+        ends = end_ns is not None and read_ns >= end_ns
+        if self.writer is not None and not ends and self._is_full(read_ns, self.writer.size):
             self._go_on()
 
     def room(self, rows: np.ndarray) -> int:
@@ -426,6 +418,13 @@ class Recording:
         if self.writer is None or started_ns is None or not self._file_plan.rotates or not minutes:
             return math.inf
         return started_ns + 1e9 * max(_MIN_FILE_S, 60.0 * minutes)
+
+    def _is_full(self, read_ns: int, size: int) -> bool:
+        """Return whether the file has had its time or its size, and another may follow; never in its first second."""
+        started_ns, limit = self.run.started_ns, self._file_plan.rotate_mb * _MB
+        if started_ns is None or not self._file_plan.rotates or read_ns < started_ns + 1e9 * _MIN_FILE_S:
+            return False
+        return read_ns >= self._full_ns() or 0.0 < limit <= size
 
     def _look_after_file(self, now_ns: int) -> None:
         """See whether the file is within reach, and its disk has room. Raises OSError."""

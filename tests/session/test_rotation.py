@@ -21,7 +21,7 @@ from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
 from imutui.session.plan import Plan, RecordingWish
-from imutui.session.recording import DiskSpace, Recording, is_full
+from imutui.session.recording import DiskSpace, Recording
 from imutui.verdict import sources
 
 S = 1_000_000_000
@@ -45,8 +45,15 @@ REMEMBERING = effects_toml(
         (1e-6, 1e-6, 0.9, 10**9, False),
     ],
 )
-def test_a_file_is_full_by_time_or_by_size(minutes: float, mb: float, seconds: float, size: int, full: bool) -> None:
-    assert is_full(Plan("virtual", rotate_minutes=minutes, rotate_mb=mb), seconds, size) is full
+def test_a_file_is_full_by_time_or_by_size(
+    tmp_path: Path, minutes: float, mb: float, seconds: float, size: int, full: bool
+) -> None:
+    plan = Plan("virtual", filter="none", rotate_minutes=minutes, rotate_mb=mb, logs=str(tmp_path), min_free_mb=0.0)
+    recording = unread(plan, SessionInfo()).recording
+    recording.record(RecordingWish())
+    recording.run.started_ns = 0
+    assert recording._is_full(round(seconds * S), size) is full
+    recording.end()
 
 
 def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> None:

@@ -419,7 +419,7 @@ def _take_request(path: Path) -> None:
         json.dumps(reply)
         if not reply["ok"] and "a defect of imutui" in reply["error"]:
             raise AssertionError(reply["error"])
-    engine.acquisition.finish()
+    engine.acquisition.recording.finish()
     if {path for path in folder.rglob("*") if not path.is_relative_to(logs)} != before:
         raise AssertionError("a request wrote outside of the folder of logs")
     shutil.rmtree(logs, ignore_errors=True)

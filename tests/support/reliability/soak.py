@@ -103,7 +103,7 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
             if at >= next_report + every_s:
                 next_report += every_s
                 yield _taken(next_report, folder, time.process_time() - began_s)
-        acquisition.finish()
+        acquisition.recording.finish()
 
 
 def _packets() -> list[tuple[tuple[int, int, int], tuple[int, int, int], int]]:
