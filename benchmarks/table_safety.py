@@ -24,7 +24,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -45,6 +45,8 @@ from imutui.session import client
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import Plan
 from imutui.table.controller import TableError
+from imutui.table.messages import Command
+from imutui.table.motion import Motion, Move, Turn
 from imutui.table.owner import KeptTable
 
 STANDS = math.radians(0.01)
@@ -178,16 +180,24 @@ def at_rest(it: Served, angle: float) -> bool:
     return abs(math.degrees(axis.angle) - angle) < 0.1 and abs(axis.rate) < STANDS
 
 
+def go(motions: Iterable[Motion]) -> Command:
+    return Command("go", tuple(motions))
+
+
+def to_angles(table: KeptTable, *angles: float, rate_dps: float, accel_dps2: float) -> list[Motion]:
+    return [Move(axis, angle, rate_dps, accel_dps2) for axis, angle in zip(table.axes, angles, strict=True)]
+
+
 def path(rng: np.random.Generator, it: Served) -> Outcome:
     """2.1: from near one stop to near the other, where the short way leads through both."""
     table = KeptTable(it.url, "inner=200/400/-170/170")
     side = float(rng.choice((-1.0, 1.0)))
     watched = Watched(it, -170.0, 170.0)
     with contextlib.closing(table):
-        table.ask(do="enable")
+        table.ask(Command("enable"))
         for to in (side * float(rng.uniform(100.0, 169.0)), -side * float(rng.uniform(100.0, 169.0))):
             with contextlib.suppress(TableError):
-                table.ask(do="move", angles_deg=[0.0, 0.0, to], rate_dps=180.0, accel_dps2=400.0)
+                table.ask(go(to_angles(table, 0.0, 0.0, to, rate_dps=180.0, accel_dps2=400.0)))
             wait(lambda to=to: table.has_ended or at_rest(it, to))  # type: ignore[misc]
     wait(lambda: all_idle(it))
     return Outcome(watched.end())
@@ -199,10 +209,10 @@ def braking(rng: np.random.Generator, it: Served) -> Outcome:
     table = KeptTable(it.url, f"inner=200/500/-{high}/{high}")
     watched = Watched(it, -high, high)
     with contextlib.closing(table):
-        table.ask(do="enable")
+        table.ask(Command("enable"))
         with contextlib.suppress(TableError):
             accel = float(10.0 ** rng.uniform(0.7, 2.0))
-            table.ask(do="rate", axis="inner", rate_dps=float(rng.uniform(10.0, 100.0)), accel_dps2=accel)
+            table.ask(go([Turn("inner", float(rng.uniform(10.0, 100.0)), accel)]))
             wait(lambda: table.has_ended)
     wait(lambda: all_idle(it))
     return Outcome(watched.end())
@@ -211,8 +221,8 @@ def braking(rng: np.random.Generator, it: Served) -> Outcome:
 def turning(rng: np.random.Generator, it: Served) -> KeptTable:
     """A table whose inner axis turns."""
     table, dps = KeptTable(it.url), float(rng.uniform(20.0, 100.0))
-    table.ask(do="enable")
-    table.ask(do="rate", axis="inner", rate_dps=dps, accel_dps2=float(rng.uniform(50.0, 200.0)))
+    table.ask(Command("enable"))
+    table.ask(go([Turn("inner", dps, float(rng.uniform(50.0, 200.0)))]))
     wait(lambda: fastest(it) > 0.9 * dps)
     time.sleep(float(rng.uniform(0.0, 0.5)))
     return table
@@ -237,9 +247,9 @@ def amid(rng: np.random.Generator, it: Served) -> Outcome:
     """2.5: a signal amid a move of three axes over a link that answers 0.25 s late."""
     table = KeptTable(it.url)
     with contextlib.closing(table):
-        table.ask(do="enable")
+        table.ask(Command("enable"))
         it.server._of_link.append(TableFault(0.0, "slow", delay=0.25))
-        table.send(do="move", angles_deg=[90.0, -90.0, 90.0], rate_dps=30.0, accel_dps2=100.0)
+        table.send(go(to_angles(table, 90.0, -90.0, 90.0, rate_dps=30.0, accel_dps2=100.0)))
         wait(lambda: bool(it.told and "position" in it.told[-1]))
         time.sleep(float(rng.uniform(0.0, 2.0)))
         return after(it, lambda: os.kill(table.pid, signal.SIGINT), lambda: table.has_ended)
@@ -250,8 +260,8 @@ def second(rng: np.random.Generator, it: Served) -> Outcome:
     with contextlib.closing(turning(rng, it)), contextlib.closing(KeptTable(it.url)) as other:
         before, speed = len(it.told), fastest(it)
         with contextlib.suppress(TableError):
-            other.ask(do="enable")
-            other.ask(do="move", angles_deg=[0.0, 0.0, 10.0], rate_dps=20.0, accel_dps2=100.0)
+            other.ask(Command("enable"))
+            other.ask(go(to_angles(other, 0.0, 0.0, 10.0, rate_dps=20.0, accel_dps2=100.0)))
         return Outcome(max(0.0, speed - fastest(it) - 0.1), len(it.told) - before)
 
 

@@ -73,8 +73,8 @@ class NavState:
         accel_bias: Array | tuple[float, ...] = (0.0, 0.0, 0.0),
         gyro_bias: Array | tuple[float, ...] = (0.0, 0.0, 0.0),
     ) -> "NavState":
-        """State of one unit from copies of what is given; `position` is latitude, longitude and height, shape (3,)."""
-        latitude, longitude, height = (np.array(part) for part in position)
+        """State from copies of what is given; `position` is latitude, longitude and height, shape (..., 3)."""
+        latitude, longitude, height = (np.array(part) for part in position.T)
         biases = np.array(accel_bias), np.array(gyro_bias)
         return cls(latitude, longitude, height, np.array(velocity_n), np.array(C_nb), *biases)
 

@@ -1,6 +1,8 @@
 """The version of imutui's JSON documents, and a check that a document has this version and its declared type."""
 
-from typing import Any
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from imutui.declared import problem
 
@@ -25,3 +27,26 @@ def fault(document: Any, shape: Any, where: str) -> str:
     if not isinstance(document, dict):
         return f"`{where}` is not an object"
     return wrong_version(document) or problem(document, shape, where)
+
+
+def empty(shape: Any) -> Any:
+    """Return a document of a shape in which nothing is known: None where that is allowed, else empty or zero."""
+    made = {key: _empty(hint) for key, hint in hints(shape).items()}
+    return made | {"version": VERSION} if "version" in made else made
+
+
+@cache
+def hints(shape: Any) -> dict[str, object]:
+    """Return the types of a shape's fields, with their annotations."""
+    return get_type_hints(shape, include_extras=True)
+
+
+def _empty(hint: Any) -> Any:
+    origin, of = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return [_empty(get_args(of[0])[0]) for _ in range(of[1])]
+    if origin in (Union, UnionType):
+        return None if NoneType in of else _empty(of[0])
+    if origin is Literal:
+        return of[0]
+    return empty(hint) if is_typeddict(hint) else (origin or hint)()

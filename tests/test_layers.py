@@ -63,13 +63,13 @@ FLOORS = {
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing", "filters.fleet"},
     "imutui.instrument": {"filters.imu"},
     "imutui.table": {"filters.channels", "filters.motion", "filters.simulation", "imutui.instrument"},
-    "imutui.logbook": {"filters", "imutui.filter_snapshot"},
+    "imutui.logbook": {"filters", "imutui.estimates"},
     "imutui.origin_gate": set(),
     "imutui.foxglove_server": {"imutui.logbook", "imutui.origin_gate"},
     "imutui.session": {
         "imutui.batch_file",
         "imutui.compile_cache",
-        "imutui.filter_snapshot",
+        "imutui.estimates",
         "imutui.instrument",
         "imutui.logbook",
         "imutui.origin_gate",
@@ -77,21 +77,22 @@ FLOORS = {
         "imutui.verdict",
         "filters",
     },
-    "imutui.session.snapshot": {"imutui.filter_snapshot", "filters.health.finding"},
+    "imutui.session.snapshot": {"imutui.estimates", "filters.health.finding"},
     "imutui.batch_file": {"filters.imu", "imutui.config", "imutui.instrument.names"},
-    "imutui.filter_snapshot": set(),
+    "imutui.estimates": {"filters.channels", "filters.specification", "filters.tracing.trace_document"},
     "imutui.verdict": {
         "filters.channels",
         "filters.health.finding",
         "filters.effects.plain_names",
         "filters.specification",
-        "imutui.filter_snapshot",
+        "imutui.estimates",
         "imutui.logbook.results",
     },
-    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.registry"},
-    "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
+    "imutui.jobs": {"filters", "imutui.estimates", "imutui.logbook", "imutui.instrument.registry"},
+    "imutui.jobs.campaign": {"filters", "imutui.estimates", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
     "imutui.report": {
         "filters",
+        "imutui.estimates",
         "imutui.jobs",
         "imutui.logbook.atomic_file",
         "imutui.logbook.json_text",
@@ -99,7 +100,7 @@ FLOORS = {
     },
     "imutui.tui": {
         "filters.health.finding",
-        "imutui.filter_snapshot",
+        "imutui.estimates",
         "imutui.batch_file",
         "imutui.session.batch",
         "imutui.session.client",
@@ -236,8 +237,8 @@ def test_there_are_no_import_cycles() -> None:
 
 
 def test_the_snapshot_needs_the_standard_library_only() -> None:
-    """Whoever reads a snapshot needs nothing installed but these three modules."""
-    shapes = ("imutui.session.snapshot", "imutui.filter_snapshot", "filters.health.finding")
+    """To read a snapshot, nothing has to be installed but modules that need the standard library."""
+    shapes = {"imutui.session.snapshot", *FLOORS["imutui.session.snapshot"], *FLOORS["imutui.estimates"]}
     needed = {name for module in shapes for name in imports(module)}
     assert (
         not {name.split(".")[0] for name in needed if not any(within(name, shape) for shape in shapes)}

@@ -47,8 +47,12 @@ class Moments:
 
 
 def nav_of(row: Array) -> NavState:
-    """Navigation state of 16 numbers, `filters.kalman.layout.NAV_*`: position, velocity, quaternion, biases."""
-    return NavState.of(row[:3], row[3:6], attitude.from_quaternion(row[6:10]), row[10:13], row[13:16])
+    """Navigation state of 16 numbers, `filters.kalman.layout.NAV_*`: position, velocity, quaternion, biases.
+
+    `row`: shape (..., 16), as many states.
+    """
+    C_nb = attitude.from_quaternion(row[..., 6:10])
+    return NavState.of(row[..., :3], row[..., 3:6], C_nb, row[..., 10:13], row[..., 13:16])
 
 
 def row_of(nav: NavState) -> Array:
@@ -58,8 +62,8 @@ def row_of(nav: NavState) -> Array:
 
 
 def covariance_of(padded: Array) -> Array:
-    """Covariance (15, 15) of its padded rows, (15 · STRIDE,)."""
-    return np.array(padded.reshape(state.SIZE, STRIDE)[:, : state.SIZE])
+    """Covariance (..., 15, 15) of its padded rows, (..., 15 · STRIDE)."""
+    return np.array(padded.reshape(*padded.shape[:-1], state.SIZE, STRIDE)[..., : state.SIZE])
 
 
 def padded(P: Array) -> Array:

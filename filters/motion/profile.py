@@ -134,6 +134,15 @@ class Profile:
         before = np.atleast_1d(np.asarray(t, np.float64)) < 0.0
         return np.asarray(self._pieces.rests[self._located(t)[0]] | before)
 
+    def piece(self, t: float) -> tuple[float, float, Array]:
+        """Start and end of the piece of motion at a time, s, and its cubics in the time since its start, (4, 3), rad.
+
+        For callers that look at many times one by one; swings are left out.
+        """
+        n = int(self._located(t)[0][0])
+        end = float(self._pieces.starts[n + 1]) if n + 1 < self._pieces.starts.size else math.inf
+        return float(self._pieces.starts[n]), end, self._pieces.cubics[n] * np.array(self.sign, np.float64)
+
     def _located(self, t: ArrayLike) -> tuple[NDArray[np.int_], Array]:
         """Piece of each time, and the time since its start."""
         times = np.maximum(np.atleast_1d(np.asarray(t, np.float64)), 0.0)

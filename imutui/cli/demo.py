@@ -10,7 +10,8 @@ from imutui.cli.exit_codes import USAGE, fail
 from imutui.cli.options import Json, Rate
 
 if TYPE_CHECKING:
-    from imutui.logbook.results import RunDocument, StateFields
+    from imutui.estimates import StateFields
+    from imutui.logbook.results import RunDocument
 
 
 def command(
@@ -65,8 +66,7 @@ def truth(seed: int) -> "StateFields":
 
     from filters import simulation
     from filters.state import PAPER_SITE, NavState
-    from imutui.logbook import SessionInfo
-    from imutui.logbook.results import state_fields
+    from imutui.logbook import SessionInfo, results
 
     unit = simulation.draw(seed)
     rest = NavState.at_rest(PAPER_SITE, np.eye(3))
@@ -74,7 +74,7 @@ def truth(seed: int) -> "StateFields":
         rest.latitude, rest.longitude, rest.height, rest.velocity_n, rest.C_nb, unit.accel_bias, unit.gyro_bias
     )
     info = SessionInfo()
-    return state_fields(nav, info.axes(), info.g_unit, np.ones(6, bool))
+    return cast("StateFields", results.fields(results.state_columns(nav, info, results.ALL_SEEN)))
 
 
 def _show(plan: Any) -> None:

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say, say_if_not_kept
+from imutui.estimates import live_biases
 from imutui.logbook.log_time import Timebase
 from imutui.plain_text import in_line
 from imutui.report import replay_text
@@ -186,8 +187,8 @@ def line(s: Snapshot) -> str:
     if s["health"]:
         parts.append(rules.judge(None, s["health"]).fault.upper())
     if fit is not None:
-        done = sum(b["converged_s"] is not None for b in fit["biases"])
-        seen = sum(b["observable"] for b in fit["biases"])
+        every = live_biases(fit)
+        done, seen = sum(b.converged_s is not None for b in every), sum(b.observable for b in every)
         parts.append(fit["waiting"] or f"{done} of {seen} biases converged")
     return " · ".join(parts)
 

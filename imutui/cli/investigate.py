@@ -236,14 +236,14 @@ def _plan(diary: "Diary", name: str) -> "Plan":
 def _axes(url: str, limits: str) -> "Axes":
     """What the table's axes can do, as its controller and the operator say."""
     from filters.tracing.table_motions import AxisRange
-    from imutui.table import gate
     from imutui.table.controller import TableError
+    from imutui.table.motion import narrower, parse_limits
     from imutui.table.registry import connect
 
-    given = gate.parse_limits(limits)
+    given = parse_limits(limits)
     try:
         with contextlib.closing(connect(url)) as controller:
-            known = gate.narrower(controller.limits(), given)
+            known = narrower(controller.limits(), given)
             has = controller.axes
     except TableError as error:
         raise fail(INSTRUMENT, str(error)) from error

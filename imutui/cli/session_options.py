@@ -94,11 +94,11 @@ def plan_from(config: Config, site: "Place | None", *, checked: bool = True, **f
 
 def may_move(plan: Plan) -> Plan:
     """The plan of a profile that a table is to run, once somebody has said that it may; raises InputError else."""
+    from imutui.session.guidance import guided
     from imutui.session.metadata import filter_of, motion_of
-    from imutui.session.operator_guide import begin_guide
 
     motion = motion_of(plan)
-    begin_guide(motion, filter_of(plan, motion), None, recording=False, by_itself=True)
+    guided(motion, filter_of(plan, motion))
     ask_to_move(plan.controller, f"through {plan.reference_file[0]}", yes_move=plan.yes_move)
     return replace(plan, yes_move=True)
 

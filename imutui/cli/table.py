@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -10,14 +10,13 @@ from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_pro
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
-    from imutui.table.controller import AxisLimits, TableState
+    from imutui.table.motion import AxisLimits, Motion, TableState
     from imutui.table.owner import KeptTable
 
 _VALUES = {"status": "", "move": "OUTER MIDDLE INNER", "rate": "AXIS DPS", "stop": ""}
 _RATE_DPS, _ACCEL_DPS2 = 20.0, 100.0  # as profiles move
-_NEAR_DEG = 0.05
 _LOOK_S = 0.05
 _READ_S = 30.0
 _STOP_S = 120.0
@@ -54,13 +53,14 @@ def command(
 
     Example: imutui table move 0 0 -90 --controller acutrol://192.168.1.53:9888
     """
-    from imutui.table import gate, registry
+    from imutui.table import registry
+    from imutui.table.motion import parse_limits
 
     given = _checked(action, values or [], controller)
     if seconds is not None and not seconds > 0.0:
         raise fail(USAGE, f"--seconds is {seconds:g}; it is a time that an axis turns, such as 10.")
     registry.check(controller)
-    gate.parse_limits(limits)
+    parse_limits(limits)
     if action == "status":
         _status(controller, limits, json)
     elif action == "stop":
@@ -128,20 +128,21 @@ def _turn(
     yes_move: bool,
     json: bool,
 ) -> None:
+    from imutui.table.messages import Command
     from imutui.table.owner import KeptTable
 
     table = KeptTable(url, limits)
     try:
-        wanted = _wanted(action, values, table, how)
+        motions = _motions(action, values, table, how)
         _first(table)
-        ask_to_move(url, _in_words(action, wanted), yes_move=yes_move)
-        table.ask(do="enable")
-        table.ask(do=action, **wanted)
+        ask_to_move(url, _in_words(action, values), yes_move=yes_move)
+        table.ask(Command("enable"))
+        table.ask(Command("go", motions))
         if action == "move":
-            _wait_for_angles(table, wanted["angles_deg"])
+            _wait_until_there(table, motions)
         else:
             _wait(table, math.inf if seconds is None else seconds)
-        table.ask(_STOP_S, do="stop")
+        table.ask(Command("stop"), _STOP_S)
         _tell(table, _next(table), json)
     except KeyboardInterrupt:
         say("imutui: stopping the table; press its emergency stop if it turns on")
@@ -152,39 +153,37 @@ def _turn(
         table.close()
 
 
-def _wanted(
+def _motions(
     action: str, values: list[str | float], table: "KeptTable", how: tuple[float | None, float | None]
-) -> dict[str, Any]:
-    """What the keeper is to be asked; where nothing is said, the usual speeds, or less where limits are lower.
+) -> "tuple[Motion, ...]":
+    """Return the motions to command; without options at the usual speeds, or slower where limits are lower.
 
     Raises InputError for what is not within limits.
     """
     from filters.motion.segments import AXES
-    from imutui.table.gate import limits_of
+    from imutui.table.motion import Begin, Move, Turn, limits_of
 
-    least = [
-        min((getattr(axis, name) for axis in table.limits.values()), default=usual)
-        for name, usual in (("rate_dps", _RATE_DPS), ("accel_dps2", _ACCEL_DPS2))
-    ]
+    axes = table.axes if action == "move" else [str(values[0])]
+    own = [limits_of(axis, table.limits) for axis in axes]
     rate, accel = (
-        min(usual, most) if said is None else said
-        for said, usual, most in zip(how, (_RATE_DPS, _ACCEL_DPS2), least, strict=True)
+        min(usual, *(getattr(each, name) for each in own)) if said is None else said
+        for said, usual, name in zip(how, (_RATE_DPS, _ACCEL_DPS2), ("rate_dps", "accel_dps2"), strict=True)
     )
-    for axis in table.axes if action == "move" else [str(values[0])]:
-        own = limits_of(axis, table.limits)
-        if action == "move":
-            angle = float(values[AXES.index(axis)])
-            _say_where(axis, angle, own)
-            own.check(axis, angle_deg=angle if own.has_stops else math.nan, rate_dps=rate, accel_dps2=accel)
-        else:
-            own.check(axis, rate_dps=float(values[1]), accel_dps2=accel)
     if action == "move":
-        return {"angles_deg": values, "rate_dps": rate, "accel_dps2": accel}
-    return {"axis": values[0], "rate_dps": values[1], "accel_dps2": accel}
+        angles = dict(zip(AXES, map(float, values), strict=True))
+        for axis, each in zip(axes, own, strict=True):
+            _say_where(axis, angles[axis], each)
+        has = [axis for axis in AXES if axis in axes or angles[axis]]
+        motions: tuple[Motion, ...] = tuple(Move(axis, angles[axis], rate, accel) for axis in has)
+    else:
+        motions = (Turn(axes[0], float(values[1]), accel),)
+    for motion in motions:  # refused wherever the table is; the keeper checks the path
+        motion.check(Begin(motion.angle_deg if isinstance(motion, Move) else 0.0), table.limits)
+    return motions
 
 
 def _say_where(axis: str, angle: float, limits: "AxisLimits") -> None:
-    """Say where an axis without stops goes; more than a turn is a mistake. Raises the exit for that."""
+    """Report where an axis without stops goes; raises the exit for an angle of more than a turn."""
     if limits.has_stops:
         return
     there = math.remainder(angle, _TURN_DEG)
@@ -197,10 +196,9 @@ def _say_where(axis: str, angle: float, limits: "AxisLimits") -> None:
         say(f"the {axis} axis turns without end: it goes the short way to {there:g} deg, which is {angle:g} deg")
 
 
-def _in_words(action: str, wanted: dict[str, Any]) -> str:
-    if action == "move":
-        return "to outer {:g}, middle {:g}, inner {:g} deg".format(*wanted["angles_deg"])
-    return f"its {wanted['axis']} axis at {wanted['rate_dps']:g} deg/s"
+def _in_words(action: str, values: list[str | float]) -> str:
+    words = "to outer {:g}, middle {:g}, inner {:g} deg" if action == "move" else "its {} axis at {:g} deg/s"
+    return words.format(*values)
 
 
 # ------------------------------------------------------------------------------------------------------------- waiting
@@ -223,23 +221,17 @@ def _next(table: "KeptTable") -> "TableState":
     return table.newest
 
 
-def _wait_for_angles(table: "KeptTable", angles: list[float]) -> None:
-    """Until all axes rest where they were told to go; the keeper ends it where they do not."""
-    while True:
-        state = _next(table)
-        off = [abs(each) for each in _off(table, state, angles)]
-        show_progress(_text(state))
-        if state.rests and max(off) < _NEAR_DEG:
-            return
+def _wait_until_there(table: "KeptTable", motions: "tuple[Motion, ...]") -> None:
+    """Wait until all motions are there; the keeper ends if they do not follow."""
+    from imutui.table.motion import Readings
 
-
-def _off(table: "KeptTable", state: "TableState", angles: list[float]) -> "Iterator[float]":
-    """How far axes are from angles; whole turns count only where an axis has stops."""
-    from filters.motion.segments import AXES
-
-    for axis, now, angle in zip(AXES, state.angles_deg, angles, strict=True):
-        has_stops = axis in table.limits and table.limits[axis].has_stops
-        yield now - angle if has_stops else math.remainder(now - angle, _TURN_DEG)
+    readings = Readings()
+    readings.begin(time.monotonic_ns(), motions)
+    table.states.clear()
+    while not all(motion.is_there(readings, table.limits) for motion in motions):
+        show_progress(_text(_next(table)))
+        while table.states:
+            readings.add([table.states.popleft()])
 
 
 def _wait(table: "KeptTable", seconds: float) -> None:
@@ -249,7 +241,7 @@ def _wait(table: "KeptTable", seconds: float) -> None:
 
 
 def _look(table: "KeptTable") -> None:
-    """Wait a moment, and pass on what the keeper says; end where the keeper has ended, with its last words."""
+    """Wait a moment, and print the keeper's news; raises the exit if the keeper has ended."""
     time.sleep(_LOOK_S)
     while table.news:
         text, is_warning = table.news.popleft()
@@ -263,7 +255,7 @@ def _ended(table: "KeptTable") -> NoReturn:
     raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
 
 
-# ------------------------------------------------------------------------------------------------------------- telling
+# -------------------------------------------------------------------------------------------------------------- output
 
 
 def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:

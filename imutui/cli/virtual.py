@@ -75,9 +75,7 @@ def command(
         int | None, typer.Option("--axes", metavar="N", help="Axes of that table, 1 to 3 (the scenario's, or 3).")
     ] = None,
     force: Force = False,
-    while_stdin: Annotated[
-        bool, typer.Option("--while-stdin", help="End when standard input ends; its lines turn the table.")
-    ] = False,
+    while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
 ) -> None:
     """Run a virtual instrument on a pseudo-terminal: an IMU400CD-200, or an IMU381ZA-200.
 
@@ -158,7 +156,7 @@ def command(
         try:
             serve(
                 made.unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin,
-                on_line=made.turn, stop=stop, line=made.line, on_packet=truth,
+                stop=stop, line=made.line, on_packet=truth,
                 began=None if table is None else table.began, on_idle=made.keep_up,
             )  # fmt: skip
         except FileExistsError as error:

@@ -4,26 +4,19 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from filters.channels import DPS
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from filters.simulation import LOOP_HZ, OnTable, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
-from filters.simulation.truth import World
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
-from imutui.cli.spoil import ErrorFunction, Spoiled, plus
+from imutui.cli.spoil import ErrorFunction, Spoiled
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.crossbow import Mode
 from imutui.instrument.imu400.unit import UnitOptions
 from imutui.instrument.virtual_instrument import Reading, Source
-from imutui.session.table_turner import motion_of
-
-if TYPE_CHECKING:
-    from filters.motion.profile import Profile
 
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
 PLAYED = "IMU400CD-200 VIRTUAL REC"
@@ -44,8 +37,6 @@ class UnitOnTheLine:
     line: FaultyLine | None = None  # what happens on the wire
     seed: int = 0  # of the time counter's start
     personality: Personality = field(default_factory=Personality)  # what the unit is like
-    # turns the table that it stands on, see `session.table_turner`; None where something else does
-    turn: Callable[[str], None] | None = None
     # makes readings that nobody asks for, up to a time of theirs, s: those of a long rest at once take longer than a
     # host waits; None where they take next to nothing
     keep_up: Callable[[float], None] | None = None
@@ -115,40 +106,6 @@ class SimulatedReadings:
         return self._fates.get(math.floor(t * self.unit.rate_hz + 1e-6), (False, 0.0))
 
 
-class TurnedReadings:
-    """Readings on a table that is turned while the unit runs, as lines of the process's standard input say.
-
-    The motion is added to what the still unit reads: neither the band limit nor effects of motion act on it.
-
-    `readings`: of the still unit.
-    `unit`: whose they are; its scenario has no motion.
-    """
-
-    def __init__(self, readings: Source, unit: Unit) -> None:
-        self._readings, self._rate_hz = readings, unit.rate_hz
-        self._still = World(None, unit.scenario.site, unit.scenario.axes)
-        self._motion: Profile | None = None
-        self._newest = self._begun = 0
-        self._added = np.zeros(6)
-
-    def turn(self, line: str) -> None:
-        """Begin a motion with the next reading."""
-        self._motion, self._begun = motion_of(line), self._newest
-
-    def reading(self, k: int) -> Reading | None:
-        """Reading k of the unit's loop."""
-        reading, self._newest = self._readings.reading(k), k
-        if self._motion is not None:
-            t = (k - self._begun) / self._rate_hz
-            world = World(self._motion, self._still.site, self._still.axes)
-            self._added = (world.perfect(np.array([t])) - self._still.perfect(np.zeros(1)))[0]
-            if t > self._motion.duration:
-                self._motion = None
-        if reading is None or not self._added.any():
-            return reading
-        return plus(reading, self._added / np.repeat([DPS, STANDARD_GRAVITY], 3))
-
-
 def faults_of(scenario: Scenario) -> list[LineFault]:
     """Faults of unit, line and port that a scenario has."""
     return [LineFault(**asdict(fault)) for fault in scenario.faults]
@@ -194,10 +151,6 @@ def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None =
     background = None if played is None else played.background(made.site, rate_hz)
     readings = SimulatedReadings(made, asked.power_on, background, rate_hz, table)
     source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
-    # a recording has sensed its own motion, a scenario with a profile turns by that, a controller has the table, and a
-    # function is told of the motion
-    own_motion = played is not None or spoil is not None or made.profile is not None or table is not None
-    turned = None if own_motion else TurnedReadings(source, readings.unit)
     told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
     made_unit = UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed, made.personality)
     if table is not None:
@@ -207,7 +160,7 @@ def on_the_line(asked: Asked, rate_hz: float = LOOP_HZ, plain: Scenario | None =
                 source.reading(k)
 
         made_unit = replace(made_unit, keep_up=keep_up)
-    return made_unit if turned is None else replace(made_unit, readings=turned, turn=turned.turn)
+    return made_unit
 
 
 def scenario_of(path: Path | None, seed: int | None, plain: Scenario | None = None) -> Scenario:

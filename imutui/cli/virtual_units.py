@@ -57,13 +57,12 @@ _LONGEST_STREAM = 64 * 2**20
 class VirtualSetting:
     """A unit, its line, where its readings come from in words ("" where its identity says enough), its table.
 
-    `turn`, `keep_up`: see `UnitOnTheLine`.
+    `keep_up`: see `UnitOnTheLine`.
     """
 
     unit: VirtualInstrument[Any, Any]
     line: FaultyLine | None
     source: str
-    turn: Callable[[str], None] | None = None
     keep_up: Callable[[float], None] | None = None
 
 
@@ -72,7 +71,7 @@ def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     made = on_the_line(asked)
     options = made.options(serial_number_of(asked, made.seed) if serial_number is None else serial_number)
     unit = imu400cd.VirtualUnit(made.readings, options, made.seed)
-    return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
+    return VirtualSetting(unit, made.line, made.source, made.keep_up)
 
 
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
@@ -87,7 +86,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
         clock_skew_ppm=it.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
-    return VirtualSetting(unit, made.line, made.source, made.turn, made.keep_up)
+    return VirtualSetting(unit, made.line, made.source, made.keep_up)
 
 
 def serial_number_of(asked: Asked, seed: int) -> int:

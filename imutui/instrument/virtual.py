@@ -35,7 +35,6 @@ def serve(
     log: Callable[[str], None],
     speed: float = 1.0,
     while_stdin: bool = False,
-    on_line: Callable[[str], None] | None = None,
     stop: threading.Event | None = None,
     line: FaultyLine | None = None,
     on_packet: Callable[[PacketT, int], None] | None = None,
@@ -54,7 +53,6 @@ def serve(
     `log`: called with a sentence for each command received, and when the port goes and comes.
     `speed`: unit time over wall time.
     `while_stdin`: whether to end when standard input does.
-    `on_line`: given each line of it.
     `stop`: ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
     `line`: what happens to bytes between the unit and the terminal, and when unit and port have faults; nothing without
       it. With it nothing else is lost: what does not fit into the host's queue waits, up to 64 KiB.
@@ -73,19 +71,13 @@ def serve(
         told = None if on_packet is None else _on_the_hosts_clock(on_packet, began)
         wire = Wire(unit, line, speed, told)
         queue = _Queue(pty, tap, 0 if line is None else _BURST_BYTES)
-        last, away, said = 0.0, False, b""
+        last, away = 0.0, False
         while stop is None or not stop.is_set():
             due = min(wire.next_event() or last + _LOOK_UP_S, wire.next_port_change(last))
             wait = min(max(began + due - time.monotonic(), 0.0), _LOOK_AT_QUEUE_S if queue.full else _LOOK_UP_S)
             readable, _, _ = select.select([pty, sys.stdin] if while_stdin else [pty], [], [], wait)
-            if sys.stdin in readable:
-                typed = os.read(sys.stdin.fileno(), 4096)
-                if not typed:
-                    return
-                *lines, said = (said + typed).split(b"\n")
-                if on_line is not None:
-                    for text in lines:
-                        on_line(text.decode())
+            if sys.stdin in readable and not os.read(sys.stdin.fileno(), 4096):
+                return
             # never beyond what happens to the port, so that each byte meets the port that there was
             now = min(time.monotonic() - began, wire.next_port_change(last))
             pty.release()

@@ -207,9 +207,7 @@ def _of_sensed(found: _Found, effects: Sequence[Included], info: SessionInfo) ->
 
 
 def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
-    axes = info.axes()
-    gyro = np.rad2deg(axes.gyro_to_instrument(correction[:, 3:]))
-    accel = axes.accel_to_instrument(correction[:, :3]) / info.g_unit * 1e3
+    accel, gyro = info.outward(correction[:, :3], correction[:, 3:])
     return dict(zip(CHANNELS, np.abs(np.hstack([gyro, accel])).max(axis=0, initial=0.0).tolist(), strict=True))
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from filters.tracing.trace_document import CurveEntry as CurveEntry
     from filters.tracing.trace_document import FindingEntry as FindingEntry
     from filters.tracing.trace_document import TraceDocument as TraceDocument
-    from imutui.logbook.results import NisFields, SdFields, StateFields
+    from imutui.estimates import NisFields, SdFields, StateFields
     from imutui.logbook.results import ResultDocument as ResultDocument
     from imutui.logbook.results import RunDocument as RunDocument
 

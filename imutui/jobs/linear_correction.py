@@ -25,8 +25,8 @@ from filters.effects import plain_names
 from filters.effects.records import Included
 from filters.errors import InputError
 from filters.types import Array
+from imutui.estimates import EffectField
 from imutui.logbook import effects_file
-from imutui.logbook.results import EffectField
 
 # --------------------------------------------------------------------------------------------------- correction terms
 # What corrects a reading beside its constant bias: states of effects, from an effects file or a replay's result.

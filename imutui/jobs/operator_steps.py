@@ -3,15 +3,13 @@
 What it leaves out: where the operator is in it, which the acquisition knows.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
+from filters.motion.segments import Dwell, Sampled, Segment
 from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
@@ -168,33 +166,6 @@ def load(name: str, text: str) -> Profile:
     return found
 
 
-class SegmentOfProfile(TypedDict):
-    """What must be known of a profile's segment to make it again, as an acquisition tells it."""
-
-    kind: str
-    seconds: float
-    angles_deg: list[float] | None
-    axis: str | None
-    rate_dps: float | None
-    amplitude_deg: float | None
-    hz: float | None
-
-
-_OWN_KEYS = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
-"""Of each kind of segment that can be made again."""
-
-
-def from_segments(segments: Iterable[SegmentOfProfile], align: str = "none") -> Profile | None:
-    """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
-    tables: list[dict[str, object]] = []
-    for segment in segments:
-        own = _OWN_KEYS.get(segment["kind"])
-        if own is None:
-            return None
-        tables.append({key: value for key, value in segment.items() if key in ("kind", *own, "seconds")})
-    return reference_file.from_document({"align": align, "segment": tables})
-
-
 # -------------------------------------------------------------------------------------------------------- what it shows
 
 
@@ -202,7 +173,7 @@ def steps(profile: Profile) -> list[OperatorStep]:
     """Segments of a profile as an operator has them, in order."""
     shown = makes_observable(profile)
     return [
-        OperatorStep(what_to_do(segment), seconds_of(segment), tuple(own))
+        OperatorStep(reference_file.in_words(segment), seconds_of(segment), tuple(own))
         for segment, own in zip(profile.segments, shown, strict=True)
     ]
 
@@ -221,27 +192,9 @@ def document(profile: Profile, name: str, steps: Sequence[OperatorStep]) -> dict
     }
 
 
-def what_to_do(segment: Segment) -> str:
-    """A segment as an instruction."""
-    match segment:
-        case Dwell():
-            outer, middle, inner = (f"{_degrees(angle):z.6g}°" for angle in segment.angles)
-            return f"go to outer {outer}, middle {middle}, inner {inner}"
-        case Rate():
-            return f"turn {segment.axis} at {_degrees(segment.rate):+.6g} deg/s"
-        case Sine():
-            return f"swing {segment.axis} by ±{_degrees(segment.amplitude):.6g}° at {segment.hz:.6g} Hz"
-        case _:
-            return "follow the recorded angles"
-
-
 def seconds_of(segment: Segment) -> float:
     """How long a segment lasts, without moves and ramps."""
     return segment.t[-1] - segment.t[0] if isinstance(segment, Sampled) else segment.seconds
-
-
-def _degrees(radians: float) -> float:
-    return round(math.degrees(radians), 6)
 
 
 def makes_observable(profile: Profile) -> list[list[str]]:

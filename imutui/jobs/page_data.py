@@ -12,6 +12,7 @@ import numpy as np
 
 from filters.errors import InputError
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
+from imutui.estimates import biases
 from imutui.jobs import check, driver_curves, replay, residuals, result_files
 from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.linear_correction import Term, of_effects_file, of_states
@@ -213,16 +214,9 @@ def _course(found: replay.Replayed, name: str) -> Course:
 
 
 def _same(again: ResultDocument, d: ResultDocument) -> bool:
-    """Whether a replay gives the result, but for what another build of a library may change."""
-    biases = [
-        (*a, *b, *sd)
-        for a, b, sd in (
-            (again["final"]["accel_bias_mg"], d["final"]["accel_bias_mg"], d["sd"]["accel_bias_mg"]),
-            (again["final"]["gyro_bias_dps"], d["final"]["gyro_bias_dps"], d["sd"]["gyro_bias_dps"]),
-        )
-    ]
-    table = np.array(biases, float).reshape(-1, 3, 3)  # None is NaN
-    a, b, sd = table[:, 0], table[:, 1], table[:, 2]
+    """Return whether a replay gives the result, but for what another build of a library may change."""
+    pairs = [(a.value, b.value, b.sd) for a, b in zip(biases(again), biases(d), strict=True)]
+    a, b, sd = np.array(pairs, float).T  # None is NaN
     equal = (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= _SAME + _SHARE * np.nan_to_num(sd))
     return bool(equal.all()) and again["samples"] == d["samples"]
 

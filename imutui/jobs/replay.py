@@ -24,7 +24,6 @@ from imutui.logbook import (
     atomic_file,
     checksum_file,
     effects_file,
-    estimates,
     foreign_log,
     health,
     log_time,
@@ -33,7 +32,7 @@ from imutui.logbook import (
     results,
     schemas,
 )
-from imutui.logbook.estimates import BiasVerdicts
+from imutui.logbook.estimate_rows import BiasVerdicts, EstimateRows
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reading import AS_STATED, Reading
@@ -320,7 +319,7 @@ class _EstimateSink:
         self._rows: list[np.ndarray] = []
         self._count = 0
         self._said: object = None
-        self._verdict = BiasVerdicts((True,) * 6, (False,) * 6)
+        self._verdict = BiasVerdicts(results.ALL_SEEN, ~results.ALL_SEEN, np.zeros(3))
 
     def take(self, rows: np.ndarray, estimator: Estimator) -> None:
         """Write rows of estimates."""
@@ -336,7 +335,7 @@ class _EstimateSink:
         if self._rows:
             rows = np.concatenate(self._rows)
             stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-            messages = estimates.encode(rows, stamps, self._verdict, self._info)
+            messages = EstimateRows(rows, self._verdict, self._info).encode(stamps)
             for stamp, message in zip(stamps.tolist(), messages, strict=True):
                 self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
         self._rows, self._count = [], 0

@@ -1,15 +1,12 @@
 """The biases of a replay over time: in about as many rows as a plot has columns, or at instants for figures."""
 
-from typing import Any
-
 import numpy as np
 
 from filters.kalman import layout
 from filters.kalman.runner import Estimator
 from imutui.estimate_history import EstimateHistory, HistoryRows
-from imutui.logbook import estimates
-from imutui.logbook.estimates import BiasVerdicts
-from imutui.logbook.results import EstimatePoints, ResultDocument
+from imutui.logbook.estimate_rows import BiasVerdicts, EstimateRows
+from imutui.logbook.results import EstimatePoints, ResultDocument, listed
 from imutui.logbook.session_info import SessionInfo
 
 _ROWS = 200
@@ -39,7 +36,7 @@ class ReplayCourse:
                 due.append(k)
                 self._next = t + _EARLY * self.every
         if due:
-            estimates.add_to_history(self._history, rows[due], BiasVerdicts.of(estimator, self._info), self._info)
+            EstimateRows(rows[due], BiasVerdicts.of(estimator, self._info), self._info).add_to(self._history)
 
     def rows(self, result: ResultDocument) -> HistoryRows:
         """All of it; a bias is converged from when the result says on."""
@@ -68,21 +65,14 @@ class ReplayPoints:
                 self._next = t + _EARLY * min(max(self.every, _GROWTH * t), self._longest)
         if not due:
             return
-        found = estimates.biases(rows[due], BiasVerdicts.of(estimator, self._info), self._info)
+        values, sd = EstimateRows(rows[due], BiasVerdicts.of(estimator, self._info), self._info).biases()
         made = self._made
         made["t"] += rows[due, layout.OUT_T].tolist()
-        made["bias"] += _told(np.hstack([found.gyro_dps, found.accel_mg]))
-        made["sd"] += _told(np.hstack([found.gyro_sd_dps, found.accel_sd_mg]))
-        made["nis"] += _told(rows[due, layout.OUT_NIS])
+        made["bias"] += listed(values)
+        made["sd"] += listed(sd)
+        made["nis"] += listed(rows[due, layout.OUT_NIS])
         made["dof"] += rows[due, layout.OUT_DOF].tolist()
 
     def points(self) -> EstimatePoints:
         """All of them."""
         return self._made
-
-
-def _told(values: np.ndarray) -> Any:
-    """Lists with None for what is not finite."""
-    made = values.astype(object)
-    made[~np.isfinite(values)] = None
-    return made.tolist()

@@ -5,48 +5,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from filters.imu import AxisMap
-from imutui.filter_snapshot import CauseSnapshot
+from filters.imu import CHANNELS
+from imutui.estimates import CauseField
+from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
     from filters.kalman.alarms import Departure
     from filters.kalman.residual_watch import Cause
     from filters.kalman.runner import Estimator
 
-_ACCEL, _GYRO = ("ax", "ay", "az"), ("gx", "gy", "gz")
 
-
-def sentence(estimator: "Estimator", axes: AxisMap, g_unit: float) -> str | None:
-    """The departure that is most certain, in the instrument's axes and units; None if there is none.
-
-    `estimator`: between two samples.
-    `axes`: instrument to body.
-    `g_unit`: m/s² of one g.
-    """
+def sentence(estimator: "Estimator", info: SessionInfo) -> str | None:
+    """Return the departure that is most certain; None if there is none."""
     found = estimator.departure()
     if found is None:
         return None
-    name, size, unit, digits = _reading(found.channel, found.size, axes, g_unit)
+    name, size, unit, digits = _reading(found.channel, found.size, info)
     more = "more" if size > 0.0 else "less"
     what = f"segment {found.segment + 1}: {name} reads {abs(size):.{digits}f} {unit} {more} than the model"
     return f"{what}: {_suspicion(found, name)}"
 
 
-def _reading(channel: int, size: np.ndarray, axes: AxisMap, g_unit: float) -> tuple[str, float, str, int]:
-    """Name, size, unit and decimals of a channel of six, in the instrument's axes."""
-    place = int(np.argmax(axes.sd_to_instrument(np.eye(3)[channel % 3])))
+def _reading(channel: int, size: np.ndarray, info: SessionInfo) -> tuple[str, float, str, int]:
+    """Return name, size, unit and decimals of a channel, of sizes of all six in SI and body axes."""
+    place = int(np.argmax(info.axes().sd_to_instrument(np.eye(3)[channel % 3])))
+    accel, gyro = info.outward(size[:3], size[3:])
     if channel < 3:
-        size = axes.accel_to_instrument(size[:3]) / g_unit * 1e3
-        return _ACCEL[place], float(size[place]), "mg", 1
-    size = np.rad2deg(axes.gyro_to_instrument(size[3:]))
-    return _GYRO[place], float(size[place]), "deg/s", 3
+        return CHANNELS[3 + place], float(accel[place]), "mg", 1
+    return CHANNELS[place], float(gyro[place]), "deg/s", 3
 
 
 def _suspicion(found: "Departure", name: str) -> str:
-    """What it may be, and which of table, profile and unit it speaks against."""
+    """Return what it may be, and which of table, profile and unit it speaks against."""
     percent, degrees = 100.0 * found.share, np.rad2deg(found.share)
     match found.cause:
-        case "scale factor" if name in _ACCEL:
+        case "scale factor" if name[0] == "a":
             against = "against the unit, since no angle of the table changes the length of gravity"
             return f"scale factor of {percent:+.2f} %? It speaks {against}"
         case "scale factor":
@@ -67,24 +60,21 @@ def _suspicion(found: "Departure", name: str) -> str:
             return f"{degrees:.0f} deg off. It speaks against the profile, the mounting or the sign, not the unit"
 
 
-def causes(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
-    """What stands, what shows now first; empty of a unit that is not at rest."""
+def causes(estimator: "Estimator", info: SessionInfo) -> list[CauseField]:
+    """Return the effects that stand, those that show now first; empty for a unit that is not at rest."""
     watch = estimator.watch
-    if watch is None:
-        return []
-    return [cause_fields(one, axes, g_unit, shows=watch.shows(one)) for one in watch.causes()]
+    return [] if watch is None else [cause_field(one, info, shows=watch.shows(one)) for one in watch.causes()]
 
 
-def withdrawn(estimator: "Estimator", axes: AxisMap, g_unit: float) -> list[CauseSnapshot]:
-    """What was told and withdrawn, the newest first."""
-    changes = reversed(estimator.watch.changes if estimator.watch is not None else [])
-    return [cause_fields(one, axes, g_unit, shows=False) for change, one in changes if change == "cause_gone"]
+def withdrawn(estimator: "Estimator", info: SessionInfo) -> list[CauseField]:
+    """Return the effects that were reported and withdrawn, the newest first."""
+    changes = [] if estimator.watch is None else reversed(estimator.watch.changes)
+    return [cause_field(one, info, shows=False) for change, one in changes if change == "cause_gone"]
 
 
-def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = True) -> CauseSnapshot:
-    """A cause, in the instrument's axes and units."""
-    of_channel = np.eye(6)[cause.channel]
-    name, sign, unit, digits = _reading(cause.channel, of_channel, axes, g_unit)
+def cause_field(cause: "Cause", info: SessionInfo, *, shows: bool = True) -> CauseField:
+    """Return an effect in the instrument's axes and units."""
+    name, sign, unit, digits = _reading(cause.channel, np.eye(6)[cause.channel], info)
     size, sd, extent = cause.size * sign, cause.sd * abs(sign), cause.extent * abs(sign)
     if cause.effect == "tone":
         size = abs(size)
@@ -103,15 +93,15 @@ def cause_fields(cause: "Cause", axes: AxisMap, g_unit: float, *, shows: bool = 
     }  # fmt: skip
 
 
-def event_text(cause: CauseSnapshot) -> str:
-    """The sentence, and behind it the fields for programs."""
+def event_text(cause: CauseField) -> str:
+    """Return the sentence, and behind it the fields for programs."""
     fields = {key: cause[key] for key in ("channel", "effect", "size", "sd", "unit", "odds", "since", "hz")}
     told = (f"{key}={value:.6g}" if isinstance(value, float) else f"{key}={value}" for key, value in fields.items())
     return f"{cause['text']} ({' '.join(told)})"
 
 
 def _told(cause: "Cause", name: str, size: str, ratio: float) -> str:
-    """An effect in a sentence."""
+    """Return an effect in a sentence."""
     odds = f"odds {cause.odds:.{0 if cause.odds > 1.0 else 2}f}:1" if cause.odds < 1000.0 else "odds over 1000:1"
     at = f" at {cause.since:.0f} s"
     match cause.effect:

@@ -223,6 +223,20 @@ def _segment_text(segment: Segment) -> str:
     return f"[[segment]]\n{_lines(own | {'seconds': float(segment.seconds)})}"
 
 
+def in_words(segment: Segment) -> str:
+    """Return a segment as an instruction to the operator of the table."""
+    match segment:
+        case Dwell():
+            outer, middle, inner = (f"{_degrees(angle):z.6g}°" for angle in segment.angles)
+            return f"go to outer {outer}, middle {middle}, inner {inner}"
+        case Rate():
+            return f"turn {segment.axis} at {_degrees(segment.rate):+.6g} deg/s"
+        case Sine():
+            return f"swing {segment.axis} by ±{_degrees(segment.amplitude):.6g}° at {segment.hz:.6g} Hz"
+        case Sampled():
+            return "follow the recorded angles"
+
+
 def _degrees(radians: float) -> float:
     # what was written in degrees comes back as it was written
     return round(math.degrees(radians), 9)

@@ -218,6 +218,18 @@ class SessionInfo:
         info.axes(), info.settings()
         return info
 
+    def outward(self, accel: np.ndarray, gyro: np.ndarray, *, sd: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Return specific force in mg and angular rate in deg/s, instrument axes, of those in SI and body axes.
+
+        `accel`, `gyro`: shape (..., 3); biases too, or standard deviations if `sd`.
+        """
+        axes = self.axes()
+        if sd:
+            accel, gyro = axes.sd_to_instrument(accel), axes.sd_to_instrument(gyro)
+        else:
+            accel, gyro = axes.accel_to_instrument(accel), axes.gyro_to_instrument(gyro)
+        return accel / self.g_unit * 1e3, np.rad2deg(gyro)
+
     def identity(self) -> IdentityEntry:
         """Whose samples these are, and who recorded them, for a result."""
         return cast("IdentityEntry", {name: in_line(getattr(self, name)) for name in IdentityEntry.__annotations__})

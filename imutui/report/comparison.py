@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from filters.channels import CHANNELS
 from filters.tracing.trace_document import TraceDocument
+from imutui.estimates import biases
 from imutui.jobs.page_data import LogData
 from imutui.report import comparison_figures, identity
 from imutui.report.blocks import Article, Block, Column, Paragraph, Section, Table
@@ -113,7 +114,7 @@ def _run_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
     headings = ("Samples", "Seconds", "Lost", "Gaps", "Outliers", "Alarms", "Converged, s")
     rows = []
     for d, name in zip(documents, names, strict=True):
-        since = [bias.converged_s for bias in sources.biases(d) if bias.converged_s is not None]
+        since = [bias.converged_s for bias in biases(d) if bias.converged_s is not None]
         counts = (d["lost_packets"], len(d["gaps"]), d["rejected"], len(d["alarms"]))
         seconds = f"{d['duration_s']:.1f}"
         last = f"{max(since):.1f}" if since else NOTHING
@@ -149,7 +150,7 @@ def _kinship(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
 
 def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared], related: Sequence[bool]) -> Table:
     rows: list[tuple[str, ...]] = []
-    for same in zip(*map(sources.biases, documents), strict=True):
+    for same in zip(*map(biases, documents), strict=True):
         estimates = [(bias.value, bias.sd) for bias in same]
         rows += _beside(same[0].channel, estimates, same[0].unit, names, related, "not observable")
     caption = "In each unit's own axes and sign. A difference of more than three of its sd is hardly chance."

@@ -11,11 +11,11 @@ import numpy as np
 from filters.channels import CHANNELS
 from filters.specification import ImuSpec
 from filters.tracing.trace_document import TraceDocument
+from imutui.estimates import biases, specification_of
 from imutui.jobs.page_data import LogData
 from imutui.report import axes
 from imutui.report.axes import AFTER, BEFORE, INK, SIDE_BY_SIDE, STYLES, UNITS
 from imutui.report.blocks import Figure, Panel
-from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,23 +63,23 @@ def of_replays(
     `related`: whether each is of the readings of the first: their difference has no standard deviation then.
     """
     who = _origins(names)
-    biases = [{b.channel: (b.value, b.sd) for b in sources.biases(d)} for d in documents]
+    known = [{b.channel: (b.value, b.sd) for b in biases(d)} for d in documents]
     minus: list[dict[str, Estimate]] = [
-        {c: difference(biases[0][c], own[c], related=same) if own is not biases[0] else (None, None) for c in own}
-        for own, same in zip(biases, related, strict=True)
+        {c: difference(known[0][c], own[c], related=same) if own is not known[0] else (None, None) for c in own}
+        for own, same in zip(known, related, strict=True)
     ]
-    seen, differing = ([c for own in every for c in own if own[c][0] is not None] for every in (biases, minus))
+    seen, differing = ([c for own in every for c in own if own[c][0] is not None] for every in (known, minus))
     no_bar = " One without a bar is of the same readings, so that no standard deviation is known."
     overlaid = f"Of results whose logs are at hand, {_MOST} at most."
     courses = [c for c in names if c.log.courses][:_MOST]
     curves = [c for c in names if c.log.curves][:_MOST]
-    specs = [sources.specification_of(d) for d in documents]
+    specs = [specification_of(d) for d in documents]
     made = [
         _six(
             "compared-biases",
             f"Biases with three standard deviations ({who})",
             "Bars that do not overlap are of biases that differ.",
-            partial(_bars, estimates=biases, names=names),
+            partial(_bars, estimates=known, names=names),
             seen,
         ),
         _six(

@@ -5,11 +5,11 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from filters.tracing.trace_document import TraceDocument
+from imutui.estimates import biases
 from imutui.jobs.page_data import LogData, Quality
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Subheading, Table
 from imutui.report.identity import NOT_STATED
 from imutui.report.numbers import duration
-from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import RunDocument
@@ -102,7 +102,7 @@ def _replay_needs(d: "RunDocument") -> Iterator[tuple[str, str, str, str]]:
     if "final" not in d:
         return
     seconds = d["duration_s"]
-    since = [bias.converged_s for bias in sources.biases(d) if bias.value is not None]
+    since = [bias.converged_s for bias in biases(d) if bias.value is not None]
     settled = [s for s in since if s is not None]
     if since and len(settled) == len(since):
         yield "Convergence of all biases", f"{max(settled):.0f} s", duration(seconds), "yes"

@@ -12,6 +12,7 @@ from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import TraceDocument
 from filters.types import Array
 from imutui.command_line import command
+from imutui.estimates import biases
 from imutui.jobs import linear_correction
 from imutui.jobs.linear_correction import LinearCorrection, Term
 from imutui.jobs.page_data import LogData
@@ -34,14 +35,14 @@ def of_replay(d: "ResultDocument", log: LogData) -> Section:
 
 
 def _replay(d: "ResultDocument", log: LogData) -> Iterator[Block]:
-    biases = [bias.value for bias in sources.biases(d)]
+    values = [bias.value for bias in biases(d)]
     found = sources.of_document(d)
     if not found.passes:
         yield Paragraph(f"Not before this is mended, because the verdict is {found.word}: {sources.reasons(d)}")
     # no other reference leaves it open what the unit senses
-    made = linear_correction.of_terms(biases, log.terms, of_reading=d["reference"] == "turned")
+    made = linear_correction.of_terms(values, log.terms, of_reading=d["reference"] == "turned")
     yield _facts(made, d["accel_sign"], d["mount"])
-    hidden = [name for name, bias in zip(CHANNELS, biases, strict=True) if bias is None]
+    hidden = [name for name, bias in zip(CHANNELS, values, strict=True) if bias is None]
     if hidden:
         yield Paragraph(f"The bias of {', '.join(hidden)} was not observable: a zero stands in its place.")
     yield from _code(made)

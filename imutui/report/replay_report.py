@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from filters.channels import CHANNELS, DPS
 from filters.effects import plain_names
 from imutui.command_line import command
+from imutui.estimates import Bias, biases, specification_of
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     axes,
@@ -25,7 +26,6 @@ from imutui.report.numbers import NOTHING
 from imutui.report.replay_text import DIGITS, converged, why_unseen
 from imutui.verdict import sources
 from imutui.verdict.rules import SITE_NOT_STATED
-from imutui.verdict.sources import ResultBias
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,7 +86,7 @@ def _biases(d: "ResultDocument") -> Table:
     columns = (Column("Bias"), Column("Before: the bias", "number"), Column("After: 3 sd", "number"),
                Column("Mean ± sd after convergence", "number"), Column("Converged"))  # fmt: skip
     rows, spread = [], d["spread"]
-    for b in sources.biases(d):
+    for b in biases(d):
         if b.value is None or b.sd is None:
             rows.append((b.name, NOTHING, NOTHING, NOTHING, why_unseen(d, b.channel)))
             continue
@@ -104,12 +104,12 @@ def _figures(d: "ResultDocument", log: LogData) -> Iterator[Block]:
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield _figure(d)
-    yield from trace_figures.of_log(log.curves, sources.specification_of(d))
+    yield from trace_figures.of_log(log.curves, specification_of(d))
     yield from (Paragraph(sentence) for sentence in log.missing)
 
 
 def _figure(d: "ResultDocument") -> Figure:
-    known = sources.biases(d)
+    known = biases(d)
     panels = tuple(
         Panel(f"{name} biases", partial(_draw, known=own))
         for name, own in (("gyro", known[:3]), ("accelerometer", known[3:]))
@@ -122,7 +122,7 @@ def _figure(d: "ResultDocument") -> Figure:
     )
 
 
-def _draw(ax: "Axes", known: Sequence[ResultBias]) -> None:
+def _draw(ax: "Axes", known: Sequence[Bias]) -> None:
     for i, b in enumerate(known):
         if b.value is not None and b.sd is not None:
             axes.whiskers(ax, float(i), b.value, [b.value - 3.0 * b.sd, b.value + 3.0 * b.sd], AFTER, "o")

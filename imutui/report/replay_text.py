@@ -1,10 +1,11 @@
-"""The result of a live run or a replay as text for a terminal; parts of it are said on its page too."""
+"""The result of a live run or a replay as text for a terminal and for the screen; its page has parts of it too."""
 
 from typing import TYPE_CHECKING
 
 from filters.health.finding import without_bias
+from imutui.estimates import biases, specification_of
 from imutui.jobs.quantities import plural
-from imutui.report import numbers, plain
+from imutui.report import effect_words, numbers, plain
 from imutui.report.blocks import Block, Column, Paragraph, Table
 from imutui.report.numbers import NOTHING
 from imutui.verdict import sources
@@ -13,6 +14,7 @@ from imutui.verdict.rules import SITE_NOT_STATED
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument, RunDocument
 
+_GAPS = 5
 DIGITS = {"deg/s": 4, "mg": 3}  # of biases in tables, by their unit
 
 
@@ -24,25 +26,34 @@ def text(d: "RunDocument", width: int) -> str:
         lines = plain.lines(map(Paragraph, said), width)
         return f"{sources.headline(d)}\n{lines}" if d["health"] else lines
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
-    size = f"{d['samples']} samples, {d['duration_s']:.1f} s at {rate}"
+    size = f"{plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     about = f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}"
-    blocks: list[Block] = [Paragraph(sources.reasons(d)), Paragraph(about), _biases(d), *map(Paragraph, _data(d))]
+    blocks: list[list[Block]] = [[Paragraph(sources.reasons(d)), Paragraph(about)], [_biases(d)]]
+    blocks.append([Paragraph(said) for said in _data(d)])
     # the file's name is left whole, so that it can be copied
-    return f"{sources.headline(d)}\n{plain.lines(blocks, width)}"
+    return "\n".join([sources.headline(d), "\n\n".join(plain.lines(part, width) for part in blocks)])
 
 
 def _biases(d: "ResultDocument") -> Table:
-    truth = d["truth"]
-    columns = (Column("bias"), Column("estimate", "number"), Column("± 3 sd", "number"), Column("unit"),
-               Column("converged"), *([Column("truth", "number")] if truth else []))  # fmt: skip
+    every, truth = biases(d), d["truth"]
+    limits = any(b.limit is not None for b in every)
+    source = specification_of(d).source.partition(" data")[0]
+    columns = [Column("bias"), Column("estimate", "number"), Column("± 3 sd", "number"), Column("unit")]
+    columns += [Column(source, "number"), Column("of limit", "number")] if limits else []
+    columns += [Column("converged"), *([Column("truth", "number")] if truth else [])]
     rows = []
-    for b in sources.biases(d):
+    for b in every:
         digits = DIGITS[b.unit]
-        told = (NOTHING, NOTHING, b.unit, why_unseen(d, b.channel))
-        if b.value is not None and b.sd is not None:
-            told = (f"{b.value:.{digits}f}", f"{3.0 * b.sd:.{digits}f}", b.unit, converged(b.converged_s))
-        rows.append((b.name, *told, *([f"{b.of(truth):.{digits}f}"] if truth else [])))
-    return Table(columns, tuple(rows))
+        estimate = [NOTHING, NOTHING] if b.value is None else [f"{one:.{digits}f}" for one in (b.value, b.sd3)]
+        limit = [] if b.limit is None else [f"±{b.limit:g}", _of_limit(b.value, b.limit)]
+        since = why_unseen(d, b.channel) if b.value is None else converged(b.converged_s)
+        true = [f"{b.of(truth):.{digits}f}"] if truth else []
+        rows.append((b.name, *estimate, b.unit, *limit, since, *true))
+    return Table(tuple(columns), tuple(rows))
+
+
+def _of_limit(value: float | None, limit: float) -> str:
+    return NOTHING if value is None else f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
 
 
 def why_unseen(d: "ResultDocument", channel: str) -> str:
@@ -91,12 +102,14 @@ def _data(d: "ResultDocument") -> list[str]:
     if not d["site_stated"]:
         out.append(SITE_NOT_STATED)
     if d["rejected"]:
-        out.append(f"{d['rejected']} updates left out as outliers")
+        out.append(f"{plural(d['rejected'], 'update')} left out as outliers")
     if d["gaps"]:
-        longest = max(d["gaps"], key=lambda gap: gap["seconds"])
-        out.append(f"{plural(len(d['gaps']), 'gap')}, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
+        longest = sorted(d["gaps"], key=lambda gap: -gap["seconds"])[:_GAPS]
+        each = ", ".join(f"{gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest)
+        out.append(f"{plural(len(d['gaps']), 'gap')}, longest {each}")
     if d["lost_packets"] or d["bad_checksums"]:
-        out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
+        out.append(f"{plural(d['lost_packets'], 'packet')} lost, {plural(d['bad_checksums'], 'bad checksum')}")
+    out += [f"effect {effect_words.estimate(effect)} (3 sd)" for effect in d["effects"]]
     # names of states are channels, effect, parameter, unit
     remembers = any({"hysteresis", "thermal_lag"} & {*effect["name"].split()} for effect in d["effects"])
     if remembers and not d["history_known"]:
@@ -104,9 +117,11 @@ def _data(d: "ResultDocument") -> list[str]:
             "effects of this filter remember temperature, and what came before this log is not known: they begin as if"
             " it had rested, and biases do not compare with those of another log"
         )
+    if d["read_s"] and d["times_real_time"]:
+        out.append(f"{d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
     above = sources.reasons(d)
-    out += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d["confounded"]]
-    return out + [f"ALARM: {alarm}" for alarm in d["alarms"] if alarm not in above]
+    out += [f"CANNOT BE TOLD APART: {said}" for said in d["confounded"] if said not in (above, *d["alarms"])]
+    return out + [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"]) if alarm not in above]
 
 
 def _triple(values: list[float | None], digits: int = 2) -> str:

@@ -40,7 +40,6 @@ from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan, batch_of
 from imutui.session.preloaded import LOADING, PLAN_LIMIT
 from imutui.session.recording import DiskSpace, disk_message
 from imutui.session.requests import Reply, Request, StartReport
-from imutui.session.table_turner import TableTurner
 from imutui.session.watches import FoxgloveFollower
 
 _SWITCH_S = 0.0005
@@ -90,12 +89,13 @@ def main(text: str) -> int:
             end_report.forget(plan.name)
             if plan.foxglove_port:  # what Foxglove can't have is reported before the unit is touched
                 origin_gate.listen(plan.foxglove_host, plan.foxglove_port).close()
-            name, turner = plan.port, None
             if plan.port == VIRTUAL_PORT:
-                name, turner = stack.enter_context(_virtual(plan))
-            table = stack.enter_context(_table(plan)) if plan.controller else None
+                name, url = stack.enter_context(_virtual(plan))
+            else:
+                name, url = plan.port, plan.controller
+            table = stack.enter_context(_table(plan, url)) if url else None
             port = stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
-            return _acquire(plan, port, stack, turner, table, stands)
+            return _acquire(plan, port, stack, table, stands)
     except NameTakenError:
         own = () if plan.name == "default" else ("--name", plan.name)
         return _refuse(
@@ -134,9 +134,10 @@ def _left_as_found(host: Host) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _table(plan: Plan) -> Iterator[CommandedTable]:
+def _table(plan: Plan, url: str) -> Iterator[CommandedTable]:
     """A table under command; what its profile can't have is refused before anything moves, or is recorded."""
-    table = CommandedTable(plan.controller, plan.limits)
+    # most virtual units are never moved
+    table = CommandedTable(url, plan.limits, starts=plan.controller != VIRTUAL_PORT)
     try:
         motion = motion_of(plan)
         if plan.yes_move and plan.record and isinstance(motion, Profile):
@@ -150,7 +151,6 @@ def _acquire(
     plan: Plan,
     port: Port,
     stack: contextlib.ExitStack,
-    turner: TableTurner | None,
     table: CommandedTable | None,
     stands: Lifecycle,
 ) -> int:
@@ -170,7 +170,7 @@ def _acquire(
             raise
         stack.enter_context(_own_serial(plan, identity.serial_number))
         foxglove = stack.enter_context(contextlib.closing(FoxgloveFollower(plan))) if plan.foxglove_port else None
-        engine = Engine(plan, host, identity, foxglove, turner, table, stands)
+        engine = Engine(plan, host, identity, foxglove, table, stands)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -315,9 +315,14 @@ def _ending(engine: Engine) -> Reply:
 
 
 @contextlib.contextmanager
-def _virtual(plan: Plan) -> Iterator[tuple[str, TableTurner]]:
-    """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes."""
-    command = [sys.executable, "-P", "-m", "imutui", "virtual", "--while-stdin", *plan.virtual]
+def _virtual(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes.
+
+    Gives its port and the URL of its table's controller, which is that of the plan if it does not stand on its own.
+    """
+    own = plan.controller == VIRTUAL_PORT
+    table = ("--controller", "127.0.0.1:0") if own else ()
+    command = [sys.executable, "-P", "-m", "imutui", "virtual", "--while-stdin", *table, *plan.virtual]
     unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert unit.stdin is not None
     assert unit.stdout is not None
@@ -325,7 +330,7 @@ def _virtual(plan: Plan) -> Iterator[tuple[str, TableTurner]]:
         path = unit.stdout.readline().strip()
         if not path:
             raise InstrumentError("the virtual instrument did not start; `imutui virtual` says why.")
-        yield path, TableTurner(lambda line: print(line, file=unit.stdin, flush=True))
+        yield path, unit.stdout.readline().strip() if own else plan.controller
     finally:
         with contextlib.suppress(OSError):
             unit.stdin.close()

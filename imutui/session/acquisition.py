@@ -17,10 +17,9 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.log_time import Timebase
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.session import operator_guide
 from imutui.session.channel_statistics import ChannelStatistics, RecentPackets
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.guidance import Guidance
+from imutui.session.guidance import Guidance, describe
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import reconfigured
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
@@ -30,7 +29,6 @@ from imutui.session.recording import Recording
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Consumer, Event, Said, Second, Why
-from imutui.session.table_turner import TableTurner
 from imutui.session.watches import ClockStepMonitor, EventLog, FoxgloveFollower, GravityCheck, LineWatch, StatusWords
 
 if TYPE_CHECKING:
@@ -42,8 +40,8 @@ _LONGEST_WAIT_NS = 5_000_000_000
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
-    `reader` carries out what must be said to the unit, `foxglove` serves what is recorded, `turner` turns the table
-    under a virtual unit, `table` is one under command. `observe` shows viewers what is public here.
+    `reader` carries out what must be said to the unit, `foxglove` serves what is recorded, `table` is one under
+    command. `observe` shows viewers what is public here.
     Raises InputError if the filter cannot run with the plan; the message names why.
     """
 
@@ -54,7 +52,6 @@ class Acquisition:
         reader: Reader,
         lifecycle: Lifecycle,
         foxglove: FoxgloveFollower | None = None,
-        turner: TableTurner | None = None,
         table: CommandedTable | None = None,
     ) -> None:
         self.reader = reader
@@ -68,7 +65,7 @@ class Acquisition:
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument), self.started_ns)
         self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(plan.rate_hz))
         self.status = StatusWords(instrument)
-        self.guidance = Guidance(self.recording, self.record, turner, table)
+        self.guidance = Guidance(self.recording, self.record, table)
         self.events = EventLog(self.timebase)
         self.zeroing: Future[str] | None = None  # the answer to a request, while packets pause for it
         self._last_read_ns = 0
@@ -311,7 +308,7 @@ class Acquisition:
         recording = self.recording
         if not isinstance(recording.motion, Profile):
             return None
-        return operator_guide.describe(recording.motion, *recording.plan.reference_file)
+        return describe(recording.motion, *recording.plan.reference_file)
 
     def _refuse_while_zeroing(self) -> None:
         if self.zeroing is not None:

@@ -29,7 +29,6 @@ from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent, ReaderFailed
 from imutui.session.reconnection import KnownUnit, LineLost
 from imutui.session.stream import ERROR, Stamper
-from imutui.session.table_turner import TableTurner
 from imutui.session.watches import FoxgloveFollower
 
 if TYPE_CHECKING:
@@ -61,8 +60,8 @@ class Engine:
     """Runs one acquisition from its first packet to its last.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; `foxglove` serves what is recorded, and
-    is closed after the end by the caller; `turner` turns the table under a virtual unit of the acquisition's own,
-    `table` is one under command. `lifecycle` may have failed before: the acquisition then ends at once.
+    is closed after the end by the caller; `table` is one under command. `lifecycle` may have failed before: the
+    acquisition then ends at once.
     Raises InputError if the filter could not run with what is asked.
     """
 
@@ -72,7 +71,6 @@ class Engine:
         host: Host,
         identity: Identity,
         foxglove: FoxgloveFollower | None = None,
-        turner: TableTurner | None = None,
         table: CommandedTable | None = None,
         lifecycle: Lifecycle | None = None,
     ) -> None:
@@ -95,7 +93,7 @@ class Engine:
         self._looped_s = math.inf  # when the second thread last looked for something to do
         if table is not None:
             table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S
-        self._acquisition = Acquisition(plan, info, self._reader, self.lifecycle, foxglove, turner, table)
+        self._acquisition = Acquisition(plan, info, self._reader, self.lifecycle, foxglove, table)
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 

@@ -103,7 +103,7 @@ PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)
 
 def load() -> None:
     """Load the filter's modules here and now, without compiling anything."""
-    for module in ("filters.kalman.engines", "imutui.logbook.estimates"):
+    for module in ("filters.kalman.engines", "imutui.logbook.estimate_rows"):
         importlib.import_module(module)
     from filters.kalman import series_evidence
 
@@ -176,7 +176,7 @@ class LiveFilter:
 
             new, self._said = watch.changes[self._said :], len(watch.changes)
             for name, one in new:
-                yield name, departures.event_text(departures.cause_fields(one, self.info.axes(), self.info.g_unit))
+                yield name, departures.event_text(departures.cause_field(one, self.info))
 
     def leave_out_unless_ready(self, patience_s: float) -> None:
         """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""
@@ -221,10 +221,10 @@ class LiveFilter:
         return self.estimator
 
     def _messages(self, estimator: "Estimator", rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
-        from imutui.logbook import estimates
+        from imutui.logbook.estimate_rows import BiasVerdicts, EstimateRows
 
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        verdict = estimates.BiasVerdicts.of(estimator, self.info)
-        estimates.add_to_history(self.history, rows, verdict, self.info)
-        yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)
+        made = EstimateRows(rows, BiasVerdicts.of(estimator, self.info), self.info)
+        made.add_to(self.history)
+        yield from zip(stamps.tolist(), made.encode(stamps), strict=True)

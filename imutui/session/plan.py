@@ -16,7 +16,8 @@ from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
-from imutui.table import gate, registry
+from imutui.table import registry
+from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
@@ -161,8 +162,8 @@ class Plan:
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
-    # controller, limits: URL of the table's controller, "" for none, and what its axes may do, as
-    # `imutui.table.gate.parse_limits` reads it
+    # controller, limits: URL of the table's controller, "" for none, "virtual" for that of a virtual unit's own table;
+    # and what its axes may do, as `imutui.table.motion.parse_limits` reads it
     controller: str = ""
     limits: str = ""
     yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
@@ -194,9 +195,10 @@ class Plan:
 
     def _check_table(self) -> None:
         if self.controller:
-            if self.controller.partition(":")[0] not in registry.CONTROLLERS:
+            own = self.controller == self.port == VIRTUAL_PORT
+            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
                 raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
-            gate.parse_limits(self.limits)
+            parse_limits(self.limits)
 
     def asking(self) -> "Plan":
         """The plan where whatever answers at its port is taken; a virtual instrument of its own is the usual one."""
@@ -284,5 +286,6 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
+        controller=VIRTUAL_PORT,
         site=PAPER_PLACE,  # where the virtual unit stands, wherever the user does
     )

@@ -30,7 +30,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import Encoded, LogWriter
 from imutui.session.live_filter import LiveFilter, RunHistory
 from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Event, Said, Second, Why
-from imutui.table.controller import TableState
+from imutui.table.motion import TableState
 from imutui.verdict import sources
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ biases and channels in the instrument's own axes and sign. None stands for what 
 from typing import Literal, TypedDict
 
 from filters.health.finding import HealthEntry
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.estimates import FilterSnapshot
 
 NO_SERIES = 2**62  # number of a packet that never comes: a snapshot from it on is one without a series
 
@@ -82,8 +82,6 @@ class GuideSnapshot(TypedDict):
     count: int
     left_s: float | None
     begun: list[float | None]
-    # for how long a virtual unit of its own turns still to where the operator sent it; None of others
-    turns_s: float | None
 
 
 class ControllerSnapshot(TypedDict):
@@ -199,19 +197,14 @@ class SegmentDescription(TypedDict):
     kind: str
     text: str
     seconds: float
-    angles_deg: list[float] | None
-    axis: str | None
-    rate_dps: float | None
-    amplitude_deg: float | None
-    hz: float | None
 
 
 class ProfileDescription(TypedDict):
-    """A table profile, for a viewer: `name` of its file, how it is joined to the log, its segments in order."""
+    """A table profile, for a viewer: name and text of its file, how it is joined to the log, its segments in order."""
 
     name: str
-    # what its file says at the top: what it is for, what else is to be done; an older one tells nothing
-    about: list[str]
+    text: str
+    about: list[str]  # what its file says at the top: what it is for, what else is to be done
     align: str
     segments: list[SegmentDescription]
 

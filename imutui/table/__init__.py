@@ -1,8 +1,8 @@
-"""Turn tables under command: what a controller is, which there are, who commands one, and a virtual one.
+"""Turn tables under command: motions, controllers, the process that commands one, and a virtual one.
 
-`controller` the protocol of all, and their limits · `registry` which there are, by the scheme of a URL · `links` what
-bytes go over: TCP, serial line, GPIB · `acutrol` one family's dialect, without I/O · `acutrol_host` such a controller
-over a link · `gate` what may be commanded, and whether it is followed · `keeper` the process that has the link ·
-`owner` who has the keeper · `acutrol_virtual` a controller that is made up, without I/O, on a table of
-`filters.simulation` · `server` the same on a port of this machine.
+`motion` what an axis does, and its limits · `follower` whether it does so · `controller` the protocol of all ·
+`registry` which there are, by the scheme of a URL · `links` what bytes go over: TCP, serial line, GPIB · `acutrol` one
+family's dialect, without I/O · `acutrol_host` such a controller over a link · `keeper` the process that has the link ·
+`owner` the process that commands · `messages` between them · `acutrol_virtual` a virtual controller, without I/O, on a
+table of `filters.simulation` · `server` the same on a port of this machine.
 """

@@ -1,13 +1,13 @@
 """The keeper's process: `python -m imutui.table URL [--limits TEXT]`; `imutui.table.owner` starts it."""
 
 import argparse
-import json
 import sys
 
 from filters.errors import InputError
 from imutui import defects
 from imutui.table import keeper
-from imutui.table.gate import parse_limits
+from imutui.table.messages import Report, encode
+from imutui.table.motion import parse_limits
 from imutui.table.registry import connect
 
 
@@ -21,12 +21,16 @@ def main() -> int:
         given = parse_limits(said.limits)
         return keeper.run(lambda asks: connect(said.url, asks=asks), given)
     except InputError as error:
-        print(json.dumps({"error": str(error), "ended": True}), flush=True)
+        _say(str(error))
         return 2
     except Exception as error:  # noqa: BLE001 - the border of a process, whose owner must hear the last words
-        last = f"{defects.told(error)} If the table turns: press its emergency stop."
-        print(json.dumps({"error": last, "ended": True}), flush=True)
+        _say(f"{defects.told(error)} If the table turns: press its emergency stop.")
         return 4
+
+
+def _say(error: str) -> None:
+    sys.stdout.buffer.write(encode(Report(error=error, ended=True)))
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

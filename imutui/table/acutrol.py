@@ -15,7 +15,7 @@ LINE_END = b"\r\n"
 TCP_PORT = 9888
 
 PREFIX_CHARACTERS = 8
-"""Of each answer over TCP, before its text. A driver cuts them off; what they are nobody says."""
+"""Characters before the text of each answer over TCP. A driver cuts them off; their meaning is not known."""
 
 DONE = "OK"
 """The answer over TCP to a command that asks nothing. Over GPIB there is none."""
@@ -28,9 +28,6 @@ ALL = "all"
 
 MODES = ("off", "position", "rate", "synthesis")
 """Modes of an axis, as `:mode? N` answers, where the first letter is large."""
-
-INTERLOCK = ("closed", "open", "fault")
-"""States of an interlock, as `:interlock? N` answers; only "Fault" was seen."""
 
 ABSOLUTE_LIMITS = ("rate", "acceleration", "jerk", "low", "high", "trip")
 """What `:limit:absolute? N` answers, in this order: deg and seconds; the last is a rate at which the drive trips."""
@@ -45,7 +42,7 @@ _TREE: dict[str, tuple[str, ...]] = {
     "*idn": (),
     "*stb": (),
 }
-# sent as drivers send them: nobody has seen these in full
+# sent as drivers send them: the full words were never seen
 _SENT = {"acceleration": "acc", "oscillation": "osc", "synthesis": "synt"}
 _ALONE = ("mode", "interlock", "limit", "*idn", "*stb")
 # asked with or without a question mark
@@ -75,7 +72,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """What stands in a command's place and is none."""
+    """A text in place of a command."""
 
     text: str
 
@@ -92,7 +89,7 @@ def _sent(word: str) -> str:
 
 
 def demand(what: str, axis: int | str, *values: float) -> Command:
-    """Tell an axis where to go, how fast, or how to swing: `what` is a word below `demand`."""
+    """Return the demand of an angle, a rate or a swing from an axis: `what` is a word below `demand`."""
     return Command(("demand", what), (str(axis), *map(number, values)))
 
 
@@ -188,7 +185,7 @@ class CommandDecoder:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a controller says to a line."""
+    """Answer of a controller to a line."""
 
     texts: tuple[str, ...]  # one for each question, and over TCP for each command
 
@@ -216,11 +213,11 @@ class AnswerDecoder:
         return self._answer(line)
 
     def so_far(self) -> Answer | None:
-        """What has come of an answer whose line has not ended; None where that is no text yet."""
+        """Return the part that has come of an answer whose line has not ended; None if it has no text yet."""
         return self._answer(self._begun) if len(self._begun) > self._prefix else None
 
     def forget(self) -> None:
-        """Let go of what has come: it belongs to nothing that is asked from now on."""
+        """Drop the bytes so far: they belong to no question that is asked from now on."""
         self._begun = b""
 
     def _answer(self, line: bytes) -> Answer:

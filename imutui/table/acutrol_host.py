@@ -14,7 +14,9 @@ from filters.errors import InputError
 from filters.motion.segments import AXES
 from imutui.table import acutrol
 from imutui.table.acutrol import AnswerDecoder, Command, ask, demand, interlock, limit, mode
-from imutui.table.controller import (
+from imutui.table.controller import TableError, TableLinkError
+from imutui.table.links import Link
+from imutui.table.motion import (
     LAG_S,
     MODES,
     OFF,
@@ -23,11 +25,12 @@ from imutui.table.controller import (
     RATE,
     RESTS_DPS,
     AxisLimits,
-    TableError,
-    TableLinkError,
+    Motion,
+    Move,
+    Swing,
     TableState,
+    Turn,
 )
-from imutui.table.links import Link
 
 _PATIENCE_S = 1.0  # for an answer
 _MODES_NS = 100_000_000  # for how long modes and interlocks are taken to be as they were
@@ -102,53 +105,33 @@ class Acutrol:
                 " or stop the table: imutui table stop --controller URL"
             )
 
-    def position(
-        self, axis: str, angle_deg: float, rate_dps: float, accel_dps2: float, *, as_it_is: bool = False
-    ) -> None:
-        n, limits = self._number(axis), self.limits()[axis]
-        limits.check(axis, angle_deg=angle_deg, rate_dps=rate_dps, accel_dps2=accel_dps2)
-        _check_moves(axis, rate_dps, accel_dps2)
-        if self._mode_of(axis) != POSITION:
-            self._refuse_while_it_turns(axis)
-        self._tell(limit("acceleration", "rate", n, accel_dps2))
-        self._tell(limit("rate", "position", n, rate_dps), limit("acceleration", "position", n, accel_dps2))
-        turns = not as_it_is and (limits.low_deg is None or limits.high_deg is None)
-        self._tell(demand("position", n, angle_deg % 360.0 if turns else angle_deg))
-        self._enter(axis, "position")
-
-    def rate(self, axis: str, rate_dps: float, accel_dps2: float) -> None:
-        n = self._number(axis)
-        self.limits()[axis].check(axis, rate_dps=rate_dps, accel_dps2=accel_dps2)
-        _check_moves(axis, math.inf, accel_dps2)
-        self._tell(limit("acceleration", "rate", n, accel_dps2))
-        # a limit below the rate at which it turns may be a fault: it is only ever raised before the demand
-        turning = abs(self._reading([axis])[1][axis][1])
-        if abs(rate_dps) > turning:
-            self._tell(limit("rate", "rate", n, abs(rate_dps)))
-        self._tell(demand("rate", n, rate_dps))
-        self._enter(axis, "rate")
-
-    def oscillate(self, axis: str, amplitude_deg: float, hz: float) -> None:
-        n, limits = self._number(axis), self.limits()[axis]
-        if not (0.0 <= amplitude_deg < math.inf and 0.0 < hz < math.inf):
-            raise InputError(f"the {axis} axis is asked to swing by {amplitude_deg:g} deg at {hz:g} Hz")
-        omega = 2.0 * math.pi * hz
-        peak, sharpest = omega * amplitude_deg, omega**2 * amplitude_deg
-        angle = self._reading([axis])[1][axis][0]
-        for end in (angle - amplitude_deg, angle + amplitude_deg):
-            limits.check(axis, angle_deg=end, rate_dps=peak, accel_dps2=sharpest)
-        if self._mode_of(axis) != OSCILLATION:
-            if amplitude_deg == 0.0:
+    def start(self, motion: Motion) -> None:
+        axis, n = motion.axis, self._number(motion.axis)
+        if not (isinstance(motion, Turn) or self._mode_of(axis) == motion.mode):
+            if isinstance(motion, Swing) and not motion.amplitude_deg:
                 return
             self._refuse_while_it_turns(axis)
-        if amplitude_deg:
-            self._tell(
-                limit("acceleration", "rate", n, limits.accel_dps2),
-                limit("rate", "synthesis", n, min(1.1 * peak, limits.rate_dps)),
-                limit("acceleration", "synthesis", n, min(1.5 * sharpest, limits.accel_dps2)),
-            )
-        self._tell(demand("oscillation", n, amplitude_deg, hz, 0.0))
-        self._enter(axis, "synthesis")
+        if motion.mode != OSCILLATION or motion.amplitude_deg:
+            self._tell(limit("acceleration", "rate", n, motion.accel_dps2))
+        match motion:
+            case Move():
+                self._tell(limit("rate", "position", n, motion.rate_dps))
+                self._tell(limit("acceleration", "position", n, motion.accel_dps2))
+                self._tell(demand("position", n, motion.angle_deg))
+            case Turn():
+                # a limit below the rate at which it turns may be a fault: it is only ever raised before the demand
+                if abs(motion.rate_dps) > abs(self._reading([axis])[1][axis][1]):
+                    self._tell(limit("rate", "rate", n, abs(motion.rate_dps)))
+                self._tell(demand("rate", n, motion.rate_dps))
+            case Swing():
+                if motion.amplitude_deg:
+                    own = self.limits()[axis]
+                    self._tell(
+                        limit("rate", "synthesis", n, min(1.1 * motion.peak_dps, own.rate_dps)),
+                        limit("acceleration", "synthesis", n, min(1.5 * motion.peak_dps2, own.accel_dps2)),
+                    )
+                self._tell(demand("oscillation", n, motion.amplitude_deg, motion.hz, 0.0))
+        self._enter(axis, motion.mode)
 
     def read(self) -> TableState:
         if time.monotonic_ns() - self._modes_ns >= _MODES_NS:
@@ -217,7 +200,7 @@ class Acutrol:
             raise TableError(f"{'; '.join(wrong)}. Use the table's own emergency stop.")
 
     def _settle(self) -> None:
-        """Let answers to commands that nothing waited for go by."""
+        """Read and drop the answers to commands that were sent blind."""
         if not self._link.acknowledges:
             return
         quiet_s = min(_SLICE_S + 2e-9 * (self._exchanged[1] - self._exchanged[0]), _PATIENCE_S)
@@ -241,7 +224,7 @@ class Acutrol:
     def close(self) -> None:
         self._link.close()
 
-    # ---------------------------------------------------------------------------------------------------- what it says
+    # ----------------------------------------------------------------------------------------------------- questions
 
     def _count(self) -> tuple[str, ...]:
         """Names of its axes, as many as answer with an angle."""
@@ -286,7 +269,7 @@ class Acutrol:
         return exchanged, found
 
     def _look_at_modes(self) -> list[str]:
-        """Ask for modes and interlocks; returns what keeps drives from being ready."""
+        """Ask for modes and interlocks; returns the reasons why drives are not ready."""
         questions = [ask(what, axis=self._number(axis)) for what in ("mode", "interlock") for axis in self.axes]
         count = len(self.axes)
         said = self._asked(questions, lambda texts: all(text.isalpha() for text in texts[:count]))
@@ -302,7 +285,7 @@ class Acutrol:
         self._look_at_modes()
         return self._modes[axis]
 
-    # -------------------------------------------------------------------------------------------------- what it is told
+    # ------------------------------------------------------------------------------------------------------ commands
 
     def _number(self, axis: str) -> int:
         if axis not in self.axes:
@@ -310,14 +293,14 @@ class Acutrol:
         return self.axes.index(axis) + 1
 
     def _enter(self, axis: str, which: str) -> None:
-        """Have an axis enter a mode, and see that it is in it."""
-        self._tell(mode(which, self._number(axis)))
+        """Have an axis enter one of our modes, and see that it is in it."""
+        self._tell(mode(next(word for word, ours in _OURS.items() if ours == which), self._number(axis)))
         deadline = time.monotonic() + _ENTERING_S
-        while (found := self._mode_of(axis)) != _OURS[which] and not self._fault and time.monotonic() < deadline:
+        while (found := self._mode_of(axis)) != which and not self._fault and time.monotonic() < deadline:
             pass
-        if found != _OURS[which]:
+        if found != which:
             why = f" ({self._fault})" if self._fault else ""
-            raise TableError(f"the {axis} axis was to enter mode {_OURS[which]}, and is in mode {found}{why}")
+            raise TableError(f"the {axis} axis was to enter mode {which}, and is in mode {found}{why}")
 
     def _refuse_while_it_turns(self, axis: str) -> None:
         rate = self._reading([axis])[1][axis][1]
@@ -367,7 +350,7 @@ class Acutrol:
     def _asked(
         self, commands: Sequence[Command], understood: Callable[[Sequence[str]], bool], tries: int = 2
     ) -> tuple[str, ...]:
-        """Answers to a line, one for each command in it; what is not understood is asked again, `tries` in all."""
+        """Return the answers to a line, one a command; asks `tries` times in all for answers that are understood."""
         line = acutrol.encode(commands)
         for _ in range(tries):
             texts = self._exchange(line, len(commands))
@@ -382,14 +365,14 @@ class Acutrol:
     def _exchange(self, line: bytes, count: int) -> tuple[str, ...]:
         """Send a line; returns the texts of its answer, of which there should be so many."""
         self._decoder.forget()
-        # what comes late belongs to an earlier question; a bus is not read without one
+        # bytes that come late belong to an earlier question; a bus is not read without a question
         while self._link.quiet_s and self._link.receive(0.0):
             pass
         sent, heard = time.monotonic_ns(), 0
         deadline = time.monotonic() + _PATIENCE_S
         self._link.send(line)
         while (left := deadline - time.monotonic()) > 0.0:
-            # a bus is read once an answer: it says where one ends
+            # a bus marks the end of an answer, so it is read once
             wait_s = self._link.quiet_s if heard else _SLICE_S
             data = self._link.receive(min(left, wait_s) if self._link.quiet_s else left)
             if not data and not heard:
@@ -417,13 +400,8 @@ class Acutrol:
         )
 
 
-def _check_moves(axis: str, rate_dps: float, accel_dps2: float) -> None:
-    if not (rate_dps > 0.0 and accel_dps2 > 0.0):
-        raise InputError(f"the {axis} axis is to move at {rate_dps:g} deg/s and {accel_dps2:g} deg/s^2, not positive")
-
-
 def _mode(text: str) -> str:
-    """One of our modes that a controller's word for a mode is; one that nobody has seen is the most active."""
+    """Return the mode that a controller's word means; an unknown word is taken for the most active mode."""
     word = acutrol.full(text, acutrol.MODES) if len(text) > 1 else None
     return OSCILLATION if word is None else _OURS[word]
 

@@ -32,12 +32,12 @@ _LIMITS = ("rate", "acceleration", "jerk")
 
 
 class _Refused(Exception):  # noqa: N818 - an answer, not an error of ours
-    """What is answered to a command that is not carried out."""
+    """The answer to a command that is not carried out."""
 
 
 @dataclass(slots=True)
 class _Drive:
-    """What the controller knows of an axis, deg and seconds."""
+    """State of an axis in the controller, deg and seconds."""
 
     name: str
     interlock: str = "open"
@@ -49,7 +49,7 @@ class _Drive:
 
 
 class VirtualAcutrol:
-    """A controller, just switched on, of a table whose times are those that it is told.
+    """A controller, just switched on, of a table; the caller has the clock.
 
     `faults`: of the table and the controller; those of the link are for whoever has one.
     """
@@ -87,7 +87,7 @@ class VirtualAcutrol:
         self.table.advance(now)
 
     def carry_out(self, line: Sequence[AnyCommand], now: float) -> list[str | None]:
-        """Do what a line says; returns what is answered to each: a text to a question, and None to a command done.
+        """Carry out a line; returns the answer to each command: a text to a question, and None to a command done.
 
         A command that is not done is answered with what is wrong.
         """
@@ -115,14 +115,8 @@ class VirtualAcutrol:
     def _obey(self, command: Command) -> None:
         arguments = command.arguments
         match command.words:
-            case ("demand", "position"):
-                self._demand_position(arguments)
-            case ("demand", "delta"):
-                self._demand_delta(arguments)
-            case ("demand", "rate"):
-                self._demand_rate(arguments)
-            case ("demand", "oscillation"):
-                self._demand_oscillation(arguments)
+            case ("demand", what):
+                self._demand(what, arguments)
             case ("mode",) if len(arguments) == 2:
                 self._into(arguments[1], arguments[0])
             case ("mode", which) if len(arguments) == 1:
@@ -175,7 +169,7 @@ class VirtualAcutrol:
         self._apply(drive)
 
     def _apply(self, drive: _Drive) -> None:
-        """Have the axis do what its mode, limits and demands say."""
+        """Have the axis follow its mode, limits and demands."""
         axis = self.table.axes[drive.name]
         axis.enter(_MODES[drive.mode])
         if drive.mode == "off":
@@ -213,41 +207,34 @@ class VirtualAcutrol:
 
     # ----------------------------------------------------------------------------------------------- commands
 
-    def _demand_position(self, arguments: Sequence[str]) -> None:
-        chosen, (to,) = self._of(arguments, 1)
+    def _demand(self, what: str, arguments: Sequence[str]) -> None:
+        chosen, values = self._of(arguments, 3 if what == "oscillation" else 1)
         for drive in chosen:
-            low, high = (end / DPS for end in self.table.model.ends(drive.name))
-            if not low <= to <= high:
-                raise _Refused(_OUT_OF_RANGE)
-            drive.position = to
+            if what == "oscillation":
+                amplitude, hz, phase = values
+                omega, limits = 2.0 * math.pi * hz, drive.limits["synthesis"]
+                self._refuse_beyond(0.0, omega * amplitude, limits["rate"])
+                self._refuse_beyond(0.0, omega**2 * amplitude, limits["acceleration"])
+                if hz < 0.0 or (amplitude > 0.0 and hz == 0.0):
+                    raise _Refused(_OUT_OF_RANGE)
+                drive.oscillation = amplitude, hz, phase
+            elif what == "rate":
+                self._refuse_beyond(-self._most["rate"], values[0], self._most["rate"])
+                drive.rate = values[0]
+            else:
+                by = values[0] if what == "delta" else 0.0
+                self._refuse_beyond(-_DELTA_DEG, by, _DELTA_DEG)
+                now = drive.position if drive.mode == "position" else self.table.encoder(drive.name, self._now)[0] / DPS
+                low, high = (end / DPS for end in self.table.model.ends(drive.name))
+                to = now + by if what == "delta" else values[0]
+                self._refuse_beyond(low, to, high)
+                drive.position = to
             self._apply(drive)
 
-    def _demand_delta(self, arguments: Sequence[str]) -> None:
-        chosen, (by,) = self._of(arguments, 1)
-        if abs(by) > _DELTA_DEG:
+    @staticmethod
+    def _refuse_beyond(low: float, value: float, high: float) -> None:
+        if not low <= value <= high:
             raise _Refused(_OUT_OF_RANGE)
-        for drive in chosen:
-            angle = self.table.encoder(drive.name, self._now)[0] / DPS if drive.mode != "position" else drive.position
-            self._demand_position([str(self._number_of(drive)), str(angle + by)])
-
-    def _demand_rate(self, arguments: Sequence[str]) -> None:
-        chosen, (rate,) = self._of(arguments, 1)
-        if abs(rate) > self._most["rate"]:
-            raise _Refused(_OUT_OF_RANGE)
-        for drive in chosen:
-            drive.rate = rate
-            self._apply(drive)
-
-    def _demand_oscillation(self, arguments: Sequence[str]) -> None:
-        chosen, (amplitude, hz, phase) = self._of(arguments, 3)
-        omega = 2.0 * math.pi * hz
-        for drive in chosen:
-            limits = drive.limits["synthesis"]
-            too_much = omega * amplitude > limits["rate"] or omega**2 * amplitude > limits["acceleration"]
-            if amplitude < 0.0 or hz < 0.0 or too_much or (amplitude > 0.0 and hz == 0.0):
-                raise _Refused(_OUT_OF_RANGE)
-            drive.oscillation = amplitude, hz, phase
-            self._apply(drive)
 
     def _into(self, mode: str, axes: str) -> None:
         which = full(mode, acutrol.MODES)
@@ -286,9 +273,6 @@ class VirtualAcutrol:
         if len(arguments) != 1 + count:
             raise _Refused(_BAD_ARGUMENT)
         return self._chosen(arguments[0]), [_number(text) for text in arguments[1:]]
-
-    def _number_of(self, drive: _Drive) -> int:
-        return next(n for n, each in self._drives.items() if each is drive)
 
     def _acceleration(self, drive: _Drive) -> float:
         before, after = self.table.rates(np.array([self._now - STEP_S, self._now]))[:, AXES.index(drive.name)]

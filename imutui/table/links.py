@@ -1,4 +1,4 @@
-"""What bytes to and from a controller go over: TCP and serial line by `instrument.port`, GPIB by pyvisa, an extra."""
+"""Links to a controller: TCP and serial line by `instrument.port`, GPIB by pyvisa, an extra."""
 
 import contextlib
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from filters.errors import InputError
 from imutui.instrument.port import Port, PortError
 from imutui.table.controller import TableLinkError
 
-# "40 ms a command at the least on GPIB", says a driver; of a serial line nobody says anything
+# a driver notes "40 ms a command at the least on GPIB"; a serial line is assumed to be no faster
 _PAUSE_S = 0.04
 # an answer comes in one segment over TCP, and with a line end, it is assumed, over a serial line
 _QUIET_TCP_S, _QUIET_SERIAL_S = 0.001, 0.1
@@ -28,7 +28,7 @@ class Link(Protocol):
         ...
 
     def receive(self, patience_s: float) -> bytes:
-        """What has arrived, as soon as there is any; nothing where the line is quiet for so long."""
+        """Return the bytes that have arrived, as soon as there are any; none if the line is quiet for so long."""
         ...
 
     def close(self) -> None:
@@ -83,7 +83,7 @@ class PortLink:
 class GpibLink:
     """A resource of pyvisa, such as "GPIB0::1::INSTR"."""
 
-    # the bus says where an answer ends: there is nothing to wait for beyond it
+    # the bus marks the end of an answer: there is nothing to wait for beyond it
     prefix, acknowledges, pause_s, quiet_s = 0, False, _PAUSE_S, 0.0
 
     def __init__(self, resource: str) -> None:

@@ -6,7 +6,6 @@ press the emergency stop.
 
 import contextlib
 import itertools
-import json
 import math
 import subprocess
 import sys
@@ -14,11 +13,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from imutui.table.controller import AxisLimits, TableError, TableState
-from imutui.table.keeper import BRAKES_S, Told, stop_for_certain
+from filters.errors import InputError
+from imutui.table.controller import TableError
+from imutui.table.keeper import BRAKES_S, stop_for_certain
+from imutui.table.messages import Command, Report, decode, encode
 from imutui.table.registry import connect
+
+if TYPE_CHECKING:
+    from imutui.table.motion import AxisLimits, TableState
 
 _BEAT_S = 0.2
 _START_S = 30.0
@@ -31,18 +36,21 @@ _MOST_STATES = 1 << 16
 class KeptTable:
     """A table that a keeper has the link to; `close` has the keeper stop it and end.
 
-    `limits_text`: of `gate.parse_limits`, what the operator gives.
+    `limits_text`: of `motion.parse_limits`, what the operator gives.
     `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
+    `starts`: False starts no keeper, as if it had ended.
     `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
     Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
 
-    def __init__(self, url: str, limits_text: str = "", lives: Callable[[], bool] = lambda: True) -> None:
+    def __init__(
+        self, url: str, limits_text: str = "", lives: Callable[[], bool] = lambda: True, *, starts: bool = True
+    ) -> None:
         self.url = url
         self.states: deque[TableState] = deque(maxlen=_MOST_STATES)
         self.newest: TableState | None = None
-        self.news: deque[tuple[str, bool]] = deque()  # what the keeper reports, and whether it is a warning
-        self.error = ""  # why it ended, if not as told
+        self.news: deque[tuple[str, bool]] = deque()  # texts for the operator, and whether each is a warning
+        self.error = ""  # why the keeper ended, if it was not asked to
         self.enabled = False
         self.identity, self.axes = "", ()  # type: str, tuple[str, ...]
         self.limits: dict[str, AxisLimits] = {}
@@ -53,6 +61,9 @@ class KeptTable:
         self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
         self._answered = threading.Condition()
         self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
+        if not starts:
+            self._ended.set()
+            return
         command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         self._heard_s = time.monotonic()
@@ -80,51 +91,49 @@ class KeptTable:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the keeper has ended, as told or not."""
+        """Whether the keeper has ended."""
         return self._ended.is_set()
 
-    def send(self, **command: Any) -> int:
-        """Have the keeper carry out a command, `do`; what comes of it is in `news` or `error`. Returns its number."""
-        number = next(self._numbers)
-        self._write(command, number)
-        return number
+    def send(self, command: Command) -> None:
+        """Have the keeper carry out a command; a refusal is in `news`, the keeper's end in `error`."""
+        self._write(replace(command, number=next(self._numbers)))
 
-    def _write(self, command: dict[str, Any], number: int) -> None:
-        if command["do"] == "enable":
+    def _write(self, command: Command) -> None:
+        if command.do == "enable":
             self.enabled = True
-        self._accel_dps2 = min(self._accel_dps2, command.get("accel_dps2", math.inf))
-        line = json.dumps(command | {"number": number}).encode() + b"\n"
+        self._accel_dps2 = min([self._accel_dps2, *(motion.accel_dps2 for motion in command.motions)])
         with contextlib.suppress(OSError, ValueError), self._writing:  # the reader reports a keeper that has gone
             assert self._process.stdin is not None
-            self._process.stdin.write(line)
+            self._process.stdin.write(encode(command))
             self._process.stdin.flush()
 
-    def ask(self, timeout_s: float = 30.0, **command: Any) -> None:
+    def ask(self, command: Command, timeout_s: float = 30.0) -> None:
         """Send a command and wait until it is carried out; raises TableError if it is refused, or the keeper ends."""
         number, was_enabled = next(self._numbers), self.enabled
         self._awaited[number] = None
-        self._write(command, number)
+        self._write(replace(command, number=number))
         with self._answered:
             self._answered.wait_for(lambda: self._awaited[number] is not None or self._ended.is_set(), timeout_s)
         said = self._awaited.pop(number)
         if said is None:
             raise TableError(self.error or "the controller does not answer.")
         if said:
-            self.enabled = was_enabled if command["do"] == "enable" else self.enabled
+            self.enabled = was_enabled if command.do == "enable" else self.enabled
             raise TableError(said)
 
     def close(self) -> None:
         """Have the keeper stop the table, if it was enabled, and end; waits until it has."""
-        self._closing = True
-        self.send(do="off")
-        self._ended.wait(_END_S)
+        if not self.has_ended:
+            self._closing = True
+            self.send(Command("off"))
+            self._ended.wait(_END_S)
 
     # -- threads ----------------------------------------------------------------------------------------------------
 
     def _beat(self) -> None:
         while not self._ended.wait(_BEAT_S):
             if self._lives():
-                self.send(do="beat")
+                self.send(Command("beat"))
             if time.monotonic() - self._heard_s > _SILENT_S:  # it hangs, and watches over nothing
                 self._process.kill()
 
@@ -132,8 +141,8 @@ class KeptTable:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._heard_s = time.monotonic()
-            with contextlib.suppress(json.JSONDecodeError):  # the last line of one that was killed
-                self._take(json.loads(line))
+            with contextlib.suppress(InputError):  # the last line of one that was killed
+                self._take(decode(line, Report))
             self._started.set()
         self._process.wait()
         if not self._told_its_end:
@@ -143,28 +152,20 @@ class KeptTable:
         with self._answered:
             self._answered.notify_all()
 
-    def _take(self, told: Told) -> None:
-        if "identity" in told:
-            limits = {axis: AxisLimits(**cast("dict[str, float]", each)) for axis, each in told["limits"].items()}
-            self.identity, self.axes, self.limits = told["identity"], tuple(told["axes"]), limits
-            return
-        if "state" in told:
-            said = told["state"]
-            (o, m, i), (p, q, r) = said["angles_deg"], said["rates_dps"]
-            self.newest = TableState(
-                said["stamp_ns"], said["uncertainty_ns"], (o, m, i), (p, q, r), said["mode"], said["fault"]
-            )
-            self.states.append(self.newest)
-            return
-        self._told_its_end |= bool(told.get("ended"))
-        if "error" in told:
-            self.error = told["error"]
-        for key, is_warning in (("said", False), ("refused", True), ("error", True)):
-            if (text := told.get(key)) and (is_warning or not self._closing):
-                self.news.append((str(text), is_warning))
-        if told.get("to") in self._awaited:
+    def _take(self, report: Report) -> None:
+        if report.identity:
+            self.identity, self.axes, self.limits = report.identity, report.axes, report.limits
+        if report.state is not None:
+            self.newest = report.state
+            self.states.append(report.state)
+        self._told_its_end |= report.ended
+        self.error = report.error or self.error
+        for text, is_warning in ((report.said, False), (report.refused, True), (report.error, True)):
+            if text and (is_warning or not self._closing):
+                self.news.append((text, is_warning))
+        if report.to in self._awaited:
             with self._answered:
-                self._awaited[told["to"]] = told.get("refused", "")
+                self._awaited[report.to] = report.refused
                 self._answered.notify_all()
 
     def _stop_it_ourselves(self) -> None:

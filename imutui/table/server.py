@@ -38,7 +38,7 @@ BUS = Style(b"", b"\n", False)
 
 @dataclass(slots=True)
 class _Host:
-    """A connection, and what it is to be told."""
+    """A connection, and the answers that it waits for."""
 
     socket: socket.socket
     decoder: acutrol.CommandDecoder = field(default_factory=acutrol.CommandDecoder)
@@ -82,7 +82,7 @@ class TableServer:
         self._thread = threading.Thread(target=self._serve, name="table", daemon=True)
 
     def known(self) -> float:
-        """Have the table go on; returns until when what it does is known, s."""
+        """Have the table go on; returns the time until which its motion is known, s."""
         with self._lock:
             self._controller.advance(self._clock() + self._ahead_s)
             return self._controller.table.now
@@ -124,7 +124,7 @@ class TableServer:
         return min(max(min(due) - self._clock(), 0.0), _LOOK_UP_S) if due else _LOOK_UP_S
 
     def _served(self, host: _Host, is_ready: bool) -> bool:
-        """Hear a host and tell it what is due; whether it is there still."""
+        """Carry out the lines of a host and send the answers that are due; returns whether it is still there."""
         now = self._clock()
         if self._fault("cut", now) is not None:
             return False

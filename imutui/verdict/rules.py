@@ -2,16 +2,32 @@
 
 GREEN: every bias that can be seen has converged, and nothing is unexplained. AMBER: wait, or look. RED: do something.
 OFF: there is no filter. WAIT: it has not begun. Each rule is one `Check` with its threshold in its text, so that the
-page can show which rule made the word. What is judged is a `Standing`, which `sources` makes of a snapshot or a result.
+page can show which rule made the word. A running filter and the result of a run that is over are judged alike.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
 
 from filters.effects import plain_names
 from filters.health.finding import ADVICE, HealthEntry, without_bias
-from imutui.filter_snapshot import BiasSnapshot, CauseSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
+from imutui.estimates import (
+    Bias,
+    CauseField,
+    FilterSnapshot,
+    NisFields,
+    NoiseFields,
+    RemainderField,
+    biases,
+    live_biases,
+    specification_of,
+)
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
+Judged: TypeAlias = "FilterSnapshot | ResultDocument"
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -29,6 +45,7 @@ SITE_NOT_STATED = (
 )
 BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 _NOTHING = "–"
+_AT_REST = ("level", "gravity")
 USE = "usable; unseen: effects of motion, slow ones: t"
 """What GREEN allows and has not looked for, as short as a badge."""
 USE_AT_LENGTH = (
@@ -44,34 +61,6 @@ SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–
 LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}  # a check's level as a word
 CHANNELS_CHECK = "channels"  # name of the checks on channel health
 RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}  # of a level: the worst is told
-
-
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """What a filter has come to, of a run that goes on or is over."""
-
-    t: float | None  # of its last sample, s; None before the first
-    biases: Sequence[BiasSnapshot]  # six, in the instrument's axes
-    nis: NisSnapshot  # mean, band, and whether it is a test
-    remainder: Sequence[RemainderSnapshot]  # what the model leaves unexplained, by channel
-    # alarms, confounded: sentences on data that contradict the model, and on biases that the motion does not tell from
-    # other effects
-    alarms: Sequence[str]
-    confounded: Sequence[str]
-    # what is noisier than the filter expects; None while that is not known, or the unit moves
-    noise: NoiseSnapshot | None = None
-    slope_k_per_min: float | None = None  # of the temperature; None while it is not known
-    # where in a table profile the readings depart from the model, and what it may be, in words
-    departure: str | None = None
-    causes: Sequence[CauseSnapshot] = ()  # effects that the residual shows or showed
-    # when the reference ended, s, from where on biases are held; None while there is one
-    held_since: float | None = None
-    failure: str | None = None  # why the filter stopped, if it did
-    waiting: str | None = None  # what it waits for, in words
-    silent: str | None = None  # that the line is silent, in words, if it is
-    waiting_profile: str | None = None  # that a table profile waits to be begun, in words, if one does
-    over: bool = False  # whether no sample comes any more
-    limits_of: str = "Table 1"  # where the limits of the biases are from
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,29 +124,74 @@ class Verdict:
         return f"{'channels' if self.fault else 'filter'} {self.badge} {self.brief}".rstrip()
 
 
-def judge(standing: Standing | None, health: Sequence[HealthEntry] = ()) -> Verdict:
+def judge(
+    of: "Judged | None",
+    health: Sequence[HealthEntry] = (),
+    *,
+    silent: str | None = None,
+    waiting_profile: str | None = None,
+) -> Verdict:
     """Return the verdict on a unit's channels and on its filter.
 
-    `standing`: None for an acquisition or a log without a filter.
+    `of`: None for an acquisition or a log without a filter.
     `health`: faults of the channels.
+    `silent`: that the line is silent, in words, if it is.
+    `waiting_profile`: that a table profile waits to be begun, in words, if one does.
     """
-    channels = _health(health)
-    if any(check.level == "bad" for check in channels) or (standing is None and health):
+    channels, waiting = _health(health), _waiting(of)
+    if any(check.level == "bad" for check in channels) or (of is None and health):
         # what a filter makes of such readings says nothing: it is not waited for
-        rules = () if standing is None or standing.waiting or standing.t is None else tuple(_rules(standing, health))
+        rules = () if of is None or waiting else tuple(_rules(of, health, waiting_profile))
         return replace(_of((*channels, *(check for check in rules if check))), sudden=True)
-    if standing is None:
+    if of is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
-        return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
-    checks = tuple(check for check in (_running(standing), *channels, *_rules(standing, health)) if check)
-    if checks[0].level == "bad":
+        aside = "5 Table lays the profile aside, or traces its recording"
+        todo = "1 Connect starts one with a filter" if waiting_profile is None else aside
+        return Verdict("none", "OFF", reason, todo, sudden=True)
+    running = _running(of, silent)
+    checks = tuple(check for check in (running, *channels, *_rules(of, health, waiting_profile)) if check)
+    if running.level == "bad":
         return replace(_of(checks), sudden=True)
-    if standing.waiting or standing.t is None:
-        reason = standing.waiting or "waiting for the first sample"
+    if waiting:
+        # once samples come, what the operator can do about it comes before what the filter waits for
+        reason = waiting_profile if waiting_profile and of["samples"] else waiting
         return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
-    found = _of(checks)
-    held = held_text(standing.held_since)
+    found, held = _of(checks), held_text(of["held_since_s"])
     return found if held is None else replace(found, reason=f"{found.reason}; {held}")
+
+
+def bias_levels(of: FilterSnapshot, health: Sequence[HealthEntry]) -> list[str]:
+    """Return the level of each bias by the rules on one: health, limit, convergence, effects, what is unexplained.
+
+    A bias that cannot be seen is as one that there is no filter for, unless something on its channel is unexplained.
+    """
+    return [_level(of, bias, [one for one in health if one["channel"] == bias.channel]) for bias in live_biases(of)]
+
+
+def _level(of: FilterSnapshot, bias: Bias, health: Sequence[HealthEntry]) -> str:
+    name, departure = bias.channel, of["departure"]
+    checks = [_running(of, None), *_health(health)]
+    if not _waiting(of):
+        checks += [
+            _limits([bias], specification_of(of).source),
+            _converged(of, [bias], health, None),
+            _causes([one for one in of["causes"] if one["channel"] == name]),
+            _unexplained(
+                [one for one in of["remainder"] if one["channel"] == name],
+                departure if departure is not None and f" {name} reads " in departure else None,
+                over=False,
+            ),
+        ]
+    worst = max((check.level for check in checks), key=RANK.__getitem__)
+    hidden = _waiting(of) or not bias.observable
+    return "none" if hidden and worst != "bad" else worst
+
+
+def _waiting(of: "Judged | None") -> str:
+    """Return what a filter waits for before it can be judged, in words; empty if it can."""
+    if of is None or "waiting" not in of:
+        return ""
+    return of["waiting"] or ("" if of["samples"] else "waiting for the first sample")
 
 
 def held_text(since: float | None) -> str | None:
@@ -191,27 +225,33 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
     return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden, *wide]), USE, converged.brief, checks)
 
 
-def _rules(standing: Standing, health: Sequence[HealthEntry]) -> list[Check | None]:
+def _rules(of: Judged, health: Sequence[HealthEntry], waiting_profile: str | None) -> list[Check | None]:
+    is_over = "waiting" not in of
+    every = live_biases(of) if "waiting" in of else biases(of)
     return [
-        _alarms(standing),
-        _limits(standing.biases, standing.limits_of),
-        _nis(standing.nis),
-        _converged(standing, health),
-        _causes(standing.causes),
-        _unexplained(standing),
-        _noise(standing.noise),
-        _temperature(standing.slope_k_per_min, over=standing.over),
-        _confounded(standing.confounded),
-        _site(standing.biases),
+        _alarms(of),
+        _limits(every, specification_of(of).source),
+        _nis(of["nis"]),
+        _converged(of, every, health, waiting_profile),
+        _causes(of["causes"]),
+        _unexplained(of["remainder"], of["departure"], over=is_over),
+        _noise(of["noise"], of["reference"]),
+        _temperature(of["temperature_k_per_min"], over=is_over),
+        _confounded(of["confounded"]),
+        _site(every),
     ]
 
 
-def _running(standing: Standing) -> Check:
-    if standing.failure:
-        return Check("bad", "running", standing.failure, "stopped", "check mounting and rate; r starts anew")
-    if standing.silent is not None:
+def _running(of: Judged, silent: str | None) -> Check:
+    if failure := _failure(of):
+        return Check("bad", "running", failure, "stopped", "check mounting and rate; r starts anew")
+    if silent is not None:
         return Check("wait", "running", "no new data: the estimates are old", "no data", "check power and cable")
     return Check("good", "running", "data come")
+
+
+def _failure(of: Judged) -> str | None:
+    return of["failure"] if "waiting" in of else None
 
 
 def _health(health: Sequence[HealthEntry]) -> list[Check]:
@@ -233,49 +273,44 @@ def _of_kind(found: Sequence[HealthEntry]) -> Check:
     return Check(first["level"], CHANNELS_CHECK, first["said"] + also, brief, ADVICE[first["kind"]])
 
 
-def _alarms(standing: Standing) -> Check:
-    alarms = [alarm for alarm in standing.alarms if alarm != standing.failure]
+def _alarms(of: Judged) -> Check:
+    alarms = [alarm for alarm in of["alarms"] if alarm != _failure(of)]
     if not alarms:
         return Check("good", "alarms", "none")
     count = "alarm" if len(alarms) == 1 else f"{len(alarms)} alarms"
     # a profile's departure says where; the alarms themselves are told beside it
-    said = alarms[0] if standing.departure is None else standing.departure
+    said = alarms[0] if of["departure"] is None else of["departure"]
     return Check("bad", "alarms", f"{count}: {said}", count, "put that right first")
 
 
-def _limits(biases: Sequence[BiasSnapshot], source: str) -> Check:
-    if all(bias["limit"] is None for bias in biases):
+def _limits(every: Sequence[Bias], source: str) -> Check:
+    if all(bias.limit is None for bias in every):
         return Check("none", "limit", "not judged: the data sheet of this unit is not known")
     known = [
-        (abs(bias["value"]), bias["limit"], bias)
-        for bias in biases
-        if bias["observable"] and bias["value"] is not None and bias["limit"] is not None
+        (abs(bias.value), bias.limit, bias)
+        for bias in every
+        if bias.observable and bias.value is not None and bias.limit is not None
     ]
     if not known:
         return Check("none", "limit", "no estimate yet")
     size, limit, worst = max(known, key=lambda one: one[0] / one[1])
-    sd3, unit = worst["sd3"] or 0.0, worst["unit"]
-    bias = f"{worst['name']} bias {bias_text(worst)} {unit} (3 sd)"
+    unit = worst.unit
+    said = f"{worst.name} bias {_number(worst.value, unit)} ±{_number(worst.sd3, unit)} {unit} (3 sd)"
     allowed = f"{source}'s ±{limit:g} {unit}"
     if size <= limit:
-        return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of {source}'s, the most")
-    brief = f"{channel(worst['name'])} limit"
-    if size - sd3 <= limit:
-        return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
+        return Check("good", "limit", f"{worst.name} at {100.0 * size / limit:.0f} % of {source}'s, the most")
+    brief = f"{worst.channel} limit"
+    if size - (worst.sd3 or 0.0) <= limit:
+        return Check("wait", "limit", f"{said} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
     todo = "check level, mounting, sign; else the sensor is out of spec"
-    return Check("bad", "limit", f"{bias} is outside {allowed}", brief, todo)
-
-
-def bias_text(bias: BiasSnapshot) -> str:
-    """Estimate ± 3 sd, without the unit."""
-    return f"{_number(bias['value'], bias['unit'])} ±{_number(bias['sd3'], bias['unit'])}"
+    return Check("bad", "limit", f"{said} is outside {allowed}", brief, todo)
 
 
 def _number(value: float | None, unit: str) -> str:
     return _NOTHING if value is None or not math.isfinite(value) else f"{value:z.{BIAS_DECIMALS[unit]}f}"
 
 
-def _nis(nis: NisSnapshot) -> Check:
+def _nis(nis: NisFields) -> Check:
     meaning, mean, band = nis_meaning(nis), nis["mean"], _band(nis)
     if not nis["is_test"] or mean is None or band is None:
         return Check("none", "NIS", meaning)
@@ -289,12 +324,12 @@ def _nis(nis: NisSnapshot) -> Check:
     return Check(level, "NIS", f"NIS {mean:.3g} is {meaning}", f"NIS {mean:.3g}", todo)
 
 
-def _band(nis: NisSnapshot) -> tuple[float, float] | None:
+def _band(nis: NisFields) -> tuple[float, float] | None:
     low, high = nis["band95"] or (None, None)
     return None if low is None or high is None else (low, high)
 
 
-def nis_meaning(nis: NisSnapshot, *, whole: bool = False) -> str:
+def nis_meaning(nis: NisFields, *, whole: bool = False) -> str:
     """What the normalised innovation squared says; `whole` with the reason in full."""
     if not nis["is_test"]:
         short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
@@ -317,31 +352,21 @@ def tolerance(unit: str) -> float:
     return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
 
 
-def filter_sd3(bias: BiasSnapshot) -> float | None:
-    """Return three standard deviations as the filter has them, by which convergence is judged: without the site's."""
-    sd3, of_site = bias["sd3"], bias["site_sd3"]
-    return sd3 if sd3 is None else math.sqrt(max(sd3**2 - of_site**2, 0.0))
+def filter_sd(bias: Bias) -> float | None:
+    """Return the standard deviation as the filter has it, by which convergence is judged: without the site's."""
+    return bias.sd if bias.sd is None else math.sqrt(max(bias.sd**2 - bias.site_sd**2, 0.0))
 
 
-def moved_sd(bias: BiasSnapshot) -> float | None:
-    """Change over 10 s in standard deviations of the filter; None while one of them is not known."""
-    sd3 = filter_sd3(bias)
-    if bias["change_10s"] is None or not sd3:
-        return None
-    return float(3.0 * bias["change_10s"] / sd3)
+def moved_sd(bias: Bias) -> float | None:
+    """Return the change over 10 s in standard deviations of the filter; None while one of them is not known."""
+    sd = filter_sd(bias)
+    return None if bias.change_10s is None or not sd else bias.change_10s / sd
 
 
-def channel(name: str) -> str:
-    """Short name: "z gyro" is gz."""
-    axis, _, kind = name.partition(" ")
-    return f"{kind[:1]}{axis}"
-
-
-def _converged(standing: Standing, health: Sequence[HealthEntry]) -> Check:
-    biases, waiting_profile = standing.biases, standing.waiting_profile
-    seen = [bias for bias in biases if bias["observable"]]
-    pending = [bias for bias in seen if bias["converged_s"] is None]
-    hidden = [_hidden(bias["name"], health) for bias in biases if not bias["observable"]]
+def _converged(of: Judged, every: Sequence[Bias], health: Sequence[HealthEntry], waiting_profile: str | None) -> Check:
+    seen = [bias for bias in every if bias.observable]
+    pending = [bias for bias in seen if bias.converged_s is None]
+    hidden = [_hidden(bias, health) for bias in every if not bias.observable]
     if not seen and waiting_profile is not None:
         return Check("wait", "converged", waiting_profile, "profile waits", "no bias is observable before that")
     if not seen:
@@ -353,28 +378,27 @@ def _converged(standing: Standing, health: Sequence[HealthEntry]) -> Check:
         rest = f"; not observable here: {', '.join(hidden)}" if hidden else ""
         said = f"{brief} observable biases converged{rest}" if hidden else f"all {count} biases converged"
         return Check("good", "converged", said, brief)
-    waited, todo = _waited(pending, standing.slope_k_per_min)
-    todo = "record longer, with the unit undisturbed" if standing.over else todo
-    todo = "record again, with a longer reference" if standing.held_since is not None else todo
+    waited, todo = _waited(pending, of["temperature_k_per_min"])
+    todo = todo if "waiting" in of else "record longer, with the unit undisturbed"
+    todo = todo if of["held_since_s"] is None else "record again, with a longer reference"
     kind = "observable biases" if hidden else "biases"
     return Check("wait", "converged", f"{brief} {kind} converged; {waited}", brief, todo)
 
 
-def _hidden(name: str, health: Sequence[HealthEntry]) -> str:
-    fault = without_bias(health, channel(name))
-    return name if fault is None else f"{name} ({fault})"
+def _hidden(bias: Bias, health: Sequence[HealthEntry]) -> str:
+    fault = without_bias(health, bias.channel)
+    return bias.name if fault is None else f"{bias.name} ({fault})"
 
 
-def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, str]:
-    """What the slowest bias lacks, and what helps."""
+def _waited(pending: Sequence[Bias], slope: float | None) -> tuple[str, str]:
+    """Return what the slowest bias lacks, and what helps."""
     worst = max(pending, key=_lack)
-    name, unit, need, moved = worst["name"], worst["unit"], 3.0 * tolerance(worst["unit"]), moved_sd(worst)
-    sd3 = filter_sd3(worst)
-    if sd3 is None:
+    name, unit, need, moved, sd = worst.name, worst.unit, tolerance(worst.unit), moved_sd(worst), filter_sd(worst)
+    if sd is None:
         return f"{name}: no estimate yet", ""
-    if sd3 > need:
+    if sd > need:
         return (
-            f"{name}: 3 sd {sd3:.{BIAS_DECIMALS[unit]}f} {unit}, needs {need:g}",
+            f"{name}: 3 sd {3.0 * sd:.{BIAS_DECIMALS[unit]}f} {unit}, needs {3.0 * need:g}",
             "keep to the reference and wait",
         )
     if moved is not None and abs(moved) >= MOVES_SD:
@@ -388,25 +412,23 @@ def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, 
     return f"{name} has to agree with its readings for 10 s", "keep the unit undisturbed"
 
 
-def _lack(bias: BiasSnapshot) -> tuple[float, float]:
-    sd3 = filter_sd3(bias)
-    sd = math.inf if sd3 is None else sd3 / 3.0 / tolerance(bias["unit"])
-    return max(sd, 1.0), abs(moved_sd(bias) or 0.0)
+def _lack(bias: Bias) -> tuple[float, float]:
+    sd = filter_sd(bias)
+    return max(math.inf if sd is None else sd / tolerance(bias.unit), 1.0), abs(moved_sd(bias) or 0.0)
 
 
-def worst_remainder(remainder: Sequence[RemainderSnapshot]) -> tuple[str, float] | None:
+def worst_remainder(remainder: Sequence[RemainderField]) -> tuple[str, float] | None:
     """Channel whose 10 s means are farthest beyond noise, and how many times; None while there are too few of them."""
     known = [(r["channel"], r["ratio"]) for r in remainder if r["ratio"] is not None and r["windows"] >= FEWEST_WINDOWS]
     return max(known, key=lambda one: one[1], default=None)
 
 
-def _unexplained(standing: Standing) -> Check:
-    worst = worst_remainder(standing.remainder)
-    if standing.departure is not None:
-        brief = " ".join(standing.departure.split()[:3])
-        return Check("bad", "unexplained", standing.departure, brief, TRACE_KEY)
+def _unexplained(remainder: Sequence[RemainderField], departure: str | None, *, over: bool) -> Check:
+    worst = worst_remainder(remainder)
+    if departure is not None:
+        return Check("bad", "unexplained", departure, " ".join(departure.split()[:3]), TRACE_KEY)
     if worst is None:
-        said = "not known: too few means of 10 s" if standing.over else "known after 30 s"
+        said = "not known: too few means of 10 s" if over else "known after 30 s"
         return Check("none", "unexplained", said)
     name, ratio = worst
     level = "bad" if ratio > TOO_MUCH else "wait" if ratio > NOTICED else "good"
@@ -415,7 +437,7 @@ def _unexplained(standing: Standing) -> Check:
     return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", TRACE_KEY)
 
 
-def _causes(causes: Sequence[CauseSnapshot]) -> Check:
+def _causes(causes: Sequence[CauseField]) -> Check:
     """Whether an effect that shows is larger than what a bias may be uncertain by."""
     showing = [one for one in causes if one["shows"]]
     large = [one for one in showing if over_tolerance(one)]
@@ -426,18 +448,33 @@ def _causes(causes: Sequence[CauseSnapshot]) -> Check:
     return Check("wait", "effects", large[0]["text"], brief, TRACE_KEY)
 
 
-def over_tolerance(one: CauseSnapshot) -> bool:
+def over_tolerance(one: CauseField) -> bool:
     """Whether an effect takes readings farther from their mean than a converged bias may be uncertain by."""
     if one["effect"] == "noise_level":
         return not 1.0 / TOO_NOISY < one["size"] < TOO_NOISY
     return one["extent"] > (GYRO_TOLERANCE_DPS if one["unit"].startswith("deg") else ACCEL_TOLERANCE_MG)
 
 
-def _noise(noise: NoiseSnapshot | None) -> Check | None:
-    """Whether the readings' white noise is what the filter takes for it: else its standard deviations are too small."""
-    if noise is None:
+def _noise(noise: NoiseFields, reference: str) -> Check | None:
+    """Judge whether the white noise is what the filter takes for it: else its standard deviations are too small.
+
+    Of gyros and accelerometers the noisier ones count, and of these the quietest channel: what moves one channel alone
+    is an effect, and no noise of the unit. Nothing is known of a unit that moves.
+    """
+    sd, used = noise["relative_sd"], noise["used"]
+    if reference not in _AT_REST or sd is None:
         return None
-    name, ratio, sd = noise["name"], noise["ratio"], noise["relative_sd"]
+    kinds = {
+        "gyros": (noise["gyro_arw_deg_sqrt_h"], used["gyro_arw_deg_sqrt_h"]),
+        "accelerometers": (noise["accel_vrw_mps_sqrt_h"], used["accel_vrw_mps_sqrt_h"]),
+    }
+    ratios = {
+        kind: [of / expected for of, expected in zip(measured, taken, strict=True) if of is not None and expected]
+        for kind, (measured, taken) in kinds.items()
+    }
+    ratio, name = max(((min(known), kind) for kind, known in ratios.items() if known), default=(None, ""))
+    if ratio is None:
+        return None
     if sd > KNOWN_SD or ratio < max(TOO_NOISY, 1.0 + CERTAIN_SD * sd):
         return Check("good", "noise", f"{name} {ratio:.2f} × what the filter expects, at least")
     said = f"{name} are {ratio:.1f} × as noisy as the filter expects, so their ± are too small by as much"
@@ -469,10 +506,9 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
     return Check("wait", "motion", sentences[0], "motion", "")
 
 
-def _site(biases: Sequence[BiasSnapshot]) -> Check | None:
+def _site(every: Sequence[Bias]) -> Check | None:
     """Return which ± are wide because the site is not stated; it decides nothing, since the filter is as good."""
-    least = 3.0 * ACCEL_TOLERANCE_MG
-    wide = [bias["name"] for bias in biases if bias["observable"] and bias["site_sd3"] > least]
+    wide = [bias.name for bias in every if bias.observable and bias.site_sd > ACCEL_TOLERANCE_MG]
     if not wide:
         return None
     said = f"the ± of {' and '.join(wide)} is wide, as the site is not stated: --site LAT,LON,H"

@@ -25,6 +25,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
 from imutui.instrument.wire import Wire
 from imutui.table import registry
+from imutui.table.motion import Turn
 
 if TYPE_CHECKING:
     from imutui.instrument.counts import DataPacket
@@ -83,7 +84,7 @@ def test_stop_brings_to_rest_what_somebody_else_has_set_going() -> None:
     with served() as it:
         other = it.connected()
         other.enable()
-        other.rate("outer", 30.0, 200.0)
+        other.start(Turn("outer", 30.0, 200.0))
         wait_for(other, lambda state: state.rates_dps[0] > 25.0)
         assert "stopped" in imutui("table", "stop", "--controller", it.url).stdout
         assert wait_for(other, lambda state: state.rests).mode == "off"
@@ -159,7 +160,7 @@ def test_a_unit_of_any_kind_reads_at_its_own_instants_what_the_table_did(name: s
         controller.enable()
         wire.arrived(7.3, baud)
         now[0] = 7.3
-        controller.rate("inner", 80.0, 100.0)
+        controller.start(Turn("inner", 80.0, 100.0))
         for line in ASKED_FOR_DATA[name]:
             wire.receive(line, now[0], baud)
         for _ in range(200):

@@ -20,7 +20,7 @@ from filters.state import PAPER_SITE
 from imutui.cli.played_recording import load
 from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
-from imutui.cli.virtual_readings import Asked, SimulatedReadings, TurnedReadings, on_the_line
+from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line
 from imutui.cli.virtual_units import imu381_unit, instrument_of
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
@@ -56,7 +56,7 @@ SCENARIO = toml(
 TABLE = profile_toml(dwell(2.0), rate("inner", 30.0, 8.0))
 
 
-def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings | TurnedReadings, Spoiled]:
+def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings, Spoiled]:
     """A unit of a scenario without and with an error."""
     (home / "errors.py").write_text(ERRORS)
     (home / "table.toml").write_text(TABLE)
@@ -66,7 +66,7 @@ def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReading
         path.write_text(scenario)
     plain = on_the_line(Asked(path, seed=3)).readings
     with_error = on_the_line(Asked(path, seed=3, spoil=function(f"{home}/errors.py:{name}"))).readings
-    assert isinstance(plain, SimulatedReadings | TurnedReadings)
+    assert isinstance(plain, SimulatedReadings)
     assert isinstance(with_error, Spoiled)
     return plain, with_error
 

@@ -14,7 +14,6 @@ from filters.tracing import detectability
 from filters.tracing.detectability import TESTABLE, Quantity
 from imutui.jobs import operator_steps
 
-NOTHING = dict.fromkeys(("angles_deg", "axis", "rate_dps", "amplitude_deg", "hz"))
 UP = Dwell((0.0, 0.0, 0.0), 60.0)
 DOWN = Dwell((math.pi, 0.0, 0.0), 60.0)
 SEGMENTS = dwell(12.5, middle=90.0), rate("inner", -30.0, 4.0), sine("middle", 10.0, 0.5, 20.0)
@@ -145,15 +144,6 @@ def test_a_profile_by_hand_is_joined_by_marks() -> None:
     assert made.segments == was.segments
     angles = "t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n"
     assert operator_steps.by_hand(operator_steps.Offer("b", "", angles, "b.csv", 1, 10.0, "none")) is None
-
-
-def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
-    """So that what is shown after attaching again is the same."""
-    was = operator_steps.load("a.toml", TOML)
-    made = operator_steps.from_segments([NOTHING | segment for segment in SEGMENTS])
-    assert made is not None
-    assert made.segments == was.segments
-    assert operator_steps.from_segments([NOTHING | {"kind": "sampled", "seconds": 3.0}]) is None
 
 
 def test_the_command_prints_the_guided_list(home: Path) -> None:

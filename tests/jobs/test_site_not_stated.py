@@ -102,7 +102,7 @@ def test_it_stays_green_and_says_which_is_wide_and_what_states_it(replays: tuple
     for text in (replay_text.text(document, 80), str(replay_report.article(document))):
         assert "the site is not stated" in " ".join(text.split()).lower()
     for text in (replay_text.text(known, 80), str(replay_report.article(known)), sources.reasons(known)):
-        assert "site" not in text
+        assert "the site" not in text
 
 
 def test_a_limit_is_judged_by_the_widened_uncertainty(replays: tuple[Any, Any]) -> None:

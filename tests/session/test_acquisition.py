@@ -417,7 +417,7 @@ def test_the_filter_takes_another_reference_and_effects_between_recordings(start
     # a busy machine may still load what filters
     wait_until(lambda: connection.snapshot(2**62)["filter"]["effects"])
     (effect,) = connection.snapshot(2**62)["filter"]["effects"]
-    assert (effect["label"], effect["unit"]) == ("gy thermal_lin k", "deg/s/K")
+    assert effect["name"] == "gy thermal_lin k (deg/s/K)"
     live = connection.stop_recording()
     assert live["reference"] == "profile"
     assert len(live["effects"]) == 1
@@ -430,7 +430,7 @@ def test_the_filter_takes_another_reference_and_effects_between_recordings(start
     connection.configure(reference="level", effects="")
     state = connection.snapshot(2**62)
     assert state["reference"] == {"name": "level", "file": "", "profile": False}
-    assert state["filter"]["name"] == "spkf"
+    assert state["filter"]["filter"] == "spkf"
     assert state["effects"] == []
     assert connection.profile() is None
     connection.stop()

@@ -69,7 +69,7 @@ def test_a_fault_while_the_file_is_finished_costs_the_result_and_not_the_file(
 ) -> None:
     monkeypatch.setattr("imutui.logbook.results.document", broken)
     with acquiring(home, filter="spkf") as run:
-        wait_until(lambda: (run.seen()["filter"] or {}).get("t") is not None)
+        wait_until(lambda: bool((run.seen()["filter"] or {}).get("samples")))
         run.end()
     assert run.engine.exit_code == lifecycle.OWN_ERROR
     assert reader.read(run.first).finished

@@ -8,6 +8,7 @@ from helpers.commands import imutui, imutui_json
 from helpers.documents import toml
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 
+from imutui.estimates import live_biases
 from imutui.logbook import reader
 from imutui.session import client
 
@@ -24,7 +25,7 @@ def test_a_channel_that_freezes_is_red_on_every_way_out_and_in_the_replay(home: 
         assert "recording to" in record.stderr.readline()
         acquisition = client.attach("unit")
         wait_until(lambda: acquisition.snapshot(2**62)["health"] != [])
-        wait_until(lambda: bool((acquisition.snapshot(2**62)["filter"] or {}).get("biases")))
+        wait_until(lambda: bool((acquisition.snapshot(2**62)["filter"] or {}).get("samples")))
         seen = acquisition.snapshot(2**62)
         said, (status,) = imutui("status").stdout, imutui_json("status")
         stopped = imutui_json("stop", check=1)
@@ -33,8 +34,7 @@ def test_a_channel_that_freezes_is_red_on_every_way_out_and_in_the_replay(home: 
     (entry,) = seen["health"]
     assert (entry["channel"], entry["kind"], entry["level"]) == ("gy", "frozen", "bad")
     assert seen["filter"] is not None
-    (bias,) = [each for each in seen["filter"]["biases"] if each["name"] == "y gyro"]
-    assert (bias["sd3"], bias["converged_s"]) == (None, None)
+    assert [one.name for one in live_biases(seen["filter"]) if (one.sd, one.converged_s) == (None, None)] == ["y gyro"]
 
     assert f"RED: {entry['said']}" in " ".join(said.split())
     assert status["health"] == [entry]

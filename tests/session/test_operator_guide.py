@@ -1,4 +1,4 @@
-"""The guide through a table's profile, on a clock of the test's own; and the virtual unit that it turns."""
+"""The guide through a table's profile, on a clock of the test's own; and the table of a virtual unit."""
 
 from pathlib import Path
 
@@ -8,15 +8,12 @@ from helpers.documents import dwell, profile_toml
 from helpers.processes import wait_until
 
 from filters.motion.profile import Profile
-from filters.motion.segments import Dwell, Rate, Sampled, Sine
-from filters.simulation import Scenario
+from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from imutui.cli.demo import truth
-from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings
 from imutui.logbook import reader
-from imutui.session import client, operator_guide, table_turner
-from imutui.session.operator_guide import Guide
+from imutui.session import client, guidance
+from imutui.session.guidance import Guide
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.table_turner import TableTurner
 
 S = 1_000_000_000
 PROFILE = Profile(
@@ -33,9 +30,9 @@ def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
     for k, seconds in enumerate((5.0, 6.0, 8.0)):
         now += 1_000_000 * S
         assert one.snapshot(now, 0) | {"begun": None} == {
-            "state": "go", "segment": k, "count": 3, "left_s": None, "begun": None, "turns_s": None
+            "state": "go", "segment": k, "count": 3, "left_s": None, "begun": None
         }  # fmt: skip
-        marks.append(one.arrive(now))
+        marks.append(one.do("next", now, recording=True))
         assert one.snapshot(now, 0)["left_s"] == pytest.approx(seconds)
         before = one.snapshot(now + round((seconds - 0.001) * S), 0)
         assert (before["state"], before["segment"]) == ("hold", k)
@@ -48,17 +45,17 @@ def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
 
 def test_what_was_cancelled_half_done_is_done_again() -> None:
     one = Guide(PROFILE)
-    one.arrive(0)
-    one.arrive(5 * S)
+    one.do("next", 0, recording=True)
+    one.do("next", 5 * S, recording=True)
     assert one.cancel(6 * S) == "segment 2 ends"
     assert one.snapshot(6 * S, 0)["begun"] == [0.0, None, None]
     assert one.snapshot(60 * S, 0)["state"] == "cancelled"
-    one.resume()
+    one.do("resume", 61 * S, recording=True)
     assert (one.state, one.segment) == ("go", 1)
     # on the way there is nothing that has begun
     assert one.cancel(61 * S) is None
-    one.resume()
-    assert one.arrive(62 * S) == "segment 2"
+    one.do("resume", 61 * S, recording=True)
+    assert one.do("next", 62 * S, recording=True) == "segment 2"
 
 
 @pytest.mark.parametrize(
@@ -83,7 +80,7 @@ def test_what_cannot_be_done_now_is_refused_with_what_can(steps: tuple[str, ...]
 
 def test_the_end_of_the_recording_cancels_what_is_under_way_only() -> None:
     done = Guide(Profile(PROFILE.segments[:1], align="marks"))
-    done.arrive(0)
+    done.do("next", 0, recording=True)
     done.recording_ended(5 * S)
     assert done.state == "done"
     cut = Guide(PROFILE)
@@ -97,66 +94,65 @@ def test_a_profile_that_goes_by_its_own_clock_has_no_guide_unless_nothing_is_fil
     """The filter would not wait for the operator; without a filter there is nobody to be misled."""
     clocked = Profile(PROFILE.segments)
     with pytest.raises(ValueError, match='align = "marks"'):
-        operator_guide.begin_guide(clocked, "spkf", None, recording=False)
-    assert operator_guide.begin_guide(clocked, "none", None, recording=False).state == "go"
-    assert operator_guide.begin_guide(PROFILE, "spkf", None, recording=True).state == "go"
+        guidance.guided(clocked, "spkf")
+    assert guidance.guided(clocked, "none") is clocked
+    assert guidance.guided(PROFILE, "spkf") is PROFILE
     with pytest.raises(ValueError, match="no profile"):
-        operator_guide.begin_guide(None, "spkf", None, recording=False)
-    with pytest.raises(ValueError, match="cancel it first"):
-        operator_guide.begin_guide(PROFILE, "spkf", Guide(PROFILE), recording=True)
+        guidance.guided(None, "spkf")
+
+
+class Recorded:
+    """A mover that is told where to go, and has arrived when a test says so."""
+
+    has_ramps = False
+
+    def __init__(self) -> None:
+        self.told: list[object] = []
+        self.is_there = False
+
+    def go(self, profile: Profile, segment: Segment, now_ns: int) -> None:
+        self.told.append(segment)
+
+    def has_arrived(self, now_ns: int) -> bool:
+        there, self.is_there = self.is_there, False
+        return there
+
+    def leave(self) -> None:
+        self.told.append("leave")
+
+
+def test_a_mover_is_sent_to_each_segment_once_and_left_when_the_guide_is_cancelled() -> None:
+    mover = Recorded()
+    one, (first, second, _) = Guide(PROFILE, mover), PROFILE.segments
+    assert (one.look(0), one.look(S)) == (None, None)
+    with pytest.raises(ValueError, match="by itself"):
+        one.do("next", S, recording=True)
+    mover.is_there = True
+    assert one.look(2 * S) == "segment 1"
+    assert one.look(7 * S) is None
+    one.do("cancel", 8 * S, recording=True)
+    assert one.look(9 * S) is None
+    one.do("resume", 9 * S, recording=True)
+    one.look(9 * S)
+    assert mover.told == [first, second, "leave", second]
 
 
 def test_segments_are_described_as_the_operator_sets_them() -> None:
     sampled = Sampled((10.0, 12.0, 13.0), ((0.0, 0.0, 0.0),) * 3)
-    (recorded,) = operator_guide.describe(Profile((sampled,)), "angles.csv")["segments"]
+    (recorded,) = guidance.describe(Profile((sampled,)), "angles.csv")["segments"]
     assert (recorded["kind"], recorded["seconds"]) == ("sampled", 3.0)
     swing = Sine("middle", 0.17453292519943295, 0.5, 20.0)
-    told = operator_guide.describe(Profile((*PROFILE.segments, swing), accel=0.5), "tumble.toml")
+    told = guidance.describe(Profile((*PROFILE.segments, swing), accel=0.5), "tumble.toml")
     assert told["name"] == "tumble.toml"
     assert [one["kind"] for one in told["segments"]] == ["dwell", "rate", "dwell", "sine"]
     assert told["segments"][2]["text"] == "go to outer 0°, middle 90°, inner 0°"
-    assert told["segments"][2]["angles_deg"] == [0.0, 90.0, 0.0]
     assert told["segments"][3]["text"] == "swing middle by ±10° at 0.5 Hz"
     assert [one["seconds"] for one in told["segments"]] == pytest.approx([5.0, 6.0, 8.0, 24.0])
-    keys = {"kind", "angles_deg", "axis", "rate_dps", "amplitude_deg", "hz", "seconds", "text"}
-    assert all(one.keys() == keys for one in [*told["segments"], recorded])
 
 
-# A virtual unit of an acquisition's own turns as the operator of a profile says, and what is recorded is right
+# The table of a virtual unit of an acquisition's own is under command, and what is recorded is right
 
 TURNED = profile_toml(dwell(10.0), dwell(10.0, 90.0), dwell(10.0, middle=-90.0), align="marks", slew_dps=60.0)
-
-
-def test_the_unit_reads_the_motion_that_the_turner_knows() -> None:
-    lines: list[str] = []
-    turner = TableTurner(lines.append)
-    steps = [Dwell((np.pi / 2, 0.0, 0.0), 5.0), Dwell((np.pi / 2, 0.0, 1.0), 5.0), Rate("inner", 0.5, 2.0)]
-    profile = Profile(tuple(steps), sign=(1, 1, -1), align="marks")
-    now = 0
-    still = SimulatedReadings(Scenario(seed=3))
-    turned = TurnedReadings(SimulatedReadings(Scenario(seed=3)), still.unit)
-    rate_hz, k = still.unit.rate_hz, 0
-    for step in steps:
-        turner.turn(profile, step, now)
-        with pytest.raises(ValueError, match="turns for another"):
-            turner.turn(profile, step, now)
-        turned.turn(lines[-1])
-        motion = table_turner.motion_of(lines[-1])
-        angle = np.zeros(3)
-        for _ in range(int((motion.duration + 0.1) * rate_hz)):
-            difference = np.subtract(turned.reading(k).rates_dps, still.reading(k).rates_dps)
-            angle += difference / rate_hz
-            k += 1
-        # of what turns about the vertical, and by less than the whole, only the axis that is vertical tells
-        moved = np.rad2deg(motion.angles(motion.duration) - motion.angles(0.0))[0]
-        assert np.abs(np.abs(angle).max() - np.abs(moved).max()) < 0.5
-        assert not turner.has_arrived(now)
-        now += round((motion.duration + 1.0) * 1e9)
-        assert turner.has_arrived(now)
-        assert not turner.has_arrived(now)
-    x, y, z = turned.reading(k).accels_g
-    assert abs(np.hypot(x, y) - 1.0) < 0.1  # on its side, as the first of them left it
-    assert abs(z) < 0.1
 
 
 def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(home: Path) -> None:
@@ -167,20 +163,11 @@ def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(ho
         reference="profile",
         reference_file=("three.toml", TURNED),
         virtual=("--seed", "3"),
+        controller=VIRTUAL_PORT,
     )
     connection = client.start(plan, timeout=90.0)
-
-    def guide() -> dict:  # type: ignore[type-arg]
-        return dict(connection.snapshot(2**62)["guide"] or {})
-
-    connection.guide("begin")
-    for step in range(3):
-        wait_until(lambda step=step: (guide()["state"], guide()["segment"]) == ("go", step))  # type: ignore[misc]
-        connection.guide("next")
-        if step:
-            assert guide()["turns_s"] > 0.0
-        wait_until(lambda: guide()["state"] in ("hold", "done"))
-    wait_until(lambda: guide()["state"] == "done")
+    connection.guide("begin", yes_move=True)
+    wait_until(lambda: (connection.snapshot(2**62)["guide"] or {}).get("state") == "done")
     result = connection.stop() or {}
     marks = [event.text for event in reader.read(Path(result["log"])).events if event.name == "mark"]
     assert marks == ["segment 1", "segment 2", "segment 3"]

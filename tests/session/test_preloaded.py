@@ -27,7 +27,7 @@ def test_what_is_forked_outlives_its_parent_and_the_death_of_another(tmp_path: P
             with pytest.raises(SessionError, match="is in use by"):
                 client.start(Plan(first, name="c", filter="none"), parent=parent)
         lost = Path(str(a.snapshot()["recording"]["path"]))  # type: ignore[index]
-        wait_until(lambda: (b.snapshot()["filter"] or {}).get("t"))  # type: ignore[return-value]
+        wait_until(lambda: (b.snapshot()["filter"] or {}).get("samples"))  # type: ignore[return-value]
         os.kill(a.pid, signal.SIGKILL)
         wait_until(lambda: has_ended(a.pid))
         before = b.snapshot()["packets"]

@@ -59,7 +59,7 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
             assert looked_at(run)["marks"][0]["text"] == "here"
         if filtering != "none":
             assert live_filter.PLAIN.ready.wait(120.0)
-            while looked_at(run)["filter"]["t"] is None:
+            while looked_at(run)["filter"]["samples"] == 0:
                 pass
         past = travelled(engine.call(lambda acquisition: acquisition.history(HistoryWish()), timeout=60.0))
         assert mismatch(past, HistorySnapshot, "history") == ""

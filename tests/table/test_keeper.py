@@ -16,6 +16,8 @@ from helpers.tables import Served, served, strike
 from filters.simulation import TableFault, TableModel
 from imutui.table import owner
 from imutui.table.controller import TableError
+from imutui.table.messages import Command
+from imutui.table.motion import Motion, Move, Swing, Turn
 from imutui.table.owner import KeptTable
 
 TURNING = math.radians(5.0)
@@ -31,10 +33,15 @@ def kept(it: Served, limits: str = "", **options: object) -> Iterator[KeptTable]
         table.close()
 
 
+def go(table: KeptTable, *motions: Motion) -> None:
+    """Have motions begin, and wait until they are commanded."""
+    table.ask(Command("go", motions))
+
+
 def turning(it: Served, table: KeptTable, dps: float = 30.0) -> None:
     """Have the inner axis turn, and wait until it does."""
-    table.ask(do="enable")
-    table.ask(do="rate", axis="inner", rate_dps=dps)
+    table.ask(Command("enable"))
+    go(table, Turn("inner", dps, 500.0))
     wait_until(lambda: abs(it.table.axes["inner"].rate) > TURNING)
 
 
@@ -54,36 +61,33 @@ def test_it_says_what_the_table_may_do_and_asks_its_angles_all_the_time() -> Non
 
 def test_nothing_moves_before_it_is_enabled() -> None:
     with served() as it, kept(it) as table:
-        for command in (
-            {"do": "move", "angles_deg": [0.0, 0.0, 5.0], "rate_dps": 10.0, "accel_dps2": 10.0},
-            {"do": "rate", "axis": "inner", "rate_dps": 5.0},
-            {"do": "oscillate", "axis": "inner", "amplitude_deg": 1.0, "hz": 0.1},
-        ):
+        for motion in (Move("inner", 5.0, 10.0, 10.0), Turn("inner", 5.0, 10.0), Swing("inner", 1.0, 0.1, 10.0)):
             with pytest.raises(TableError, match="before it is enabled"):
-                table.ask(**command)
+                go(table, motion)
         assert it.told == []
 
 
 @pytest.mark.parametrize(
-    ("command", "why"),
+    ("motions", "why"),
     [
-        ({"do": "rate", "axis": "inner", "rate_dps": 60.0}, "its limit is 50"),
-        ({"do": "rate", "axis": "inner", "rate_dps": 10.0, "accel_dps2": 200.0}, "its limit is 100"),
-        ({"do": "rate", "axis": "up", "rate_dps": 10.0}, "up"),
-        ({"do": "rate", "axis": "inner", "rate_dps": math.nan}, "rate_dps"),
-        ({"do": "move", "angles_deg": [0.0, 91.0, 0.0], "rate_dps": 10.0, "accel_dps2": 10.0}, "-90 to 90"),
-        ({"do": "move", "angles_deg": [0.0, 9.0], "rate_dps": 10.0, "accel_dps2": 10.0}, "angles_deg"),
-        ({"do": "move", "angles_deg": [0.0, 9.0, 0.0], "rate_dps": 0.0, "accel_dps2": 10.0}, "positive"),
-        ({"do": "oscillate", "axis": "inner", "amplitude_deg": 10.0, "hz": 2.0}, "its limit is 50"),
-        ({"do": "jump"}, "not one of"),
+        ([Turn("inner", 60.0, 50.0)], "its limit is 50"),
+        ([Turn("inner", 10.0, 200.0)], "its limit is 100"),
+        ([Turn("inner", 10.0, 0.0)], "positive"),
+        ([Turn("up", 10.0, 50.0)], "up"),
+        ([Turn("inner", math.nan, 50.0)], "rate_dps"),
+        ([Turn("inner", 10.0, 50.0), Move("middle", 91.0, 10.0, 10.0)], "-90 to 90"),
+        ([Move("middle", 9.0, 0.0, 10.0)], "positive"),
+        ([Swing("inner", 10.0, 2.0, 100.0)], "its limit is 50"),
+        ([Swing("inner", 1.0, 1.0, 10.0)], "brakes more gently"),
+        ([Turn("inner", 10.0, 50.0), Turn("inner", -10.0, 50.0)], "of one axis"),
     ],
 )
-def test_a_command_outside_of_limits_is_refused_and_never_sent(command: dict[str, object], why: str) -> None:
+def test_a_motion_outside_of_limits_is_refused_and_none_of_its_command_is_sent(motions: list[Motion], why: str) -> None:
     with served(STOPS) as it, kept(it, "inner=50/100") as table:
-        table.ask(do="enable")
+        table.ask(Command("enable"))
         before = list(it.told)
         with pytest.raises(TableError, match=why):
-            table.ask(**command)
+            go(table, *motions)
         assert it.told == before
         assert not table.has_ended
 
@@ -91,8 +95,8 @@ def test_a_command_outside_of_limits_is_refused_and_never_sent(command: dict[str
 def test_it_moves_rests_and_is_let_go_with_its_interlock_open() -> None:
     with served() as it:
         with kept(it) as table:
-            table.ask(do="enable")
-            table.ask(do="move", angles_deg=[0.0, 0.0, 7.0], rate_dps=20.0, accel_dps2=50.0)
+            table.ask(Command("enable"))
+            go(table, *(Move(axis, 7.0 * (axis == "inner"), 20.0, 50.0) for axis in table.axes))
             wait_until(lambda: abs(math.degrees(it.table.axes["inner"].angle) - 7.0) < 0.01)
         assert stands(it)
         assert it.told[-3:] == [f":interlock:open {n}" for n in (1, 2, 3)]
@@ -159,10 +163,12 @@ def test_an_owner_that_does_its_work_no_more_commands_no_table() -> None:
 
 _OWNER = """
 import sys
+from imutui.table.messages import Command
+from imutui.table.motion import Turn
 from imutui.table.owner import KeptTable
 table = KeptTable(sys.argv[1])
-table.ask(do="enable")
-table.ask(do="rate", axis="inner", rate_dps=30.0)
+table.ask(Command("enable"))
+table.ask(Command("go", (Turn("inner", 30.0, 500.0),)))
 print("turns", flush=True)
 sys.stdin.read()
 """
@@ -188,9 +194,9 @@ def test_the_table_stands_when_its_owner_is_killed_or_stopped(number: signal.Sig
 def test_a_stop_gets_in_between_the_commands_of_a_move_on_a_slow_link() -> None:
     """No axis is set going after it, and the first line after it is a stop's."""
     with served() as it, kept(it) as table:
-        table.ask(do="enable")
+        table.ask(Command("enable"))
         it.server._of_link.append(TableFault(0.0, "slow", delay=0.25))
-        table.send(do="move", angles_deg=[90.0, 90.0, 90.0], rate_dps=20.0, accel_dps2=100.0)
+        table.send(Command("go", tuple(Move(axis, 90.0, 20.0, 100.0) for axis in table.axes)))
         wait_until(lambda: ":mode:position 1" in it.told)
         before = len(it.told)
         os.kill(table.pid, signal.SIGINT)
@@ -206,7 +212,7 @@ def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> N
         turning(it, table, 100.0)
         before = list(it.told)
         with kept(it) as other, pytest.raises(TableError, match=r"in mode rate.*another host commands the table"):
-            other.ask(do="enable")
+            other.ask(Command("enable"))
         assert it.told == before
         assert not table.has_ended
         assert abs(it.table.axes["inner"].rate) > TURNING
@@ -214,10 +220,10 @@ def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> N
 
 def test_an_answer_belongs_to_its_command() -> None:
     with served() as it, kept(it) as table:
-        table.send(do="jump")
-        table.ask(do="enable")
+        table.send(Command("jump"))  # type: ignore[arg-type]
+        table.ask(Command("enable"))
         with pytest.raises(TableError, match="not one of"):
-            table.ask(do="jump")
+            table.ask(Command("jump"))  # type: ignore[arg-type]
 
 
 def test_a_keeper_that_hangs_on_its_link_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

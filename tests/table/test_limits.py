@@ -1,11 +1,10 @@
 """A table never leaves its limits: random limits, commands and profiles on the virtual table, in simulated time."""
 
-import json
 import math
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,14 @@ from filters.motion.segments import Dwell, Rate, Segment, Sine
 from filters.simulation import TableModel, TurnTable
 from imutui.session import commanded_table
 from imutui.session.commanded_table import CommandedTable
-from imutui.table import acutrol_host, gate, keeper
+from imutui.table import acutrol_host, keeper
 from imutui.table.acutrol import DONE, CommandDecoder, encode_answer
 from imutui.table.acutrol_host import Acutrol
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import TableError, TableLinkError, TableState
-from imutui.table.keeper import Keeper, Told
+from imutui.table.controller import TableError, TableLinkError
+from imutui.table.keeper import Keeper
+from imutui.table.messages import Command, Report
+from imutui.table.motion import Motion, Move, Swing, TableState, Turn, parse_limits
 
 NOISE_DEG = 0.05  # of an encoder, its offset included
 
@@ -96,7 +97,7 @@ class Kept:
     keeper: Keeper
     wire: Wire
     clock: Clock
-    told: list[Told]
+    told: list[Report]
     url = identity = error = ""
     enabled, has_ended = False, False
     newest: TableState | None = None
@@ -113,13 +114,15 @@ class Kept:
     def axes(self) -> Any:
         return self.keeper._controller.axes
 
-    def send(self, **command: Any) -> int:
+    def send(self, command: Command) -> None:
         with self.ending():
-            self.keeper.carry_out(json.dumps(command).encode())
-        self.enabled |= command["do"] == "enable"
-        return 0
+            self.keeper.carry_out(command)
+        self.enabled |= command.do == "enable"
 
     ask = send
+
+    def go(self, *motions: Motion) -> None:
+        self.send(Command("go", motions))
 
     def wait(self, seconds: float) -> None:
         """Have the keeper poll for a time."""
@@ -131,9 +134,7 @@ class Kept:
         with self.ending():
             self.keeper.poll()
         self.clock.now += 0.005
-        state = next(told["state"] for told in reversed(self.told) if "state" in told)
-        (o, m, i), (p, q, r) = state["angles_deg"], state["rates_dps"]
-        self.newest = TableState(state["stamp_ns"], state["uncertainty_ns"], (o, m, i), (p, q, r), state["mode"], "")
+        self.newest = next(told.state for told in reversed(self.told) if told.state is not None)
         self.states.append(self.newest)
 
     @contextmanager
@@ -173,30 +174,28 @@ def kept(limits: str = "", latency_s: float = 0.002, at_deg: float = 0.0, **mode
     with pytest.MonkeyPatch.context() as patch:
         for module in (acutrol_host, keeper, commanded_table):
             patch.setattr(module, "time", clock)
-        for module in (acutrol_host, keeper):
-            patch.setattr(module, "_real_s", clock.monotonic)
         patch.setattr(keeper, "_wait", clock.sleep)
         controller = VirtualAcutrol(TurnTable(TableModel(seed=3, **({"axes": ("inner",)} | model))))
         for axis in controller.table.axes.values():
             axis.angle = axis._reference = axis._between = axis.demand = math.radians(at_deg)
             controller.table._past.angles[:] = math.radians(at_deg)
-        wire, told = Wire(controller, clock, latency_s), list[Told]()
+        wire, told = Wire(controller, clock, latency_s), list[Report]()
 
         def connect(asks: bool) -> Acutrol:
             wire.is_closed = False
             wire.sent.append("connected")
             return Acutrol(wire, asks=asks)
 
-        made = Keeper(connect, gate.parse_limits(limits), told.append, NoLines())  # type: ignore[arg-type]
+        made = Keeper(connect, parse_limits(limits), told.append, NoLines())  # type: ignore[arg-type]
         it = Kept(made, wire, clock, told)
         it.extremes = dict.fromkeys(("outer", "middle", "inner"), (at_deg, at_deg))
         it.wait(0.02)
-        it.ask(do="enable")
+        it.ask(Command("enable"))
         yield it
 
 
 def refusal(it: Kept) -> str:
-    return next((told["refused"] for told in reversed(it.told) if "refused" in told), "")
+    return next((told.refused for told in reversed(it.told) if told.refused), "")
 
 
 # ---------------------------------------------------------------------------------------------------- never beyond them
@@ -205,23 +204,13 @@ sizes = st.floats(0.0, 2.7).map(lambda exponent: 10.0**exponent)  # 1 to 500, ge
 signs = st.sampled_from((-1.0, 1.0))
 commands = st.one_of(
     st.builds(
-        lambda angle, rate, accel: {
-            "do": "move", "angles_deg": [0.0, 0.0, angle], "rate_dps": min(rate, 400.0), "accel_dps2": accel
-        },
-        st.floats(-200.0, 200.0), sizes, sizes,
+        lambda angle, rate, accel: Move("inner", angle, min(rate, 400.0), accel), st.floats(-200.0, 200.0), sizes, sizes
     ),
-    st.builds(
-        lambda sign, rate, accel: {
-            "do": "rate", "axis": "inner", "rate_dps": sign * min(rate, 400.0), "accel_dps2": accel
-        },
-        signs, sizes, sizes,
-    ),
-    st.builds(
-        lambda amplitude, hz: {"do": "oscillate", "axis": "inner", "amplitude_deg": amplitude, "hz": hz},
-        st.floats(0.0, 60.0), st.floats(0.05, 2.0),
-    ),
-    st.just({"do": "stop"}),
-)  # fmt: skip
+    st.builds(lambda sign, rate, accel: Turn("inner", sign * min(rate, 400.0), accel), signs, sizes, sizes),
+    st.builds(lambda amplitude, hz: Swing("inner", amplitude, hz, 500.0), st.floats(0.0, 60.0), st.floats(0.05, 2.0)),
+    st.none(),
+)
+"""Motions; None: a stop."""
 ends = st.tuples(st.floats(-185.0, -5.0), st.floats(5.0, 185.0))
 
 
@@ -233,13 +222,13 @@ ends = st.tuples(st.floats(-185.0, -5.0), st.floats(5.0, 185.0))
     st.sampled_from((2_000.0, 20_000.0)),
 )
 def test_no_command_takes_an_axis_beyond_its_limits(
-    limits: tuple[float, float], asked: list[tuple[dict[str, Any], float]], latency_s: float, jerk: float
+    limits: tuple[float, float], asked: list[tuple[Motion | None, float]], latency_s: float, jerk: float
 ) -> None:
     low, high = limits
     with kept(f"inner=400/500/{low}/{high}", latency_s, jerk=jerk * DPS) as it:
         try:
-            for command, seconds in asked:
-                it.send(**command)
+            for motion, seconds in asked:
+                it.send(Command("stop") if motion is None else Command("go", (motion,)))
                 it.wait(seconds)
         except TableError:  # the keeper has stopped it
             assert it.has_ended
@@ -256,11 +245,11 @@ segments = st.one_of(
 def run_through(it: Kept, profile: Profile) -> None:
     """Have a profile's segments commanded one after the other, as an acquisition does."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commanded_table, "KeptTable", lambda *_: it)
+        patch.setattr(commanded_table, "KeptTable", lambda *_, **__: it)
         table = CommandedTable("")
         table.check(profile)
         for segment in profile.segments:
-            table.turn(profile, segment, it.clock.monotonic_ns())
+            table.go(profile, segment, it.clock.monotonic_ns())
             while not table.has_arrived(it.clock.monotonic_ns()):
                 it.poll()
                 table.take(it.clock.monotonic_ns())
@@ -293,7 +282,7 @@ def test_a_profile_that_passes_its_check_runs_through_within_limits(
 def test_an_axis_goes_the_way_between_its_stops_and_not_the_short_way_through_them() -> None:
     """The controller counts modulo 360: two demands of less than half a turn each, none modulo 360."""
     with kept("inner=200/200/-170/170", at_deg=160.0) as it:
-        it.ask(do="move", angles_deg=[0.0, 0.0, -160.0], rate_dps=150.0, accel_dps2=200.0)
+        it.go(Move("inner", -160.0, 150.0, 200.0))
         it.wait(8.0)
         assert it.newest is not None
         assert it.newest.angles_deg[2] == pytest.approx(-160.0, abs=0.05)
@@ -303,9 +292,9 @@ def test_an_axis_goes_the_way_between_its_stops_and_not_the_short_way_through_th
 @pytest.mark.parametrize(("at", "ask", "back"), [(178.0, 175.0, True), (178.0, 0.0, True), (178.0, 179.0, False)])
 def test_a_table_outside_its_limits_may_move_back_and_no_farther_out(at: float, ask: float, back: bool) -> None:
     with kept("inner=200/200/-170/170", at_deg=at) as it:
-        it.ask(do="rate", axis="inner", rate_dps=20.0)
+        it.go(Turn("inner", 20.0, 200.0))
         assert "to its limit" in refusal(it)
-        it.ask(do="move", angles_deg=[0.0, 0.0, ask], rate_dps=100.0, accel_dps2=200.0)
+        it.go(Move("inner", ask, 100.0, 200.0))
         it.wait(6.0)
         assert it.newest is not None
         assert it.newest.angles_deg[2] == pytest.approx(ask if back else at, abs=0.05)
@@ -315,7 +304,7 @@ def test_a_table_outside_its_limits_may_move_back_and_no_farther_out(at: float, 
 @pytest.mark.parametrize(("rate", "accel"), [(30.0, 5.0), (100.0, 100.0), (-30.0, 5.0)])
 def test_a_rate_whose_own_braking_has_no_room_is_refused_and_never_sent(rate: float, accel: float) -> None:
     with kept("inner=200/200/-60/60") as it:
-        it.ask(do="rate", axis="inner", rate_dps=rate, accel_dps2=accel)
+        it.go(Turn("inner", rate, accel))
         assert "until it stands" in refusal(it)
         it.wait(1.0)
         assert it.extremes["inner"][1] - it.extremes["inner"][0] < NOISE_DEG
@@ -324,21 +313,21 @@ def test_a_rate_whose_own_braking_has_no_room_is_refused_and_never_sent(rate: fl
 def test_a_stop_amid_a_move_brakes_as_the_move_does() -> None:
     """Else it brakes with what the last rate was given, which may take it far beyond where it was sent."""
     with kept("inner=200/200/-60/60") as it:
-        it.ask(do="rate", axis="inner", rate_dps=1.0, accel_dps2=1.0)
+        it.go(Turn("inner", 1.0, 1.0))
         it.wait(1.0)
-        it.ask(do="stop")
-        it.ask(do="move", angles_deg=[0.0, 0.0, 55.0], rate_dps=60.0, accel_dps2=100.0)
+        it.ask(Command("stop"))
+        it.go(Move("inner", 55.0, 60.0, 100.0))
         it.wait(0.8)
-        it.ask(do="stop")
+        it.ask(Command("stop"))
         it.check()
 
 
 def test_a_swing_that_is_made_larger_is_checked_about_its_own_centre() -> None:
     with kept("inner=200/500/-40/12") as it:
-        it.ask(do="oscillate", axis="inner", amplitude_deg=10.0, hz=0.5)
+        it.go(Swing("inner", 10.0, 0.5, 500.0))
         while it.newest is None or it.newest.angles_deg[2] > -9.0:
             it.poll()
-        it.ask(do="oscillate", axis="inner", amplitude_deg=18.0, hz=0.5)
+        it.go(Swing("inner", 18.0, 0.5, 500.0))
         assert "-40 to 12" in refusal(it)
         it.wait(3.0)
         it.check()
@@ -346,10 +335,10 @@ def test_a_swing_that_is_made_larger_is_checked_about_its_own_centre() -> None:
 
 def test_a_rate_that_slows_an_axis_down_is_not_refused_next_to_its_stop() -> None:
     with kept("inner=200/200/-60/60") as it:
-        it.ask(do="rate", axis="inner", rate_dps=30.0, accel_dps2=50.0)
+        it.go(Turn("inner", 30.0, 50.0))
         while it.newest is None or it.newest.angles_deg[2] < 33.0:
             it.poll()
-        it.ask(do="rate", axis="inner", rate_dps=0.0, accel_dps2=50.0)
+        it.go(Turn("inner", 0.0, 50.0))
         assert refusal(it) == ""
         it.wait(2.0)
         it.check()
@@ -361,7 +350,7 @@ def test_a_rate_that_slows_an_axis_down_is_not_refused_next_to_its_stop() -> Non
 def test_a_table_whose_answers_are_lost_is_stopped_before_anything_is_asked_over_each_link() -> None:
     """It stands though it never says so; the last word is the emergency stop, and nothing fails on a closed link."""
     with kept() as it:
-        it.ask(do="rate", axis="inner", rate_dps=100.0, accel_dps2=100.0)
+        it.go(Turn("inner", 100.0, 100.0))
         it.wait(2.0)
         it.wire.is_silent = True
         del it.wire.sent[:]
@@ -372,7 +361,7 @@ def test_a_table_whose_answers_are_lost_is_stopped_before_anything_is_asked_over
         it.look()
         assert it.wire.controller.table.axes["inner"].is_idle
         assert 60.0 < it.clock.now - silent_s < 70.0
-    last = next(told["error"] for told in reversed(it.told) if "error" in told)
+    last = next(told.error for told in reversed(it.told) if told.error)
     assert last.endswith("NOT confirmed within 60 s that the table rests. Press its emergency stop.")
     over = [link.split("|") for link in "|".join(it.wire.sent[1:]).split("|connected|")]
     assert len(over) > 5
@@ -387,7 +376,7 @@ def test_a_table_whose_answers_are_lost_is_stopped_before_anything_is_asked_over
 
 def test_rate_zero_comes_before_mode_off_by_what_braking_takes() -> None:
     with kept() as it:
-        it.ask(do="rate", axis="inner", rate_dps=100.0, accel_dps2=50.0)
+        it.go(Turn("inner", 100.0, 50.0))
         it.wait(4.0)
         it.wire.is_silent = True
         it.keeper.end("no answer.", is_error=True, is_deaf=True)
@@ -399,14 +388,16 @@ def test_rate_zero_comes_before_mode_off_by_what_braking_takes() -> None:
 
 def test_a_stop_from_another_thread_amid_the_worker_ends_its_steps_and_nothing_more_is_sent() -> None:
     with kept() as it, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commanded_table, "KeptTable", lambda *_: it)
+        patch.setattr(commanded_table, "KeptTable", lambda *_, **__: it)
         table = CommandedTable("")
         profile = Profile((Rate("inner", 0.2, 1.0), Dwell((0.0, 0.0, 0.0), 1.0)))
-        table.turn(profile, profile.segments[0], it.clock.monotonic_ns())
-        table._steps[0] = replace(table._steps[0], is_there=lambda: bool(table.leave() or True))
+        table.go(profile, profile.segments[0], it.clock.monotonic_ns())
+        patch.setattr(Turn, "is_there", lambda *_: bool(table.leave() or True))
         assert not table.has_arrived(it.clock.monotonic_ns())
-        assert table.is_idle
+        assert not table._steps
         sent = len(it.wire.sent)
-        it.send(do="rate", axis="inner", rate_dps=5.0, stops=0)  # decided on before the stop, written after it
+        table.go(profile, profile.segments[1], it.clock.monotonic_ns())  # not before it is enabled again
+        assert (table._steps, len(it.wire.sent)) == (deque(), sent)
+        it.send(Command("go", (Turn("inner", 5.0, 5.0),), stops=0))  # decided on before the stop, written after it
         assert "stopped meanwhile" in refusal(it)
         assert len(it.wire.sent) == sent

@@ -18,7 +18,8 @@ from imutui.instrument.pseudo_terminal import PseudoTerminal
 from imutui.table import registry
 from imutui.table.acutrol import Command, CommandDecoder, encode_answer
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import MODES, AxisLimits, TableError, TableLinkError
+from imutui.table.controller import TableError, TableLinkError
+from imutui.table.motion import MODES, AxisLimits, Move
 from imutui.table.server import TableServer
 
 # ---------------------------------------------------------------------------------------- what no controller says well
@@ -170,7 +171,7 @@ def test_a_serial_line_is_a_terminals(tmp_path: Path) -> None:
             host = registry.connect(f"acutrol+serial:{tmp_path / 'line'}?baud=19200")
             assert host.axes == ("inner",)
             host.enable()
-            host.position("inner", 30.0, 50.0, 100.0)
+            host.start(Move("inner", 30.0, 50.0, 100.0))
             state = host.read()
             assert state.mode == "position"
             assert state.fault == ""

@@ -4,6 +4,7 @@ import time
 from typing import Any, cast
 
 import pytest
+from helpers.documents import dwell, profile_toml
 from helpers.fake_client import PATH, FakeClient, acquisition, result
 from helpers.pilot import SMALLEST, opened
 
@@ -289,9 +290,9 @@ async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_st
 
 async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
     client = acquisition(recording=True)
-    angles: dict[str, Any] = {"angles_deg": [0.0, 0.0, 0.0], "axis": None, "rate_dps": None}
-    rest = {"kind": "dwell", **angles, "amplitude_deg": None, "hz": None, "text": "go to outer 0°", "seconds": 30.0}
-    client.table_profile = cast("Any", {"name": "x.toml", "align": "marks", "segments": [rest, rest]})
+    rest = {"kind": "dwell", "text": "go to outer 0°", "seconds": 30.0}
+    profile = {"name": "x.toml", "text": profile_toml(dwell(30.0), dwell(30.0)), "align": "marks"}
+    client.table_profile = cast("Any", {**profile, "segments": [rest, rest]})
     client.changes["guide"] = {"state": "hold", "segment": 0, "count": 2, "left_s": 23.0, "begun": [1.0, None]}
     client.changes["reference"] = {"name": "profile", "file": "x.toml", "profile": True}
     async with opened(client) as see:

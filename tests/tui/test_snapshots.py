@@ -22,7 +22,7 @@ from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.estimates import FilterSnapshot, live_biases
 from imutui.session import client as session
 from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
@@ -96,13 +96,13 @@ class Telling(FakeClient):
 
 def settling(seconds: float) -> FilterSnapshot:
     """Estimates some time after the beginning: errors and certainties that shrink with its root."""
-    told = estimates(t=seconds)
-    for k, bias in enumerate(told["biases"]):
-        assert bias["value"] is not None
-        assert bias["sd3"] is not None
-        bias["value"] += (-1) ** k * 0.3 * bias["sd3"] / seconds**0.5
-        bias["sd3"] *= (_STEP_S * _STEPS / seconds) ** 0.5
-    return told
+    rows = []
+    for k, bias in enumerate(live_biases(estimates())):
+        assert bias.value is not None
+        assert bias.sd is not None
+        value = bias.value + (-1) ** k * 0.9 * bias.sd / seconds**0.5
+        rows.append(bias._replace(value=value, sd=bias.sd * (_STEP_S * _STEPS / seconds) ** 0.5))
+    return estimates(rows, duration_s=seconds)
 
 
 @pytest.fixture

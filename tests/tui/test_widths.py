@@ -85,9 +85,9 @@ async def test_no_number_runs_into_what_stands_before_it(size: tuple[int, int]) 
     client = acquisition(recording=True)
     rows = [bias(f"{axis} gyro", -3.1612, 12.9, change_10s=-10.0011) for axis in "xyz"]
     rows += [bias(f"{axis} accel", -1234.56, 123.4, change_10s=-100.02) for axis in "xyz"]
-    state = {"position_deg_m": [-23.2, -145.8, -641.2], "velocity_mps": [-25.663, -125.6, -2.5],
-             "rpy_deg": [-179.999, -89.999, -179.999]}  # fmt: skip
-    client.changes["filter"] = estimates(biases=rows, state=state)
+    client.changes["filter"] = found = estimates(rows)
+    found["final"] |= {"position_deg_m": [-23.2, -145.8, -641.2], "velocity_mps": [-25.663, -125.6, -2.5],
+                       "rpy_deg": [-179.999, -89.999, -179.999]}  # fmt: skip
     async with opened(client, size=size) as see:
         await see("→ REC")
         for key, name in PAGES:

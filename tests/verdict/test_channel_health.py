@@ -7,7 +7,7 @@ from helpers.fake_client import bias, estimates
 
 from filters.health.finding import ADVICE, BAD, of_kind
 from imutui.logbook.health import entries
-from imutui.verdict import rules, sources
+from imutui.verdict import rules
 
 QUIET = [{"channel": name, "ratio": 1.1, "windows": 6} for name in ("gx", "gy", "gz", "ax", "ay", "az")]
 AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
@@ -25,7 +25,7 @@ def fault(kind: Any, channel: str = "gy") -> Any:
 
 @pytest.mark.parametrize("kind", ADVICE)
 def test_no_fault_of_a_channel_is_green_and_each_says_what_helps(kind: Any) -> None:
-    found = rules.judge(sources.of_snapshot(settled()), fault(kind))
+    found = rules.judge(settled(), fault(kind))
     assert found.word == ("RED" if kind in BAD else "AMBER")
     assert (found.reason, found.todo, found.fault) == (f"gy is {kind}", ADVICE[kind], f"gy {kind}")
     assert not found.passes
@@ -34,7 +34,7 @@ def test_no_fault_of_a_channel_is_green_and_each_says_what_helps(kind: Any) -> N
 @pytest.mark.parametrize("kind", BAD)
 @pytest.mark.parametrize(
     "standing",
-    [None, sources.of_snapshot(settled(waiting="finding level")), sources.of_snapshot(settled())],
+    [None, settled(waiting="finding level"), settled()],
     ids=["no filter", "waiting", "settled"],
 )
 def test_a_bad_channel_is_red_at_once(kind: Any, standing: Any) -> None:
@@ -55,10 +55,9 @@ def test_channels_with_the_same_fault_are_one_check() -> None:
 
 
 def test_a_fault_is_its_own_channel_s_only() -> None:
-    verdicts = sources.of_biases(sources.of_snapshot(settled()), fault("dead"))
-    assert [one.level for one in verdicts] == ["good", "bad", "good", "good", "good", "good"]
+    assert rules.bias_levels(settled(), fault("dead")) == ["good", "bad", "good", "good", "good", "good"]
 
 
 def test_no_fault_is_a_check_that_says_so() -> None:
-    (check,) = [one for one in rules.judge(sources.of_snapshot(settled())).checks if one.name == rules.CHANNELS_CHECK]
+    (check,) = [one for one in rules.judge(settled()).checks if one.name == rules.CHANNELS_CHECK]
     assert (check.level, check.said) == ("good", "no fault shows")

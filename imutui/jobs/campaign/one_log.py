@@ -20,11 +20,11 @@ import numpy as np
 import imutui
 from filters.errors import InputError
 from imutui import defects
+from imutui.document_shape import empty
+from imutui.estimates import MeanNis, MeasuredNoise
 from imutui.jobs import replay
 from imutui.jobs.campaign.rows import (
     FindingField,
-    NisField,
-    NoiseField,
     Row,
     SettingsFields,
     VerdictField,
@@ -142,20 +142,8 @@ def error_row(task: Task, error: str, *, retry: bool) -> Row:
 
     `retry`: whether another try may do, though nothing about the log has changed.
     """
-    known = {
-        "log": task.log,
-        "error": error,
-        "retry": retry,
-        "settings_sha256": task.settings_sha256,
-        "kind": "unknown",
-        **dict.fromkeys(_OF_IDENTITY, ""),
-        "unobservable": [],
-        "alarms": [],
-        "health": [],
-        "wall_s": 0.0,
-        "versions": versions(),
-    }
-    return cast("Row", dict.fromkeys(Row.__annotations__) | known)
+    known = {"log": task.log, "error": error, "retry": retry, "settings_sha256": task.settings_sha256}
+    return cast("Row", empty(Row) | known | {"kind": "unknown", "versions": versions()})
 
 
 def _row(task: Task, found: Replayed) -> Row:
@@ -173,8 +161,8 @@ def _row(task: Task, found: Replayed) -> Row:
         "unit": (info.batch and info.acquisition.partition(":")[2]) or None,
         "power_on": power_on.power_on_id(info, d["log_sha256"] or ""),
         "temperature_degc": found.temperature and dict(zip(("mean", "min", "max"), found.temperature, strict=True)),
-        "nis": {key: same["nis"][key] for key in NisField.__annotations__},
-        "noise": {key: same["noise"][key] for key in NoiseField.__annotations__},
+        "nis": {key: same["nis"][key] for key in MeanNis.__annotations__},
+        "noise": {key: same["noise"][key] for key in MeasuredNoise.__annotations__},
         "gaps": {"count": len(d["gaps"]), "seconds": sum(gap["seconds"] for gap in d["gaps"])},
         "verdict": {name: getattr(verdict, name) for name in VerdictField.__annotations__},
     }

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Annotated, TypedDict
 
 from filters.health.finding import HealthEntry
+from imutui.estimates import ConvergedFields, MeanNis, MeasuredNoise, SdFields, StateFields
 from imutui.logbook.reading import ReadingFields
-from imutui.logbook.results import ConvergedFields, SdFields, SpreadFields, StateFields, WhiteNoise
+from imutui.logbook.results import SpreadFields
 
 TIMINGS = ("wall_s", "filter_s", "read_s", "log_mtime_ns", "versions")
 """Fields of a row that depend on where and when it was made, or where the log lay."""
@@ -21,21 +22,6 @@ class TemperatureField(TypedDict):
     mean: float
     min: float
     max: float
-
-
-class NisField(TypedDict):
-    """Mean normalised innovation squared with its 95 % band, as `imutui replay --json` has it."""
-
-    mean: float | None
-    dof: float
-    band95: Annotated[list[float | None], 2]
-    is_test: bool
-
-
-class NoiseField(WhiteNoise):
-    """White noise that was measured on the log, and its sd as a share of it; None where unknown."""
-
-    relative_sd: float | None
 
 
 class GapsField(TypedDict):
@@ -119,8 +105,8 @@ class Row(TypedDict):
     spread: SpreadFields | None
     converged: bool | None
     converged_s: ConvergedFields | None
-    nis: NisField | None
-    noise: NoiseField | None
+    nis: MeanNis | None
+    noise: MeasuredNoise | None
     gaps: GapsField | None
     lost_packets: int | None
     bad_checksums: int | None

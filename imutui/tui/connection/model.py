@@ -8,14 +8,14 @@ import numpy as np
 
 from filters.health.finding import without_bias
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
-from imutui.filter_snapshot import FilterSnapshot
+from imutui.estimates import FilterSnapshot
 from imutui.session.client import Client
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
-from imutui.tui.connection.verdict import Debounce, ended, judge, stale, waiting_profile
+from imutui.tui.connection.verdict import Debounce, ended, of_snapshot
 from imutui.tui.terminal.pacing import Pacing
-from imutui.verdict.rules import Verdict, channel
+from imutui.verdict.rules import Verdict
 
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
@@ -46,9 +46,9 @@ class View:
         """What the filter of `shown` estimates; None without a filter."""
         return self.shown["filter"] if self.shown is not None else None
 
-    def fault_of(self, bias: str) -> str | None:
-        """Return why a bias such as `y gyro` cannot be estimated: the fault of its channel; None if it has none."""
-        return None if self.shown is None else without_bias(self.shown["health"], channel(bias))
+    def fault_of(self, channel: str) -> str | None:
+        """Return why the bias of a channel cannot be estimated: the channel's fault; None if it has none."""
+        return None if self.shown is None else without_bias(self.shown["health"], channel)
 
     @property
     def recording(self) -> RecordingSnapshot | None:
@@ -137,9 +137,8 @@ class ConnectionModel:
             # pages show the slope that the verdict goes by
             self._slope = estimates["temperature_k_per_min"]
         self._note_run(snapshot)
-        verdict = judge(snapshot["filter"], stale(snapshot), waiting_profile(snapshot), snapshot["health"])
         # the acquisition's clock, which goes on when the filter's does not
-        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
+        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), of_snapshot(snapshot))
 
     def _take_history(self, piece: HistorySnapshot) -> None:
         if piece["run"] != self._run:
@@ -150,11 +149,11 @@ class ConnectionModel:
     def _note_run(self, snapshot: Snapshot) -> None:
         """Begin the verdict's memory anew where another run of the filter has begun."""
         estimates = snapshot["filter"]
-        if estimates is None or estimates["t"] is None or estimates["waiting"]:
+        if estimates is None or not estimates["samples"] or estimates["waiting"]:
             return
-        if estimates["t"] < self._newest_estimate_s:
+        if estimates["duration_s"] < self._newest_estimate_s:
             self._debounce = Debounce()
-        self._newest_estimate_s = estimates["t"]
+        self._newest_estimate_s = estimates["duration_s"]
 
     def freeze(self, frozen: bool) -> None:
         """Let the view stand still, or follow again. Data are taken either way."""

@@ -16,9 +16,8 @@ from imutui.session.batch import Answer
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, ProfileDescription, Snapshot
-from imutui.tui.connection.verdict import Debounce, judge, stale, waiting_profile
-from imutui.verdict import sources
-from imutui.verdict.rules import Verdict
+from imutui.tui.connection.verdict import Debounce, of_snapshot
+from imutui.verdict.rules import Verdict, bias_levels
 
 _EVERY_S, _UNSEEN_S = 1.0, 10.0
 """Seconds from one look at a unit to the next; the same while another page is in front."""
@@ -170,12 +169,8 @@ class _Watch:
         now, verdict = answer.snapshot, None
         gauges: tuple[str, ...] = ()
         if now is not None:
-            found = judge(now["filter"], stale(now), waiting_profile(now), now["health"])
             # the acquisition's clock, which goes on when the filter's does not
-            verdict = self._debounce.take(float(now["since_start_s"]), found)
-            standing = None if now["filter"] is None else sources.of_snapshot(now["filter"])
-            gauges = (
-                () if standing is None else tuple(bias.level for bias in sources.of_biases(standing, now["health"]))
-            )
+            verdict = self._debounce.take(float(now["since_start_s"]), of_snapshot(now))
+            gauges = () if now["filter"] is None else tuple(bias_levels(now["filter"], now["health"]))
         serial = now["serial_number"] if now is not None else self.view.serial_number
         self.view = UnitView(self.view.name, answer, self.view.unit, verdict, gauges, self._profile, serial)

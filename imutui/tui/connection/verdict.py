@@ -5,14 +5,11 @@ The rules are those of `imutui.verdict`.
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 
-from filters.health.finding import HealthEntry
-from imutui.filter_snapshot import FilterSnapshot
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
-from imutui.verdict import rules, sources
+from imutui.verdict import rules
 from imutui.verdict.rules import ENDED, RANK, Verdict
 
 HOLD_S = 2.0
@@ -35,21 +32,10 @@ def waiting_profile(snapshot: Snapshot) -> str | None:
     return f"the table profile waits: 5 Table, b {does} it"
 
 
-def judge(
-    estimates: FilterSnapshot | None,
-    silent: str | None = None,
-    waiting_profile: str | None = None,
-    health: Sequence[HealthEntry] = (),
-) -> Verdict:
-    """The verdict on the filter of a snapshot; the rest as in `imutui.verdict.rules.Standing`."""
-    if estimates is None:
-        off = rules.judge(None, health)
-        aside = "5 Table lays the profile aside, or traces its recording"
-        return off if waiting_profile is None or health else replace(off, todo=aside)
-    standing = sources.of_snapshot(estimates)
-    # once samples come, what the operator can do about it comes before what the filter waits for
-    waiting = waiting_profile if standing.waiting and standing.t is not None and waiting_profile else standing.waiting
-    return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile), health)
+def of_snapshot(snapshot: Snapshot) -> Verdict:
+    """Return the verdict on channels and filter."""
+    silent, waits = stale(snapshot), waiting_profile(snapshot)
+    return rules.judge(snapshot["filter"], snapshot["health"], silent=silent, waiting_profile=waits)
 
 
 def ended(last: Verdict | None) -> Verdict | None:

@@ -40,7 +40,7 @@ def run(believed: Profile, true: Profile | None = None, effects: tuple[Effect, .
 def said(estimator: Estimator, **info: object) -> str:
     """The sentence, in the axes of an instrument."""
     session = replace(SessionInfo(), **info)  # type: ignore[arg-type]
-    return departures.sentence(estimator, session.axes(), session.g_unit) or ""
+    return departures.sentence(estimator, session) or ""
 
 
 def test_a_good_unit_on_its_profile_departs_nowhere() -> None:

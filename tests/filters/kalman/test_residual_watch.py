@@ -152,7 +152,7 @@ def test_the_filter_tells_it_in_the_instruments_axes_whatever_number_of_samples_
             Settings(1.0 / HZ), columns, every=np.inf, sizes=itertools.repeat(at_once, 1 + 70 * HZ // at_once)
         )
         assert estimator.watch is not None
-        said.append(departures.causes(estimator, session.axes(), session.g_unit))
+        said.append(departures.causes(estimator, session))
     assert said[0] == said[1] == said[2]
     found = said[0][0]
     assert len(said[0]) == 1, [one["text"] for one in said[0]]

@@ -2,14 +2,14 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from helpers.shapes import whole
 from imutui.estimate_history import HistorySnapshot
-from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
+from imutui.estimates import Bias, FilterSnapshot, live_biases
 from imutui.logbook.results import ReadingsDocument, RunDocument
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.end_report import EndReport
@@ -36,20 +36,17 @@ NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
 PATH = "/data/logs/imu400cd_9911750_20261121T104307Z.mcap"
 
 
-def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> BiasSnapshot:
-    """One row of the filter's biases."""
-    gyro = name.endswith("gyro")
-    row: BiasSnapshot = {
-        "name": name, "value": value, "sd3": sd3, "unit": "deg/s" if gyro else "mg", "limit": 1.0 if gyro else 12.0,
-        "change_10s": 0.0004 if gyro else -0.02, "converged_s": 9.8, "observable": True,
-        "site_sd3": 0.0,
-    }  # fmt: skip
-    return cast("BiasSnapshot", {**row, **changes})
+def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> Bias:
+    """One of the filter's biases, and three standard deviations of it."""
+    gyro, sd = name.endswith("gyro"), None if sd3 is None else sd3 / 3.0
+    known = next(one for one in live_biases(_estimates()) if one.name == name)
+    known = known._replace(change_10s=0.0004 if gyro else -0.02, converged_s=9.8, observable=True, site_sd=0.0)
+    return known._replace(**{"value": value, "sd": sd, **changes})
 
 
-def estimates(**changes: Any) -> FilterSnapshot:
-    """A filter that waits for one bias only."""
-    biases = [
+def estimates(biases: Sequence[Bias] = (), **changes: Any) -> FilterSnapshot:
+    """A filter that waits for one bias only, or has other biases."""
+    given = biases or [
         bias("x gyro", 0.3461, 0.0291),
         bias("y gyro", -0.4702, 0.0291, change_10s=-0.0011),
         bias("z gyro", -0.2688, 0.21, converged_s=None, change_10s=None),
@@ -57,23 +54,35 @@ def estimates(**changes: Any) -> FilterSnapshot:
         bias("y accel", -0.40, 0.67, change_10s=0.01),
         bias("z accel", 3.05, 0.67),
     ]
-    found: FilterSnapshot = {
-        "name": "spkf", "reference": "level", "t": 12.3, "samples": 246, "waiting": None, "converged": False,
-        "biases": biases,
-        "nis": {"mean": 0.24, "first": 0.001, "dof": 9, "band95": [8.9, 9.1], "is_test": False,
-                "why": "the reference is fed exact, not drawn from R: "
-                       "NIS is far below its degrees of freedom by construction"},
-        "state": {"position_deg_m": [-23.211323, -45.859176, 641.2], "velocity_mps": [0.0, 0.001, -0.0002],
-                  "rpy_deg": [0.002, -0.001, 0.003]},
-        "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
-                     "rpy_deg": [0.0057, 0.0057, 0.0127]},
-        "alarms": [], "failure": None, "rejected": 0, "confounded": [], "effects": [],
-        "held_since": None, "departure": None, "temperature_k_per_min": 0.0, "limits_of": "Table 1",
-        "noise": None, "causes": [], "causes_gone": [],
-        "remainder": [{"channel": c, "ratio": r, "windows": 6} for c, r in
-                      (("gx", 0.9), ("gy", 1.1), ("gz", 2.1), ("ax", 1.0), ("ay", 0.8), ("az", 1.2))],
-    }  # fmt: skip
-    return cast("FilterSnapshot", {**found, **changes})
+    found = cast("FilterSnapshot", {**_estimates(), **changes})
+    found["unobservable"] = [f"{one.key.rpartition('_')[0]}_{'xyz'[one.place]}" for one in given if not one.observable]
+    for one in given:
+        since = found["converged_s"]["gyro_bias" if one.channel[0] == "g" else "accel_bias"]
+        since[one.place] = one.converged_s
+        for field, value in ((found["final"], one.value), (found["sd"], one.sd), (found["change_10s"], one.change_10s)):
+            field[one.key][one.place] = value
+        if one.unit == "mg":
+            found["site_sd_mg"][one.place] = one.site_sd
+    return found
+
+
+def _estimates() -> FilterSnapshot:
+    """The same before it is said what its biases are."""
+    final = {"position_deg_m": [-23.211323, -45.859176, 641.2], "velocity_mps": [0.0, 0.001, -0.0002],
+             "rpy_deg": [0.002, -0.001, 0.003]}  # fmt: skip
+    sd = {
+        "position_m": [0.13, 0.13, 0.37],
+        "velocity_mps": [0.0027, 0.0027, 0.001],
+        "rpy_deg": [0.0057, 0.0057, 0.0127],
+    }
+    ratios = {"gx": 0.9, "gy": 1.1, "gz": 2.1, "ax": 1.0, "ay": 0.8, "az": 1.2}
+    why = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
+    return cast("FilterSnapshot", whole(
+        FilterSnapshot, identity={"instrument": "IMU400CD-200"}, filter="spkf", reference="level", duration_s=12.3,
+        samples=246, site_stated=True, final=final, sd=sd, temperature_k_per_min=0.0,
+        nis={"mean": 0.24, "first": 0.001, "dof": 9, "band95": [8.9, 9.1], "is_test": False, "why": why},
+        remainder=[{"channel": name, "ratio": ratio, "windows": 6} for name, ratio in ratios.items()],
+    ))  # fmt: skip
 
 
 def _counted(values: np.ndarray) -> "ChannelStatistics":
@@ -161,10 +170,13 @@ class FakeClient:
         from imutui.session.live_filter import RunHistory
 
         self._gathered = self._gathered or RunHistory()
-        if found is not None and found["t"] is not None and not found["waiting"] and len(found["biases"]) == 6:
-            values, sd3 = (np.array([row[key] for row in found["biases"]], float) for key in ("value", "sd3"))
-            converged = np.array([row["converged_s"] is not None for row in found["biases"]])
-            self._gathered.estimates.add(found["t"], values, sd3, converged)
+        if found is not None and found["samples"] and not found["waiting"]:
+            biases = live_biases(found)
+            values, sd3 = (
+                np.array(each, float) for each in zip(*((one.value, one.sd3) for one in biases), strict=True)
+            )
+            converged = np.array([one.converged_s is not None for one in biases])
+            self._gathered.estimates.add(found["duration_s"], values, sd3, converged)
 
     def _snapshot(self, since: int) -> Snapshot:
         seconds = self._clock() - self._born
@@ -194,7 +206,7 @@ class FakeClient:
                  "max": float(MEANS[i] + 3 * SDS[i])}
                 for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True))
             ],
-            "statistics_s": 10.0, "filter": estimates(t=seconds),
+            "statistics_s": 10.0, "filter": estimates(duration_s=seconds),
             "free_bytes": 52_000_000_000, "min_free_bytes": 200_000_000,
             "operator": "ana", "place": "lab 2", "table": "AC-120", "note": "",
             "rotate_minutes": 0.0, "rotate_mb": 0.0, "logs": "/data/logs", "marks": self.marks,

@@ -1,10 +1,9 @@
 """Documents of imutui with all their fields, of which a test states some."""
 
-from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Union, get_args, get_origin, is_typeddict
 
-from imutui.document_shape import VERSION
+from imutui.document_shape import empty, hints
 
 
 def whole(shape: Any, given: Any = None, **fields: Any) -> Any:
@@ -15,9 +14,8 @@ def whole(shape: Any, given: Any = None, **fields: Any) -> Any:
 def _filled(hint: Any, value: Any) -> Any:
     origin, of = get_origin(hint), get_args(hint)
     if is_typeddict(hint) and isinstance(value, dict):
-        hints = _hints(hint)
-        lacking = {key: _empty(key, own) for key, own in hints.items() if key not in value}
-        return {key: _filled(hints[key], item) if key in hints else item for key, item in value.items()} | lacking
+        own = hints(hint)
+        return empty(hint) | {key: _filled(own[key], item) if key in own else item for key, item in value.items()}
     if origin is Annotated:
         return _filled(of[0], value)
     if origin in (Union, UnionType):
@@ -27,21 +25,3 @@ def _filled(hint: Any, value: Any) -> Any:
     if origin is dict and isinstance(value, dict):
         return {key: _filled(of[1], item) for key, item in value.items()}
     return value
-
-
-@cache
-def _hints(shape: Any) -> dict[str, Any]:
-    return get_type_hints(shape, include_extras=True)
-
-
-def _empty(key: str, hint: Any) -> Any:
-    origin, of = get_origin(hint), get_args(hint)
-    if key == "version":
-        return VERSION
-    if origin is Annotated:
-        return [_empty("", get_args(of[0])[0])] * of[1]
-    if origin in (Union, UnionType):
-        return None if NoneType in of else _empty(key, of[0])
-    if origin is Literal:
-        return of[0]
-    return _filled(hint, {}) if is_typeddict(hint) else (origin or hint)()

@@ -9,7 +9,8 @@ from filters.simulation import TableFault, TableModel, TurnTable
 from helpers.processes import LIMIT_S
 from imutui.table.acutrol_host import Acutrol
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import TableController, TableState
+from imutui.table.controller import TableController
+from imutui.table.motion import TableState
 from imutui.table.registry import connect
 from imutui.table.server import BUS, TCP, Style, TableServer
 

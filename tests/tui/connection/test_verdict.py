@@ -8,6 +8,7 @@ from helpers.fake_client import FakeClient, bias, estimates
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imutui.estimates import live_biases
 from imutui.tui import messages
 from imutui.tui.connection import verdict
 from imutui.tui.connection.model import ConnectionModel
@@ -36,15 +37,15 @@ def settled(**changes: Any) -> dict[str, Any]:
 
 def with_bias(**changes: Any) -> dict[str, Any]:
     """The same with another z gyro."""
-    biases = settled()["biases"]
-    biases[2] = {**biases[2], **changes}
+    biases = live_biases(settled())
+    biases[2] = bias("z gyro", changes.pop("value", 0.1), changes.pop("sd3", 0.02), **changes)
     return settled(biases=biases)
 
 
-def judge(estimates: Any, slope_k_per_min: float | None = None, *more: Any, **named: Any) -> Verdict:
+def judge(estimates: Any, slope_k_per_min: float | None = None, health: Any = (), **named: Any) -> Verdict:
     """The verdict on a filter that has this slope of the temperature."""
     told = estimates and {**estimates, "temperature_k_per_min": slope_k_per_min}
-    return verdict.judge(told, *more, **named)
+    return rules.judge(told, health, **named)
 
 
 def test_all_converged_and_nothing_unexplained_is_green() -> None:
@@ -129,7 +130,7 @@ def nis(mean: float, is_test: bool) -> dict[str, Any]:
         *((settled(nis=nis(mean, mean == 9.0)), 0.0, "GREEN", "all 6") for mean in (9.0, 9.15, 8.85, 9.3, 5.0)),
         (settled(confounded=["z gyro bias: turn both ways"]), 0.0, "AMBER", "z gyro bias: turn both"),
         (estimates(waiting="finding level, 6 s more"), None, "WAIT", "finding level, 6 s more"),
-        (estimates(t=None), None, "WAIT", ""),
+        (estimates(samples=0), None, "WAIT", ""),
         (None, None, "OFF", ""),
     ],
 )
@@ -162,14 +163,14 @@ def test_a_filter_that_stopped_says_why_and_what_to_do() -> None:
 
 
 def test_what_cannot_be_observed_is_not_waited_for() -> None:
-    biases = settled()["biases"]
+    biases = live_biases(settled())
     biases[3] = bias("x accel", None, None, observable=False, converged_s=None, change_10s=None)
     found = judge(settled(biases=biases), 0.0)
     assert found.word == "GREEN"
     assert found.reason == (
         "5 of 5 observable biases converged; means over 10 s are as noise allows; not observable here: x accel"
     )
-    hidden = [{**row, "observable": False} for row in biases]
+    hidden = [row._replace(observable=False) for row in biases]
     assert judge(settled(biases=hidden), 0.0).word == "AMBER"
 
 
@@ -180,7 +181,7 @@ def test_a_key_that_begins_a_sentence_stays_as_it_is_typed() -> None:
 
 
 def test_a_frozen_channel_is_named_as_the_reason_why_a_bias_is_not_observable() -> None:
-    biases = settled()["biases"]
+    biases = live_biases(settled())
     biases[1] = bias("y gyro", None, None, observable=False, converged_s=None, change_10s=None)
     fault: HealthEntry = {"channel": "gy", "kind": "frozen", "since_s": 5.0, "level": "bad", "said": "gy is frozen"}
     found = judge(settled(biases=biases), 0.0, health=[fault])
@@ -204,11 +205,11 @@ def test_a_profile_that_waits_is_what_hides_the_biases(
 ) -> None:
     """Where no bias is observable because nobody has begun the profile, the badge says which key begins it."""
     waits = verdict.waiting_profile({"reference": {"profile": profile}, "guide": guide, "recording": recording})
-    hidden = settled(biases=[{**row, "observable": False} for row in settled()["biases"]])
-    found = judge(hidden, 0.0, None, waits)
+    hidden = settled(biases=[row._replace(observable=False) for row in live_biases(settled())])
+    found = judge(hidden, 0.0, waiting_profile=waits)
     assert found.word == "AMBER"
     assert said in found.reason
-    assert judge(settled(), 0.0, None, waits).word == "GREEN"
+    assert judge(settled(), 0.0, waiting_profile=waits).word == "GREEN"
 
 
 def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
@@ -222,7 +223,7 @@ def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
 
 
 def test_old_estimates_are_not_green() -> None:
-    assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
+    assert judge(settled(), 0.0, silent="NO DATA for 8.0 s").word == "AMBER"
     silent = {**FakeClient().snapshot(), "silent_s": 8.0}
     assert verdict.stale(silent) is not None
     assert verdict.stale({**silent, "silent_s": 1.5}) is None
@@ -231,7 +232,7 @@ def test_old_estimates_are_not_green() -> None:
 def test_every_word_fits_the_header_beside_the_pages() -> None:
     cases = [judge(settled(), slope) for slope in (0.0, -12.3)]
     cases += [judge(settled(alarms=["x"] * 12)), judge(settled(remainder=remainder(98.7))), judge(None)]
-    cases += [judge(with_bias(value=2.0)), judge(settled(failure="x")), judge(estimates()), judge(estimates(t=None))]
+    cases += [judge(with_bias(value=2.0)), judge(settled(failure="x")), judge(estimates()), judge(estimates(samples=0))]
     assert max(len(found.short) for found in cases) <= 24
 
 

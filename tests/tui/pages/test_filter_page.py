@@ -7,6 +7,7 @@ import pytest
 from helpers.fake_client import PATH, FakeClient, acquisition, bias, estimates
 from helpers.pilot import See, opened
 
+from imutui.estimates import live_biases
 from imutui.session.live_filter import RunHistory
 from imutui.session.snapshot import Snapshot
 from imutui.tui.connection.model import ConnectionModel
@@ -137,9 +138,9 @@ async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
 
 async def test_loaded_effects_are_listed() -> None:
     effects = [
-        {"label": "gz thermal_lin k", "value": 0.01234, "sd": 0.0004, "unit": "deg/s/K"},
-        {"label": "ax scale k", "value": -0.00213, "sd": 0.0003, "unit": ""},
-        {"label": "gy thermal_poly k2", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
+        {"name": "gz thermal_lin k (deg/s/K)", "value": 0.01234, "sd": 0.0004},
+        {"name": "ax scale k", "value": -0.00213, "sd": 0.0003},
+        {"name": "gy thermal_poly k2 (deg/s/K)", "value": 0.5, "sd": 0.1},
     ]
     async with opened(filter=estimates(effects=effects)) as see:
         screen = await filter_page(see, "effects", "gz: bias follows temperature 0.0123 ±0.0012 deg/s/K")
@@ -150,7 +151,7 @@ async def test_loaded_effects_are_listed() -> None:
 
 
 async def test_what_is_unobservable_says_so() -> None:
-    biases = estimates()["biases"]
+    biases = live_biases(estimates())
     for i, name in ((3, "x accel"), (4, "y accel")):
         biases[i] = bias(name, None, None, observable=False, converged_s=None, change_10s=None)
     async with opened(filter=estimates(biases=biases, reference="gravity")) as see:
@@ -160,7 +161,7 @@ async def test_what_is_unobservable_says_so() -> None:
 
 
 async def test_a_frozen_channel_has_no_uncertainty_and_is_named_as_frozen() -> None:
-    biases = estimates()["biases"]
+    biases = live_biases(estimates())
     biases[1] = bias("y gyro", None, None, observable=False, converged_s=None, change_10s=0.25)
     fault = {"channel": "gy", "kind": "frozen", "since_s": 5.0, "level": "bad", "said": "gy is frozen at 1 deg/s"}
     async with opened(filter=estimates(biases=biases), health=[fault]) as see:
@@ -187,7 +188,7 @@ async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
 async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", glyphs)
     biases = [bias(name, -0.4702, 0.0291, observable=name[0] != "y") for name in ("x gyro", "y gyro", "z gyro")]
-    biases += estimates()["biases"][3:]
+    biases += live_biases(estimates())[3:]
     async with opened(filter=estimates(biases=biases, rejected=812)) as see:
         screen = await filter_page(see, "unobservable", "gates 812", "velocity N", "1.1 m")
         table = lines_of(screen)[4:11]
@@ -216,7 +217,11 @@ async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
 
 def snapshot(t: float | None, since_start: float, **changes: Any) -> Snapshot:
     """What the link takes."""
-    return {**FakeClient().snapshot(), "since_start_s": since_start, "filter": estimates(t=t, **changes)}
+    return {
+        **FakeClient().snapshot(),
+        "since_start_s": since_start,
+        "filter": estimates(duration_s=t or 0.0, samples=0 if t is None else 246, **changes),
+    }
 
 
 def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:

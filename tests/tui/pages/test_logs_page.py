@@ -315,12 +315,13 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
     for line in (
         "RED: a.mcap",
         "2 alarms: gz moves; also gy limit",
-        "x gyro      0.5000   0.0300 deg/s         ±1      50 %   at 9.8 s",
+        "x gyro     0.5000  0.0300  deg/s       ±1       50 %  at 10 s",
         "125 % OUT",
         "not observable with this reference",
-        "x accel       6.00     0.30 mg           ±12      50 %   not yet",
-        "inside its 95 % band 8.9 to 9.2",
-        "1 packet lost, 0 bad checksums, 1 gap, 0 outliers left out",
+        "x accel     6.000   0.300  mg         ±12       50 %  not yet",
+        "NIS 9.1 of 9 degrees of freedom (95 % band 8.9 to 9.2)",
+        "1 packet lost, 0 bad checksums",
+        "1 gap, longest 0.500 s at 3.000 s",
         "ALARM: gy too",
     ):
         assert line in said, line

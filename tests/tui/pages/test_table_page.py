@@ -20,13 +20,10 @@ BAD = '[[segment]]\nkind = "spin"\n'
 
 def described() -> dict[str, Any]:
     segments = [
-        {
-            "kind": "dwell", "angles_deg": [float(o), float(m), float(i)], "axis": None, "rate_dps": None,
-            "amplitude_deg": None, "hz": None, "seconds": 30.0, "text": f"go to outer {o}°, middle {m}°, inner {i}°",
-        }
-        for o, m, i in ANGLES
-    ]  # fmt: skip
-    return {"name": "tumble.toml", "align": "marks", "segments": segments}
+        {"kind": "dwell", "seconds": 30.0, "text": f"go to outer {o}°, middle {m}°, inner {i}°"} for o, m, i in ANGLES
+    ]
+    text = profile_toml(*(dwell(30.0, *angles) for angles in ANGLES), align="marks")
+    return {"name": "tumble.toml", "text": text, "align": "marks", "segments": segments}
 
 
 class Acquisition(FakeClient):

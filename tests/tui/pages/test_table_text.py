@@ -19,7 +19,6 @@ def guide(state: str, segment: int = 1, **changes: Any) -> dict[str, Any]:
         "count": 3,
         "left_s": None,
         "begun": [3.0, None, None],
-        "turns_s": None,
     }
     return {**found, "begun": [3.0, None, None], **changes}
 
@@ -43,12 +42,6 @@ def test_it_waits_for_ever_and_says_for_what() -> None:
     what, then = text.said(guide("hold", 2, left_s=3.0), PROFILE, True)
     assert what == "Segment 3 of 3: hold outer 90°, middle 0°, inner 0°"
     assert "Leave the table alone" in then
-
-
-def test_a_virtual_unit_that_turns_by_itself_is_sent_and_waited_for() -> None:
-    assert text.said(guide("go", turns_s=0.0), PROFILE, True)[1] == "Enter: the virtual unit does it by itself."
-    assert text.said(guide("go", turns_s=4.2), PROFILE, True)[1] == "It turns, for 4 s still."
-    assert "I wait for you" in text.said(guide("go", turns_s=None), PROFILE, True)[1]
 
 
 def test_the_end_and_a_cancelled_run_say_what_next() -> None:

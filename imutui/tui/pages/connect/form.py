@@ -83,7 +83,7 @@ class ConnectForm(Vertical):
         if plan.port != VIRTUAL_PORT:
             self.query_one("#port", Input).value = plan.port
         self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
-        self.query_one("#controller", Input).value = plan.controller
+        self.query_one("#controller", Input).value = plan.controller.removeprefix(VIRTUAL_PORT)
         self.query_one("#site", Input).value = "" if plan.site is None else ",".join(map(repr, plan.site))
         self._has_gravity = plan.gravity is not None
         for name in _CHOSEN:
@@ -273,7 +273,8 @@ class ConnectForm(Vertical):
             self.say_error(text.ASK_SITE, "Where does the table stand?")
             self.query_one("#site").focus()
             return
-        controller = self.query_one("#controller", Input).value.strip()
+        own = VIRTUAL_PORT if choice.value == VIRTUAL_PORT else ""  # a virtual unit stands on a table of its own
+        controller = self.query_one("#controller", Input).value.strip() or own
         asked = {"port": choice.value, "rate_hz": rate, "controller": controller}
         self.post_message(requests.Start({**asked, **site, **chosen}))
 

@@ -148,7 +148,7 @@ def connected(now: Snapshot) -> StyledText:
     reference, filter_ = now["reference"], now["filter"]
     mode = of_model(now["instrument"]).mode
     how = f"{now['rate_hz']:g} Hz, {now['sampling']}, {mode}, {now['baud']} baud"
-    estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
+    estimates = f"{filter_['filter']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:
         estimates += f" from {reference['file']}"
     if filter_ and not now["site_stated"]:

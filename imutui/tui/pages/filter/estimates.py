@@ -2,11 +2,11 @@
 
 from textual.content import Content
 
-from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
-from imutui.report import wrapping
+from imutui.estimates import NAMES, Bias, FilterSnapshot, live_biases, specification_of
+from imutui.report import effect_words, wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.pages.filter.text import effect_text, gauge
+from imutui.tui.pages.filter.text import gauge
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 from imutui.verdict.rules import (
     LEVEL_MARKS,
@@ -71,20 +71,21 @@ class NavigationLines(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         estimates = view.estimates
         head = self.rule(self._title(estimates), width, "± is 3 sd")
-        state, sd = (estimates["state"], estimates["state_sd"]) if estimates is not None else (None, None)
-        return [head, *(self._row(i, state, sd) for i in range(3))] if state and sd else [head]
+        if estimates is None or not estimates["samples"] or estimates["held_since_s"] is not None:
+            return [head]
+        return [head, *(self._row(i, estimates) for i in range(3))]
 
     def _title(self, estimates: FilterSnapshot | None) -> str:
         if estimates is None:
             return "navigation"
-        held = held_text(estimates["held_since"])
+        held = held_text(estimates["held_since_s"])
         if held is not None:
             return f"navigation: {held}"
         samples = formatting.plural(estimates["samples"], "sample")
-        return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
+        return f"navigation: {estimates['filter']}, reference {estimates['reference']}, {samples}"
 
-    def _row(self, i: int, state: NavigationSnapshot, sd: NavigationSdSnapshot) -> Content:
-        degree = self.glyphs.text("°")
+    def _row(self, i: int, estimates: FilterSnapshot) -> Content:
+        state, sd, degree = estimates["final"], estimates["sd"], self.glyphs.text("°")
         decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
             (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
@@ -150,7 +151,7 @@ class EffectLines(GrowingLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         effects = view.estimates["effects"] if view.estimates is not None else []
-        said = [self.glyphs.text(effect_text(effect)) for effect in effects]
+        said = [self.glyphs.text(effect_words.estimate(effect)) for effect in effects]
         heads = [" effects", *[""] * self.rows]
         rows = side_by_side(said, width - _LABEL - 1, self.rows)
         return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
@@ -257,20 +258,19 @@ class RuleLines(TextLines):
 # ------------------------------------------------------------------------------------------------------------- biases
 # The table of biases: estimate, certainty, place within the data sheet's limit, drift, convergence.
 
-NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
 _HEAD = (("  bias", 13), ("value", 5), (" ± 3 sd", 16), ("zero ±{}", 21), ("in 10 s", 13), ("converged at", 12))
 
 
-def convergence(bias: BiasSnapshot, fault: str | None) -> str:
+def convergence(bias: Bias, fault: str | None) -> str:
     """Return since when a bias is converged, in words.
 
     `fault`: why its channel has no bias; None for a channel that measures something.
     """
     if fault is not None:
         return fault
-    if not bias["observable"]:
+    if not bias.observable:
         return "unobservable"
-    since = bias["converged_s"]
+    since = bias.converged_s
     if since is None:
         return "not yet"
     return f"{since:.1f} s" if since < 600.0 else formatting.clock(since)
@@ -290,8 +290,8 @@ class BiasTable(TextLines):
             self.show(self.view)
 
     def lines(self, view: View, width: int) -> list[Content]:
-        biases = view.estimates["biases"] if view.estimates is not None else []
-        source = view.estimates["limits_of"] if view.estimates is not None else ""
+        biases = live_biases(view.estimates) if view.estimates is not None else []
+        source = specification_of(view.estimates).source if view.estimates is not None else ""
         limit = f"{source.partition(' data')[0]} limit".lstrip()
         head = "".join(self._cell(title.format(limit), cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
@@ -311,25 +311,25 @@ class BiasTable(TextLines):
     def _empty(self, index: int) -> Content:
         return self.line(self._label(index, NAMES[index]), f"{formatting.NOTHING:>9}")
 
-    def _row(self, index: int, bias: BiasSnapshot) -> Content:
-        unit, limit, value, sd3 = bias["unit"], bias["limit"], bias["value"], bias["sd3"]
+    def _row(self, index: int, bias: Bias) -> Content:
+        unit, limit, value, sd3 = bias.unit, bias.limit, bias.value, bias.sd3
         decimals = formatting.BIAS_DECIMALS[unit]
         outside = value is not None and limit is not None and abs(value) > limit
-        pending = bias["observable"] and bias["converged_s"] is None
-        fault = self.view.fault_of(bias["name"]) if self.view is not None else None
+        pending = bias.observable and bias.converged_s is None
+        fault = self.view.fault_of(bias.channel) if self.view is not None else None
         moved = moved_sd(bias)
         in_sd = (
             f"{formatting.fitting(abs(moved), 3, 1).strip()} sd" if moved is not None and abs(moved) >= MOVES_SD else ""
         )
         return self.line(
-            self._label(index, bias["name"]),
+            self._label(index, bias.name),
             (formatting.aligned(value, 9, decimals, 4), "bold"),
             self._cell("" if sd3 is None else f" ±{formatting.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
             (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
             self._cell(f" ±{formatting.NOTHING if limit is None else format(limit, 'g')}", 5),
-            _moved(bias["change_10s"] if fault is None else None, decimals),
+            _moved(bias.change_10s if fault is None else None, decimals),
             f"{in_sd:>7} ",
-            (f"{convergence(bias, fault):<12}", "$text-error" if fault else _style(pending, bias["observable"])),
+            (f"{convergence(bias, fault):<12}", "$text-error" if fault else _style(pending, bias.observable)),
         )
 
 

@@ -8,13 +8,13 @@ from textual.binding import Binding, BindingType
 from textual.containers import Grid, Horizontal, Vertical
 from textual.widget import Widget
 
+from imutui.estimates import NAMES, live_biases
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.base import ScrollDialog
 from imutui.tui.pages.filter.bias_history import BiasPlot, BiasPlotSettings
 from imutui.tui.pages.filter.estimates import (
-    NAMES,
     AlarmLines,
     BiasTable,
     EffectLines,
@@ -104,15 +104,15 @@ class FilterPage(Page):
         return self.has_class("-plot") or not self.has_class("-tall")
 
     def _settings(self, view: View, index: int) -> BiasPlotSettings:
-        biases = view.estimates["biases"] if view.estimates is not None else []
+        biases = live_biases(view.estimates) if view.estimates is not None else []
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
         # limits are of the filter's kind of unit: without a filter there are none
         name, unit, limit, unseen = NAMES[index], _UNITS[index], None, ""
-        if len(biases) == len(NAMES):
+        if biases:
             bias = biases[index]
             waits = view.estimates is not None and bool(view.estimates["waiting"])
-            name, unit, limit = bias["name"], bias["unit"], bias["limit"]
-            unseen = "" if bias["observable"] or waits else view.fault_of(name) or "unobservable in this setup"
+            name, unit, limit = bias.name, bias.unit, bias.limit
+            unseen = "" if bias.observable or waits else view.fault_of(bias.channel) or "unobservable in this setup"
         scale = history_cells.SCALES[self._scale]
         return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, unseen)
 

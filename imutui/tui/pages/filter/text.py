@@ -1,8 +1,6 @@
 """What the Filter page says: the state at length, and where a value lies between its limits. Pure functions."""
 
-import math
-
-from imutui.filter_snapshot import EffectSnapshot, FilterSnapshot
+from imutui.estimates import FilterSnapshot
 from imutui.report import effect_words, wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
@@ -41,7 +39,7 @@ def explanation(view: View) -> str:
         "\n".join(f"{LEVEL_MARKS[c.level]:<6}{c.name}: {c.said}" for c in found.checks),
     ]
     if estimates is not None:
-        effects = _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
+        effects = _listed("LOADED EFFECTS, ± 3 sd", [effect_words.estimate(effect) for effect in estimates["effects"]])
         told = [f"{'now ' if one['shows'] else 'past'} {one['text']}" for one in estimates["causes"]]
         told += [f"gone {one['text']}" for one in estimates["causes_gone"]]
         parts += [_listed("EFFECTS THAT THE RESIDUAL SHOWS", told)]
@@ -68,15 +66,6 @@ def _more(estimates: FilterSnapshot) -> str:
         out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
     out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
     return _listed("NUMBERS", out)
-
-
-def effect_text(effect: EffectSnapshot) -> str:
-    """What it is in words, value ± 3 sd, unit; as many decimals as the certainty is worth."""
-    value, sd, unit, label = effect["value"], effect["sd"], effect["unit"], effect_words.state(effect["label"])
-    if value is None or not sd:
-        return f"{label} {formatting.plain(value)} {unit}".rstrip()
-    decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
-    return f"{label} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()
 
 
 CELLS = 11

@@ -1,11 +1,11 @@
 """Results of jobs as text for a page. Pure functions."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.report import effect_words, numbers, replay_text, trace_tables, wrapping
+from imutui.report import replay_text, trace_tables, wrapping
 from imutui.report.trace_glance import Places
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -13,8 +13,6 @@ from imutui.tui.pages.logs import result_plots
 from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_plot import PlotLook
-from imutui.verdict import sources
-from imutui.verdict.rules import SITE_NOT_STATED, channel, nis_meaning
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument, TraceDocument
@@ -78,96 +76,11 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
 
 
 def replayed(writing: Collection[Path], d: "ResultDocument", width: int) -> str:
-    """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
-    spec = sources.specification_of(d)
-    limits, source = sources.bias_limits(spec), spec.source.partition(" data")[0]
-    rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
-    size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
-    lines = [
-        sources.headline(d),
-        sources.reasons(d),
-        f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}",
-        *([_as_written(f"{d['log']}: {d['damage']}", writing)] if d["damage"] is not None else []),
-        "",
-        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {source:>8} {'of limit':>9}   converged",
-    ]
-    final, sds, since = d["final"], d["sd"], d["converged_s"]
-    for kind, values, sd, unit, converged in (
-        ("gyro", final["gyro_bias_dps"], sds["gyro_bias_dps"], "deg/s", since["gyro_bias"]),
-        ("accel", final["accel_bias_mg"], sds["accel_bias_mg"], "mg", since["accel_bias"]),
-    ):
-        for i, axis in enumerate("xyz"):
-            name, value, uncertain = f"{axis} {kind}", values[i], sd[i]
-            if value is None or uncertain is None:
-                lines.append(_unseen(name, unit, replay_text.why_unseen(d, channel(name))))
-            else:
-                lines.append(_bias(name, value, uncertain, unit, limits[unit], converged[i]))
-    return wrapped("\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)]), width)
-
-
-def _unseen(name: str, unit: str, why: str) -> str:
-    return f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  {why}"
-
-
-def _bias(name: str, value: float, sd: float, unit: str, limit: float | None, since: float | None) -> str:
-    decimals = formatting.BIAS_DECIMALS[unit]
-    when = f"at {since:.1f} s" if since is not None else "not yet"
-    allowed = share = formatting.NOTHING
-    if limit is not None:
-        allowed, share = f"±{limit:g}", f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
-    return (
-        f"{name:<8} {formatting.number(value, 9, decimals)} {formatting.number(3.0 * sd, 8, decimals)} {unit:<6}"
-        f"  {allowed:>8} {share:>9}   {when}"
-    )
-
-
-def _filtered(d: "ResultDocument") -> list[str]:
-    nis, noise = d["nis"], d["noise"]
-    lines = ["Filter"]
-    if nis["mean"] is not None:
-        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {nis_meaning(nis, whole=True)}")
-    sure = numbers.noise_certainty(noise["relative_sd"])
-    if sure is None:
-        lines.append(f"  noise of this log: {numbers.TOO_SHORT}")
-    else:
-        gyro_says, accel_says = sources.noise_stated(d)
-        lines.append(f"  noise of this log: gyro  {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h ({gyro_says})")
-        lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h ({accel_says})")
-        lines.append(f"                     each {sure}")
-    for e in d["effects"]:
-        unit = e["name"].removesuffix(")").partition(" (")[2]
-        lines.append(f"  effect {effect_words.state(e['name'])}, {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd) {unit}")
-    if d["times_real_time"]:
-        lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
-    return lines
-
-
-def _data(d: "ResultDocument") -> list[str]:
-    gaps = d["gaps"]
-    lines = [
-        "Data",
-        f"  {formatting.plural(d['lost_packets'], 'packet')} lost,"
-        f" {formatting.plural(d['bad_checksums'], 'bad checksum')},"
-        f" {formatting.plural(len(gaps), 'gap')}, {formatting.plural(d['rejected'], 'outlier')} left out",
-    ]
-    if not d["site_stated"]:
-        lines.append(f"  {SITE_NOT_STATED}")
-    longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_GAPS]
-    lines += [f"  gap of {gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest]
-    if len(gaps) > _GAPS:
-        lines.append(f"  and {len(gaps) - _GAPS} shorter gaps")
-    return lines
-
-
-def _warnings(d: "ResultDocument") -> list[str]:
-    above = sources.reasons(d)
-    told = [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"]) if alarm not in above]
-    told += [f"CANNOT BE TOLD APART: {said}" for said in d["confounded"] if said not in (above, *d["alarms"])]
-    return ["", *told] if told else []
-
-
-def _triple(values: Sequence[float | None]) -> str:
-    return " ".join(f"{formatting.NOTHING:>7}" if value is None else f"{value:7.3f}" for value in values)
+    """Return the text of a replay, and what is wrong with its file; those of `writing` were not finished."""
+    said = replay_text.text(d, width)
+    if d["damage"] is None:
+        return said
+    return "\n\n".join((said, wrapped(_as_written(f"{d['log']}: {d['damage']}", writing), width)))
 
 
 def wrapped(body: str, width: int) -> str:

@@ -232,10 +232,8 @@ def step(units: Sequence[UnitView]) -> Step:
     if waits:
         due = max(waits, key=lambda segment: (len(waits[segment]), -segment))
         here, others = waits[due], sum(len(of) for of in waits.values()) - len(waits[due])
-        turns = max((unit.now["guide"]["turns_s"] or 0.0) for unit in here if unit.now and unit.now["guide"])
-        if not turns:
-            can["next"] = [unit.name for unit in here]
-        then = f"They turn, for {turns:.0f} s still." if turns else f"t: the table is there, for {_units(here)}."
+        can["next"] = [unit.name for unit in here]
+        then = f"t: the table is there, for {_units(here)}."
         wait = "waits" if others == 1 else "wait"
         later = f" {_units(range(others))} {wait} for another segment." if others else ""
         return Step(can, f"Segment {due + 1} of {len(segments)}: {segments[due]['text']}", then + later)

@@ -50,8 +50,7 @@ def steps(offer: "Offer") -> "list[OperatorStep]":
 
 
 def makes_testable(profile: "ProfileDescription") -> list[list[str]]:
-    """What each segment makes testable; empty where the acquisition does not tell all of the motion."""
+    """What each segment makes testable."""
     from imutui.jobs import operator_steps
 
-    made = operator_steps.from_segments(profile["segments"], profile["align"])
-    return [] if made is None else operator_steps.makes_observable(made)
+    return operator_steps.makes_observable(operator_steps.load(profile["name"], profile["text"]))

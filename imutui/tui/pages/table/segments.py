@@ -78,10 +78,8 @@ class SegmentList(Vertical):
         return Content.styled(choose().text(line), style)
 
     def _testable_in(self, number: int) -> Sequence[str] | None:
-        """What a segment makes testable; None while that is worked out, empty where it is not known."""
-        if self._testable is None:
-            return None
-        return self._testable[number] if self._testable else []
+        """What a segment makes testable; None while that is worked out."""
+        return None if self._testable is None else self._testable[number]
 
     def _room(self) -> int:
         """Characters for what to do."""
@@ -97,7 +95,7 @@ class SegmentList(Vertical):
     def _say_detail(self) -> None:
         """The cursor's segment, in as many words as there is room for."""
         at = self.query_one("#segments", OptionRows).cursor
-        if at is None or self.profile is None or self._testable == []:
+        if at is None or self.profile is None:
             return
         head = f"Segment {at + 1} makes testable: "
         said = text.testable(self._testable_in(at), 2 * (self.app.size.width - 3) - len(head))

@@ -39,7 +39,6 @@ _VIRTUAL = (
     "a virtual unit does not turn by hand: RED from segment 2 on, unless the scenario of"
     ' `imutui virtual --scenario FILE` has this profile (profile = "NAME")'
 )
-_VIRTUAL_TURNS = "a virtual unit turns by itself: Enter sends it to each step, which is marked when it has come there"
 _ALIGNS = {
     "none": "profile time is the log's time",
     "marks": "joined by marks",
@@ -123,9 +122,6 @@ def said(
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
     match guide["state"]:
-        case "go" if (turns_s := guide["turns_s"]) is not None:
-            then = f"It turns, for {turns_s:.0f} s still." if turns_s else "Enter: the virtual unit does it by itself."
-            return f"{of}: {segment['text']}", then
         case "go":
             return f"{of}: {segment['text']}", f"I wait for you. {_THERE[segment['kind']]}"
         case "hold":
@@ -186,11 +182,11 @@ def _by_itself(align: str, recording: bool, recorded: bool) -> tuple[str, str]:
 
 
 def warning(now: Snapshot, width: int) -> list[str]:
-    """Before a guide begins: whether a virtual unit turns, in lines of at most so many characters."""
+    """Before a guide begins: that a virtual unit does not turn by hand, in lines of at most so many characters."""
     begins = can(now["guide"], now["recording"] is not None) == {"begin"} and not now["controller"]
     if now["kind"] != "simulated" or not begins:
         return []
-    return wrapping.wrap(_VIRTUAL if now["ends_unwatched_s"] is None else _VIRTUAL_TURNS, width)
+    return wrapping.wrap(_VIRTUAL, width)
 
 
 def _before(guide: GuideSnapshot | None, recorded: bool) -> str:

@@ -1,0 +1,262 @@
+"""Whether a table follows what it was commanded: readings against motions. No link and no clock.
+
+The follower knows for each axis the last motion and when it was commanded. It also knows where an axis is when the next
+motion is checked.
+"""
+
+import math
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from filters.motion.segments import AXES
+from imutui.table.motion import (
+    LEAD_S,
+    OFF,
+    RESTS_DPS,
+    AxisLimits,
+    Begin,
+    Limits,
+    Motion,
+    Move,
+    Swing,
+    TableState,
+    Turn,
+    braking_deg,
+    limits_of,
+)
+
+FOLLOW_DEG, FOLLOW_S = 0.5, 1.0
+"""How far, and for how long, angles may be off what limits of rate and acceleration explain."""
+# a link of 40 ms a command, three axes, and an acceleration that begins gently: angles may be so late, s
+_LATE_S = 0.25
+# what a rate's own error adds up to is forgotten over so many seconds
+_FORGET_S = 20.0
+_BEYOND_RATE = 1.1, 1.0  # share, deg/s: faster than its limit by so much is out of control
+_LEG_DEG = 170.0  # a controller that counts modulo 360 takes the short way: no leg may be half a turn
+_LINES = 8  # that the link carries from the check of a rate to the first reading after it
+
+
+class Expected:
+    """Where an axis should be since a motion was commanded at `since_s`, which may begin up to `late_s` later."""
+
+    def __init__(self, motion: Move | Turn, begin: Begin, since_s: float, late_s: float) -> None:
+        self.motion, self.begin, self.since_s, self.late_s = motion, begin, since_s, late_s
+        self.turns_dps = begin.rate_dps if isinstance(motion, Turn) else 0.0  # the profile is added to it
+        self.forgot_s: float | None = None  # time of the last reading that an axis at constant rate was brought to
+        self.off_since_s: float | None = None
+        self.angle_deg = 0.0  # added by `forget`
+        self._profile = motion.expected(begin)
+        self._piece, self._sweep = (math.inf, 0.0), [0.0] * 4
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """Return angle and rate at a time."""
+        since = max(0.0, t_s - self.since_s)
+        if not self._piece[0] <= since + LEAD_S < self._piece[1]:  # a look at the profile takes 20 times as long
+            start, end, cubics = self._profile.piece(since + LEAD_S)
+            self._piece = start, end
+            self._sweep = [math.degrees(each[AXES.index(self.motion.axis)]) for each in cubics]
+        x, (a, b, c, d) = since + LEAD_S - self._piece[0], self._sweep
+        angle, rate = ((d * x + c) * x + b) * x + a, (3.0 * d * x + 2.0 * c) * x + b
+        return self.angle_deg + self.turns_dps * since + angle, self.turns_dps + rate
+
+    def forget(self, angle_deg: float, t_s: float) -> None:
+        """Draw what is expected of a constant rate to where the axis is, so that a scale error does not add up.
+
+        What the axis was late by when its rate changed is forgotten at once, when the change is over.
+        """
+        motion = self.motion
+        if not isinstance(motion, Turn):
+            return
+        if self.forgot_s is None:
+            ramp_s = abs(motion.rate_dps - self.begin.rate_dps) / motion.accel_dps2
+            if t_s - self.since_s <= ramp_s + FOLLOW_S:
+                return
+        elif t_s - self.forgot_s <= FOLLOW_S:
+            return
+        share = 1.0 if self.forgot_s is None else min(1.0, (t_s - self.forgot_s) / _FORGET_S)
+        self.angle_deg += share * (angle_deg - self.at(t_s)[0])
+        self.forgot_s = t_s
+
+    def strays(self, angle_deg: float, t_s: float) -> str:
+        """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
+        should, rate = self.at(t_s)
+        fastest = max(abs(rate), abs(self.at(t_s - self.late_s)[1]))
+        if isinstance(self.motion, Turn) and self.forgot_s is None:
+            fastest = max(abs(self.turns_dps), abs(self.motion.rate_dps))
+        if abs(angle_deg - should) <= FOLLOW_DEG + self.late_s * fastest:
+            self.off_since_s = None
+            self.forget(angle_deg, t_s)
+            return ""
+        self.off_since_s = t_s if self.off_since_s is None else self.off_since_s
+        if t_s - self.off_since_s < FOLLOW_S:
+            return ""
+        axis = self.motion.axis
+        return f"{axis} does not follow: it is at {angle_deg:.2f}° and should be at {should:.2f}° for {FOLLOW_S:g} s"
+
+
+class ExpectedSwing:
+    """An axis that should swing: its size is known, not its phase."""
+
+    def __init__(self, motion: Swing, begin: Begin, since_s: float) -> None:
+        self.motion, self.since_s = motion, since_s
+        self.centre_deg = begin.angle_deg if begin.centre_deg is None else begin.centre_deg
+        self._swung = deque[tuple[float, float]]()
+
+    def strays(self, angle_deg: float, t_s: float) -> str:
+        """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
+        axis, amplitude, period_s = self.motion.axis, self.motion.amplitude_deg, 1.0 / self.motion.hz
+        self._swung.append((t_s, angle_deg))
+        while self._swung[0][0] < t_s - max(period_s, FOLLOW_S):
+            self._swung.popleft()
+        if amplitude and abs(angle_deg - self.centre_deg) > amplitude + FOLLOW_DEG + _LATE_S * amplitude:
+            return f"{axis} swings to {angle_deg:.2f}°, farther than the {amplitude:g}° commanded"
+        if t_s - self.since_s < period_s + 2.0 * FOLLOW_S or amplitude < FOLLOW_DEG:
+            return ""
+        span = max(value for _, value in self._swung) - min(value for _, value in self._swung)
+        if span >= amplitude:
+            return ""
+        return f"{axis} does not follow: it swings by ±{span / 2.0:.2f}° of ±{amplitude:g}°"
+
+
+@dataclass(slots=True)
+class Follower:
+    """Checks motions from where the axes are, and readings against the motions.
+
+    `wraps`: axes that the controller counts modulo 360.
+    `angles_deg`: angles of all axes, unwrapped.
+    """
+
+    limits: Limits
+    wraps: Collection[str] = AXES
+    angles_deg: list[float] = field(default_factory=list)
+    mode: str = OFF  # that was commanded last
+    must_stop_s: float = math.inf  # time by which a stop must be sent if no other reading comes, monotonic
+    _rates_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    _expected: dict[str, Expected | ExpectedSwing] = field(default_factory=dict)
+    _brakes: dict[str, float] = field(default_factory=dict)  # acceleration that an axis brakes with, deg/s²
+    _reach: dict[str, AxisLimits] = field(default_factory=dict)  # limits, widened to an axis outside them
+    _link_s: float = 0.0  # from a question to its answer, the longest of late
+    _other_mode_since_s: float | None = None
+
+    def _begin(self, axis: str) -> Begin:
+        k, before = AXES.index(axis), self._expected.get(axis)
+        return Begin(
+            self.angles_deg[k],
+            self._rates_dps[k],
+            0.0 if self.mode == OFF else self._braking(axis),
+            _LATE_S + (2 + _LINES) * self._link_s,
+            before.centre_deg if isinstance(before, ExpectedSwing) else None,
+        )
+
+    def check(self, motion: Motion) -> None:
+        """Refuse a motion from where its axis is now if it goes beyond the limits; raises InputError."""
+        limits_of(motion.axis, self.limits)
+        motion.check(self._begin(motion.axis), self._reach)
+
+    def legs(self, motion: Motion) -> list[Motion]:
+        """Return the motions to command one after the other; a long move between stops has several."""
+        if isinstance(motion, Move):
+            count_turns = self.limits[motion.axis].has_stops and motion.axis in self.wraps
+            return [*motion.legs(self._begin(motion.axis), self.limits, _LEG_DEG if count_turns else math.inf)]
+        return [motion]
+
+    def begin(self, motion: Motion, since_s: float, took_s: float = 0.0) -> None:
+        """Expect a motion that was commanded, and may have begun at any time that the command took to be sent."""
+        begin = self._begin(motion.axis)
+        self._expected[motion.axis] = (
+            ExpectedSwing(motion, begin, since_s)
+            if isinstance(motion, Swing)
+            else Expected(motion, begin, since_s, _LATE_S + took_s)
+        )
+        self._brakes[motion.axis] = motion.accel_dps2
+        self.mode = motion.mode
+
+    def has_passed(self, leg: Motion) -> bool:
+        """Return whether an axis rests where a leg of its path ends."""
+        k = AXES.index(leg.axis)
+        near = isinstance(leg, Move) and abs(self.angles_deg[k] - leg.angle_deg) < FOLLOW_DEG
+        return near and abs(self._rates_dps[k]) < RESTS_DPS
+
+    def stopped(self) -> None:
+        """Forget the motions: the table stands."""
+        self.mode, self.must_stop_s = OFF, math.inf
+        self._expected.clear()
+
+    def _braking(self, axis: str) -> float:
+        return self._brakes.get(axis, self.limits[axis].accel_dps2)
+
+    def braking_s(self) -> float:
+        """Return the time after which all axes rest if they begin to brake now, at most."""
+        of = [(abs(self._rates_dps[AXES.index(axis)]), own, self._braking(axis)) for axis, own in self.limits.items()]
+        return max((rate / accel + own.lag_s + _LATE_S for rate, own, accel in of), default=0.0)
+
+    def wrong(self, state: TableState) -> str:
+        """Take a reading; returns how it disagrees with the motions, in words, or ""."""
+        t_s = state.stamp_ns / 1e9
+        self._take(state)
+        if state.fault:
+            return f"the controller says: {state.fault}"
+        if self.mode == OFF:
+            return ""
+        self.must_stop_s = math.inf
+        for axis in filter(self.limits.__contains__, AXES):
+            expected, k = self._expected.get(axis), AXES.index(axis)
+            said = self._out_of_control(axis, k, t_s)
+            if not said and expected is not None:
+                said = expected.strays(self.angles_deg[k], t_s)
+            if said:
+                return said
+        return self._left_mode(state.mode, t_s)
+
+    def _take(self, state: TableState) -> None:
+        before = self.angles_deg or [self._first(axis) for axis in AXES]
+        self.angles_deg = [
+            was + math.remainder(angle - was, 360.0) if axis in self.wraps else angle
+            for axis, was, angle in zip(AXES, before, state.angles_deg, strict=True)
+        ]
+        self._rates_dps = state.rates_dps
+        self._link_s = max(0.95 * self._link_s, 2e-9 * state.uncertainty_ns)
+        for axis, own in self.limits.items():
+            now = own.reaching(self.angles_deg[AXES.index(axis)])
+            # an axis that comes back from beyond its limits does not go there again
+            was = self._reach.get(axis, now) if self.mode != OFF else now
+            self._reach[axis] = was.narrowed(now)
+
+    def _first(self, axis: str) -> float:
+        """Return the angle that the first reading of an axis is the nearest turn to: the middle of its limits."""
+        low, high = self.limits[axis].ends if axis in self.limits else (-math.inf, math.inf)
+        return (low + high) / 2.0 if math.isfinite(low) and math.isfinite(high) else 0.0
+
+    def _out_of_control(self, axis: str, k: int, t_s: float) -> str:
+        limits, angle, rate = self.limits[axis], self.angles_deg[k], self._rates_dps[k]
+        low, high = self._reach[axis].ends
+        if not low - FOLLOW_DEG <= angle <= high + FOLLOW_DEG:
+            return f"{axis} is at {angle:.2f}°, beyond its limits"
+        if abs(rate) > _BEYOND_RATE[0] * limits.rate_dps + _BEYOND_RATE[1]:
+            return f"{axis} turns at {rate:.1f} deg/s, above its limit of {limits.rate_dps:g} deg/s"
+        expected = self._expected.get(axis)
+        motion = None if expected is None else expected.motion
+        if not isinstance(motion, Turn) or not motion.rate_dps:
+            return ""
+        late_s, accel = limits.lag_s + _LATE_S + 2.0 * self._link_s, self._braking(axis)
+        for way, room in ((1.0, high - angle), (-1.0, angle - low)):
+            # its drive may be ahead of it on the way to the rate commanded, and goes on there until a stop comes
+            turns = max(way * rate, 0.0)
+            fastest = max(turns, min(way * motion.rate_dps, turns + accel * late_s))
+            if fastest < RESTS_DPS or math.isinf(room):
+                continue
+            spare_s = (room - braking_deg(fastest, accel, late_s)) / fastest
+            if spare_s <= 0.0:
+                return f"{axis} at {rate:+.1f} deg/s comes to its limit: it is at {angle:.1f}°"
+            self.must_stop_s = min(self.must_stop_s, t_s + spare_s + _LATE_S / 2.0)
+        return ""
+
+    def _left_mode(self, mode: str, t_s: float) -> str:
+        if mode != OFF:
+            self._other_mode_since_s = None
+            return ""
+        since_s = self._other_mode_since_s = self._other_mode_since_s or t_s
+        if t_s - since_s < FOLLOW_S:
+            return ""
+        return f"the controller has left the mode {self.mode} by itself and is off"
