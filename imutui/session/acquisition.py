@@ -188,7 +188,7 @@ class Acquisition:
 
     def look_back(self) -> None:
         """Say, before the file is finished, what must be said at the end; raises OSError."""
-        # as it was when the end was asked for: since then the unit was told to be quiet
+        # as it was when the end was asked for: the unit has been stopped since
         asked_ns = self.lifecycle.stopping_since_ns
         asked = None if asked_ns is None else self._second(asked_ns)
         for finding, is_said in self.line.at_the_end(time.monotonic_ns(), asked):

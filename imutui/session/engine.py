@@ -99,20 +99,20 @@ class Engine:
 
     @property
     def result(self) -> "RunDocument | None":
-        """Result of the last recording; to be asked for after the end."""
+        """Result of the last recording, after the end."""
         return self._acquisition.recording.result
 
     @property
     def ended_by_itself(self) -> bool:
-        """Whether nobody asked for the end: its duration was over, or its disk nearly full."""
+        """Whether the end came without a request: its duration was over, or its disk nearly full."""
         return self._duration_over
 
     @property
     def exit_code(self) -> int:
-        """Of the process; to be asked for after the end.
+        """Exit code of the process, after the end.
 
-        Whoever asks for an end (`imutui stop`, SIGTERM) gets it, hence 0 however the unit was then; nobody was there to
-        be told when the duration was over, so that the findings of such an end are in the code.
+        An end that was asked for (`imutui stop`, SIGTERM) has 0 whatever the unit did, since the findings are in its
+        reply. An end that came without a request has the code of its worst finding.
         """
         codes = [finding["exit_code"] for finding in self.lifecycle.findings] if self._duration_over else []
         return self.lifecycle.exit_code or max(codes, default=0)
@@ -209,7 +209,7 @@ class Engine:
             acquisition.abandon_zeroing(self.lifecycle.error or "the acquisition ended before the unit was done")
 
     def _guard(self, step: Callable[[], None]) -> None:
-        """Do a step of the work; an exception ends the acquisition as failed, and the file is finished all the same."""
+        """Do a step of the work; an exception ends the acquisition as failed, and its file is finished."""
         try:
             step()
         except OSError as error:
@@ -258,12 +258,12 @@ class Engine:
 
     def _carry_out(self, call: QueuedCall) -> None:
         if not call.future.set_running_or_notify_cancel():
-            return  # the viewer was told that it is not done
+            return  # its viewer has ceased to wait
         try:
             call.future.set_result(call.function(self._acquisition))
-        except Exception as error:  # a bad request is its sender's trouble, not the recording's
+        except Exception as error:  # a bad request concerns its sender only
             call.future.set_exception(error)
-            if isinstance(error, OSError):  # but a disk that takes no more is everybody's
+            if isinstance(error, OSError):  # but a full disk concerns the recording
                 raise
 
     def _answer_late_calls(self) -> None:

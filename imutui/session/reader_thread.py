@@ -1,6 +1,6 @@
-"""The thread that owns the port: it reads, decodes and stamps, and carries out what must be said to the unit meanwhile.
+"""The thread that owns the port: it reads, decodes and stamps packets, and sends the unit its commands meanwhile.
 
-Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late. Where the line is lost or the
+Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late. When the line is lost or the
 unit falls silent it finds the same unit again.
 """
 
@@ -25,7 +25,7 @@ from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineRet
 from imutui.session.stream import Block, Broke, PacketArrival, Stamper, Why
 
 BLOCK_NS = 500_000_000
-"""A stream's packets are handed on by so long a time of them, unless somebody looks at them."""
+"""Length of a block of a stream that no viewer looks at."""
 _WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
 _SCATTER_NS = 154_508_497
 
@@ -45,7 +45,7 @@ class ZeroingFinished:
     seconds: float | None  # until the unit said that it is done; None if it did not
 
     def in_words(self, before: np.ndarray | None, patience_s: float) -> str:
-        """What came of it, within `patience_s`; `before` is what all channels read before."""
+        """Return the outcome in words; `before` is what all channels read before, `patience_s` the longest wait."""
         if self.seconds is None:
             return (
                 f"the unit did not say within {patience_s:.0f} s that its rate sensors are zeroed (argument"
@@ -72,7 +72,7 @@ ReaderEvent = Block | Broke | ZeroingFinished | _LineEvent | LeftOtherwise | Rea
 
 
 class Reader:
-    """Reads packets until told to stop.
+    """Reads packets until it is stopped.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; it is polled `poll_hz` times a second,
     or streams. `stamper` makes blocks of its packets. `emit` takes what happens, in the reader's thread. `known` is the
@@ -121,25 +121,25 @@ class Reader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Have it end soon; safe from any thread and signal."""
+        """End soon; safe from any thread and signal."""
         self.stopping.set()
         self._wake.set()
 
     def is_alive(self) -> bool:
-        """Whether it may still hand something on: no more once it is stopped while it has no line."""
+        """Return whether it may still emit something: no more once it is stopped while it has no line."""
         return self._thread.is_alive() and (self._has_line or not self.stopping.is_set())
 
     def join(self, timeout: float) -> None:
-        """Wait until it has ended, for so many seconds at most."""
+        """Wait until it has ended, `timeout` seconds at most."""
         self._thread.join(timeout)
 
     def zero(self, argument: int) -> None:
-        """Have it zero the rate sensors; `ZeroingFinished` comes of it, unless the line goes away or it is stopped."""
+        """Zero the rate sensors; emits `ZeroingFinished`, unless the line goes away or it is stopped."""
         self._zero_requests.put(argument)
         self._wake.set()
 
     def ask_again(self) -> None:
-        """Have it ask the unit, if that has long been silent, who it is, and set it up as at the beginning."""
+        """Ask a unit that has long been silent who it is, and set it up as at the beginning."""
         self._silent.set()
         self._wake.set()
 
@@ -172,7 +172,7 @@ class Reader:
             self._emit(LeftOtherwise(said))
 
     def _acquire(self) -> None:
-        """Take packets until it is stopped, or until the line was lost and the unit found again."""
+        """Take packets until it is stopped, or the line was lost and the unit found again."""
         try:
             if self._poll_hz is not None:
                 self._poll(self._poll_hz)
@@ -192,7 +192,7 @@ class Reader:
             self._find_again(streams=self._poll_hz is None)
 
     def _lose(self, message: str, *, final: bool = False) -> None:
-        """Say that the unit is away; if that is final, be stopped."""
+        """Emit that the unit is away; stop if that is final."""
         self._has_line = False
         # what was asked of the unit that went away is not asked of it when it is back
         while not self._zero_requests.empty():
@@ -241,8 +241,8 @@ class Reader:
     def _stream(self) -> None:
         """Let the unit stream until there is something else to do.
 
-        What comes is stamped at once and decoded by the block: a thread that is woken for each packet, and does no more
-        than read it, takes a fraction of the time.
+        The time of each read is taken at once, and packets are decoded by the block: a thread that only reads when it
+        is woken takes a fraction of the time.
         """
         decoder = self._host.packets()
         self._host.start()
@@ -278,18 +278,18 @@ class Reader:
         self._emit_blocks()
 
     def next_block_ns(self, now_ns: int) -> int:
-        """When what comes from now on is decoded. Of several processes each has instants of its own."""
+        """Return when what comes from now on is decoded; each of several processes has instants of its own."""
         if now_ns < self._watched_until_ns:
             return now_ns + _WATCHED_BLOCK_NS
         phase = os.getpid() * _SCATTER_NS
         return now_ns + BLOCK_NS - (now_ns - phase) % BLOCK_NS
 
     def be_watched(self) -> None:
-        """Hand packets on soon, for the next seconds: somebody looks at them as they come."""
+        """Emit short blocks for the next seconds: a viewer looks at packets as they come."""
         self._watched_until_ns = time.monotonic_ns() + _WATCHED_NS
 
     def _pause(self, host_ns: int, decoder: PacketStream, amid: AmidStream) -> None:
-        """Nothing came for a moment."""
+        """Handle a moment in which nothing came."""
         self._quiet = True
         if self._last is not None and amid.has_stopped(host_ns, self.last_packet_ns):
             self._sends = False
@@ -423,7 +423,7 @@ class Reader:
         if seconds is None and not self.stopping.is_set():
             # said at once: what follows may take minutes
             self._zeroed(argument, None)
-        # a unit that still averages is deaf; and nobody says whether it remembers its mode
+        # a unit that still averages is deaf, and it may have forgotten its mode
         while not self.stopping.is_set() and not self._host.set_up():
             self._host.stop()
         self.last_packet_ns = time.monotonic_ns()

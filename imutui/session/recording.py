@@ -214,7 +214,7 @@ def why_lost(writer: LogWriter, error: OSError | None = None) -> str:
         return ""
     return (
         f"{writer.path}: {os.strerror(error.errno)}: its disk or network share has gone. Should it come back, the file"
-        f" holds what was flushed, {writer.size:,} bytes; `imutui check` tells."
+        f" holds what was flushed, {writer.size:,} bytes, which `imutui check` reads."
     )
 
 
@@ -367,7 +367,7 @@ class Recording:
         if not self._has_recorded:
             previous = previous_log.find(Path(plan.logs), info, finished_too=plan.unattended)
         own = uuid.uuid4().hex[:16]
-        file_info = replace(previous_log.told(info, previous), note=note, log_id=own, power_on=own)
+        file_info = replace(previous_log.naming(info, previous), note=note, log_id=own, power_on=own)
         self.writer = self._open_first(plan, file_info, path)
         self.space, self._file_plan, self.file_info, self._next_info = space, plan, file_info, file_info
         self._first_path, self.part, self._parts, self.lost = self.writer.path, 1, [], ""
@@ -534,7 +534,7 @@ class Recording:
             self.file_info, self.file_info, writer.path, result["log_sha256"] or "", run.first_stamp_ns or 0
         )
         memory = "" if run.filter is None else run.filter.memory()
-        self._next_info = previous_log.told(replace(continued, memory=memory), None)
+        self._next_info = previous_log.naming(replace(continued, memory=memory), None)
         if result["finished"]:
             passes, converged = sources.of_document(result).passes, "final" not in result or result["converged"]
             self._parts.append({"log": result["log"], "converged": converged, "passes": passes})

@@ -258,8 +258,8 @@ class Run:
         if self._writer is not None:
             log_ns, offset = self.utc_ns(now_ns), self.utc_ns(0)
             self._writer.all_encoded(
-                (schemas.STATE, schemas.encode_table_state(stamp_ns, *told), log_ns, stamp_ns)
-                for stamp_ns, *told in ((offset + s.stamp_ns, *astuple(s)[1:]) for s in states)
+                (schemas.STATE, schemas.encode_table_state(stamp_ns, *state), log_ns, stamp_ns)
+                for stamp_ns, *state in ((offset + s.stamp_ns, *astuple(s)[1:]) for s in states)
             )
 
     # -- the file -----------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ from imutui.session.stream import INFORMATION, WARNING, Began, Block, Broke, Eve
 _MOST_TOLD = 20
 _NICENESS, _END_S = 5, 3.0  # of a process that serves: the acquisition comes first
 _STEP_NS = 100_000_000
-# cos 37 degrees: whoever is further off does not lie along that axis at all
+# cos 37 degrees: a unit that is further off does not lie along that axis
 _ALONG = 0.8
 _TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
@@ -50,8 +50,7 @@ def _said(text: str, level: int = WARNING) -> Said:
 class FoxgloveFollower:
     """The process `imutui foxglove`, which reads the logs of an acquisition as they grow and serves them.
 
-    The acquisition starts it, reports its end and hands nothing to it: a crash of it, or of the library in it, costs
-    viewers their stream and nothing else.
+    The acquisition starts it, reports its end and hands nothing to it: a crash of it costs viewers their stream only.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -77,7 +76,7 @@ class FoxgloveFollower:
         return said
 
     def close(self) -> None:
-        """Have it serve what the last file holds, and end."""
+        """Have it serve the rest of the last file, and end."""
         self._process.terminate()
         try:
             self._process.wait(_END_S)
@@ -167,12 +166,12 @@ def _begins_level(reference: str, motion: Profile | Trajectory | None) -> bool:
 
 
 def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mount: str = "") -> str | None:
-    """What to say of a unit that should lie level and reads as if it did not; None of one that reads as it should.
+    """Return what to say of a unit that should lie level and reads as if it did not; None if it reads as it should.
 
-    Of one that lies on a side, and whose own configuration does not explain it, nothing is said: it may be a tilt that
-    is meant. `accels_g` is what the accelerometers read at rest, instrument axes and sign, shape (3,); `axes` leads to
-    body axes, of which Z points down, as the operator says that the unit is mounted; `own_mount` has the axes of its
-    case in those of its packets, as its own configuration has them, "" if it does not say.
+    A unit on its side, which its own configuration does not explain, may be tilted on purpose: None.
+    `accels_g` is what the accelerometers read at rest, instrument axes and sign, shape (3,); `axes` leads to body axes,
+    of which Z points down, as the operator states the mounting; `own_mount` has the axes of the unit's case in those of
+    its packets, as its own configuration has them, "" if unknown.
     """
     z = float(axes.accel_to_body(accels_g)[2])
     if z < -_ALONG:
@@ -311,7 +310,7 @@ class LineWatch:
         return f"{gap_text(gap, uncertainty_ns)}, {between}; the unit is back: {found}"
 
     def snapshot(self, now_ns: int) -> ReconnectingSnapshot | None:
-        """What is waited for, for viewers; None while the unit is there."""
+        """Return what is waited for, for viewers; None while the unit is there."""
         if self._away_since_ns is None:
             return None
         return {"seconds": (now_ns - self._away_since_ns) / 1e9, "waits_for": self._waits_for}
