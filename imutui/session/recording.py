@@ -354,8 +354,9 @@ class Recording:
 
     def room(self, rows: np.ndarray) -> int:
         """Return how many packets of a block go into the present file, at least one."""
-        late = np.flatnonzero(rows["host_ns"][1:] >= min(self.duration.late_ns(), self._full_ns()))
-        return self.duration.room(rows["stamp_ns"][: int(late[0]) + 1] if late.size else rows["stamp_ns"])
+        until_ns = min(self.duration.late_ns(), self._full_ns())
+        count = rows.size if until_ns == math.inf else max(1, int(np.searchsorted(rows["host_ns"], until_ns)))
+        return self.duration.room(rows["stamp_ns"][:count])
 
     def _begin(self, note: str, path: Path | None) -> Path:
         """Begin a recording and a run of samples in it; raises OSError."""
