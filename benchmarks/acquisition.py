@@ -155,9 +155,8 @@ def lateness(held: np.ndarray, output: Path, since_ns: float) -> list[str]:
 def screen(port: str, output: str, seconds: str, fps: str, name: str) -> None:
     """Show the acquisition and read another unit in a thread."""
     from imutui.instrument.clock import Clock
-    from imutui.instrument.imu400 import handshake
     from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
-    from imutui.instrument.imu400.host import COUNTER, Imu400Host
+    from imutui.instrument.imu400.driver import COUNTER, Imu400cd
     from imutui.instrument.port import Port
     from imutui.session.reader_thread import Reader, ReaderEvent
     from imutui.session.stream import Block, Stamper
@@ -171,8 +170,8 @@ def screen(port: str, output: str, seconds: str, fps: str, name: str) -> None:
             arrived.append(event)
 
     with Port(port, POWER_UP_BAUD) as line:
-        handshake.open_dialogue(line, POWER_UP_BAUD)
-        reader = Reader(Imu400Host(line), Stamper(Clock(4.7e6, COUNTER)), None, take)
+        Imu400cd(line).open(POWER_UP_BAUD)
+        reader = Reader(Imu400cd(line), Stamper(Clock(4.7e6, COUNTER)), None, take)
         reader.start()
         app = ImutuiApp(session.attach(name), appearance=Appearance(plot="scroll", fps=float(fps)))
         app.call_later(lambda: app.set_timer(float(seconds), lambda: app.exit(0)))
@@ -293,7 +292,7 @@ sys.setswitchinterval(0.0005)
 engines = []
 for port in ports:
     plan = Plan(port, 133.0, logs=folder, record=True, filter=name)
-    host = INSTRUMENTS[plan.instrument].host(Port(port, plan.baud), 133.0)
+    host = INSTRUMENTS[plan.instrument](Port(port, plan.baud), 133.0)
     engines.append(Engine(plan, host, host.open(plan.baud)))
     engines[-1].start()
 logs = [str(engine._acquisition.recording.writer.path) for engine in engines]

@@ -3,10 +3,11 @@
     python benchmarks/fault_hour.py [--minutes 60] [--seed 1] [--every 6] [--rate 133] [--filter none] [--keep FOLDER]
     python benchmarks/fault_hour.py --units 10 --well 2
 
-A scenario with a fault every so many seconds, of a kind, size and moment drawn from the seed, is run by `imutui
-virtual`; an acquisition records it in real time. With several units each has faults of its own, but for the last ones,
-which are well; they are recorded as a batch is, at once, each by a process of its own. The truth is the unit's own
-(`--sent`: each packet, and when it was sampled) and the line's (`--tap`: the bytes that reached the host's queue).
+A unit with a fault every so many seconds, of a kind, size and moment drawn from the seed, is run by `imutui virtual`
+with more kinds of faults than a scenario has; an acquisition records it in real time. With several units each has
+faults of its own, but for the last ones, which are well; they are recorded as a batch is, at once, each by a process of
+its own. The truth is the unit's own (`--sent`: each packet, and when it was sampled) and the line's (`--tap`: the bytes
+that reached the host's queue).
 Counted are, of each unit,
 
 * packets of the file that were not sent, or twice, or in another order: invented;
@@ -18,6 +19,7 @@ Counted are, of each unit,
 """
 
 import csv
+import json
 import os
 import re
 import subprocess
@@ -29,14 +31,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bench
 import numpy as np
 from helpers import ros_messages
+from helpers.faulty_lines import KINDS
+from helpers.paths import ROOT
 from helpers.processes import processor_s
 from mcap.reader import make_reader
 
-from filters.simulation import FAULT_KINDS
 from imutui.batch_file import Batch, Unit
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.logbook import schemas
@@ -54,36 +58,35 @@ _SIZES = {
 _LONGEST_S = 4.0
 
 
-def scenario(seed: int, seconds: float, every: float) -> tuple[str, Counter[str]]:
-    """Text of a scenario with a fault about every so many seconds, 0: none, and how many there are of each kind."""
-    rng = np.random.default_rng(seed)
-    text, counts = f"seed = {seed}\n", Counter[str]()
+def faults_of(seed: int, seconds: float, every: float) -> list[dict[str, Any]]:
+    """Faults about every so many seconds, 0: none, as fields of `helpers.faulty_lines.LineFault`."""
+    rng, faults = np.random.default_rng(seed), list[dict[str, Any]]()
     at = 5.0 if every else np.inf
     while at < seconds - 2.0 * _LONGEST_S:
-        kind = str(rng.choice(sorted(FAULT_KINDS)))
-        text += f'\n[[fault]]\nat_s = {at:.4f}\nkind = "{kind}"\n'
-        measure = FAULT_KINDS[kind]
+        kind = str(rng.choice(sorted(KINDS)))
+        fault: dict[str, Any] = {"at": at, "kind": kind}
+        measure = KINDS[kind]
         if measure:
             least, most = _SIZES[kind]
             size = round(float(rng.uniform(least, most)), 3)
             if measure == "count":
                 size = int(rng.integers(int(least), int(most) + 1))
-            text += f"{measure} = {size}\n"
+            fault[measure] = size
         if kind == "hang_up":
-            text += f"power = {str(bool(rng.integers(2))).lower()}\n"
-        counts[kind] += 1
+            fault["power"] = bool(rng.integers(2))
+        faults.append(fault)
         at += every + float(rng.exponential(0.3 * every))
-    return text, counts
+    return faults
 
 
 @contextmanager
-def virtual(folder: Path, text: str) -> Iterator[Path]:
-    """A link to a unit of this scenario; truth goes to `tap` and `sent.csv`."""
-    (folder / "faults.toml").write_text(text)
+def virtual(folder: Path, seed: int, faults: list[dict[str, Any]]) -> Iterator[Path]:
+    """A link to a unit with these faults; truth goes to `tap` and `sent.csv`."""
+    (folder / "faults.json").write_text(json.dumps(faults))
     link = folder / "imu"
-    files = {"scenario": "faults.toml", "tap": "tap", "sent": "sent.csv"}
-    command = [*bench.IMUTUI, "virtual", "--while-stdin", "--link", str(link)]
-    command += [word for name, file in files.items() for word in (f"--{name}", str(folder / file))]
+    command = [sys.executable, str(ROOT / "tests" / "support" / "faulty_virtual.py"), str(folder / "faults.json")]
+    command += ["--seed", str(seed), "--while-stdin", "--link", str(link)]
+    command += ["--tap", str(folder / "tap"), "--sent", str(folder / "sent.csv")]
     with (folder / "virtual.log").open("w") as log:
         unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True)
         assert unit.stdin is not None
@@ -113,7 +116,7 @@ def recorded(path: Path) -> Recorded:
             if channel.topic == schemas.RAW:
                 packet = ros_messages.decode(schemas.TYPES[schemas.RAW], message.data)
                 words = [*packet.counts, packet.temperature, packet.ticks]
-                payload = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
+                payload = b"".join((int(word) & 0xFFFF).to_bytes(2, "big") for word in words)
                 frames.append(b"\xff" + payload + bytes([sum(payload) % 256]))
                 stamp_ns.append(message.publish_time + packet.host_monotonic_ns - message.log_time)
             elif channel.topic == schemas.EVENTS:
@@ -194,11 +197,14 @@ def told_of(folder: Path, log: Path, faults: Counter[str]) -> dict[str, str]:
     }
 
 
-def record(folders: Sequence[Path], texts: Sequence[str], options: Namespace) -> dict[Path, tuple[Path, float]]:
+def record(
+    folders: Sequence[Path], faults: Sequence[list[dict[str, Any]]], options: Namespace
+) -> dict[Path, tuple[Path, float]]:
     """Record units; returns of each folder the file and the share of a processor that the acquisition took."""
     seconds = 60.0 * options.minutes
     with ExitStack() as stack:
-        links = [stack.enter_context(virtual(folder, text)) for folder, text in zip(folders, texts, strict=True)]
+        units = enumerate(zip(folders, faults, strict=True), options.seed)
+        links = [stack.enter_context(virtual(folder, seed, own)) for seed, (folder, own) in units]
         plans = [
             Plan(
                 str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
@@ -247,20 +253,21 @@ def main() -> None:
     print(bench.describe("mcap", "numpy", "pyserial"), flush=True)
     seconds, ill = 60.0 * options.minutes, options.units - options.well
     every = [options.every if k < ill else 0.0 for k in range(options.units)]
-    made = [scenario(options.seed + k, seconds, each) for k, each in enumerate(every)]
-    faults = sum((counts for _, counts in made), Counter[str]())
+    made = [faults_of(options.seed + k, seconds, each) for k, each in enumerate(every)]
+    counts = [Counter(str(fault["kind"]) for fault in own) for own in made]
+    faults = sum(counts, Counter[str]())
     with bench.folder_for(options.keep) as folder:
         folders = [folder / f"u{k + 1}" for k in range(options.units)]
         for own in folders:
             own.mkdir(exist_ok=True)
-        found = record(folders, [text for text, _ in made], options)
+        found = record(folders, made, options)
         shares = [share for _, share in found.values()]
         print(f"seed {options.seed}, {options.minutes:g} min, acquisitions {100.0 * sum(shares):.1f} % of a processor")
         print(
             f"faults {sum(faults.values())}, {3600.0 * sum(faults.values()) / seconds:.0f} an hour: "
             + ", ".join(f"{kind} {count}" for kind, count in sorted(faults.items()))
         )
-        told = [told_of(own, found[own][0], counts) for own, (_, counts) in zip(folders, made, strict=True)]
+        told = [told_of(own, found[own][0], each) for own, each in zip(folders, counts, strict=True)]
     bench.head("", *(f"{own.name}{'' if each else ', well'}" for own, each in zip(folders, every, strict=True)))
     for what in told[0]:
         bench.row(what, *(one[what] for one in told))

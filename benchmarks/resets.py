@@ -13,9 +13,9 @@ from typing import Any
 
 import bench
 import numpy as np
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.units import Still, served
 
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
@@ -42,17 +42,17 @@ def unit(kind: str, seed: int) -> Any:
 def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, float]:
     """Seconds from the reset until the unit is asked, and until its packets are used again; NaN where it is not."""
     made, name = unit(kind, seed), kind.partition(" ")[0]
-    reset_at, power_up = [], made.power_up
+    reset_at, wake = list[float](), made._wake
 
-    def noted(now: float, number: int | None = None) -> Any:
+    def noted(*ready: float) -> None:
         reset_at.append(time.monotonic())
-        return power_up(now, number)
+        wake(*ready)
 
-    made.power_up = noted
+    made._wake = noted
     it, line = INSTRUMENTS[name], FaultyLine((LineFault(at_s, "reset"),))
     baud, asked = it.power_up_bauds[0], float("nan")
     with tempfile.TemporaryDirectory() as folder, served(made, line=line) as device, Port(device, baud) as port:
-        host = it.host(port, rate_hz)
+        host = it(port, rate_hz)
         plan = Plan(device, rate_hz, logs=folder, filter="none", instrument=name, accel_sign=it.accel_sign)
         engine = Engine(plan, host, host.open(baud))
         engine.start()

@@ -48,24 +48,11 @@ scenario::
     kind = "drop_bytes"                # or another of FAULT_KINDS, with `count` or `seconds` as they are measured
     count = 7
 
-    [[fault]]
-    at_s = 8.0
-    kind = "hang_up"
-    seconds = 2.0
-    power = true                       # the unit comes back as after power-up; default: it runs on
-    serial_number = 7                  # another unit comes back
-
     [unit]                             # what the unit is like all the time
     version = "VIRTUAL SIM SLOW"         # with VIRTUAL SIM in it: its readings are not measured
     version_plain_text = true          # without header and checksum
     ping = "resets"                    # "keeps", "stops" (the default) a stream, or "resets" the unit
-    power_up_mode = "scaled"           # default "voltage"
-    auto_baud = false                  # silent on a change of speed
-    reply_delay_s = 0.7
     clock_skew_ppm = 200.0             # its clock runs fast against the host's
-
-    [line]
-    usb_bursts_s = 0.016               # an adapter that hands on what has come by a timer
 
     [table]                            # the one under command, with `imutui virtual --controller`
     axes = ["outer", "middle", "inner"]   # in the order of the controller's numbers
@@ -234,8 +221,7 @@ def _effect(table: dict[str, Any]) -> Effect:
 
 
 def _fault(at_s: float, kind: str, **more: Any) -> Fault:
-    keys = ("at_s", "kind", FAULT_KINDS[kind], *(("power", "serial_number") if kind == "hang_up" else ()))
-    refuse_unknown(more, [key for key in keys if key], kind)
+    refuse_unknown(more, ("at_s", "kind", FAULT_KINDS[kind]), kind)
     return Fault(at_s, kind, **more)
 
 
@@ -326,22 +312,13 @@ class _Fault(TypedDict, total=False):
     kind: Required[Annotated[str, Meta(allowed=tuple(FAULT_KINDS))]]
     count: Annotated[int, Meta(least=1)]
     seconds: _Positive
-    power: bool
-    serial_number: Annotated[int, Meta(least=0)]
 
 
 class _Unit(TypedDict, total=False):
     version: Annotated[str, Meta(make=_simulated)]
     version_plain_text: bool
     ping: Literal["keeps", "stops", "resets"]
-    power_up_mode: Literal["voltage", "scaled"]
-    auto_baud: bool
-    reply_delay_s: Annotated[_NotNegative, Meta(to="reply_delay")]
     clock_skew_ppm: float
-
-
-class _Line(TypedDict, total=False):
-    usb_bursts_s: Annotated[_NotNegative, Meta(to="usb_bursts")]
 
 
 class _Table(TypedDict, total=False):
@@ -381,7 +358,6 @@ class _Scenario(TypedDict, total=False):
     power_on: list[Annotated[_PowerOn, _into(PowerOn)]]
     fault: Annotated[list[Annotated[_Fault, _into(_fault)]], Meta(to="faults", make=tuple)]
     unit: _Unit
-    line: _Line
     table: Annotated[_Table, _into(_table)]
     table_fault: Annotated[list[Annotated[_TableFault, _into(_table_fault)]], Meta(to="table_faults", make=tuple)]
 
@@ -397,7 +373,6 @@ def _scenario(
     noise: dict[str, Any] | None = None,
     instrument: dict[str, Any] | None = None,
     unit: dict[str, Any] | None = None,
-    line: dict[str, Any] | None = None,
     **fields: Any,
 ) -> Scenario:
     """Return a scenario of the values in its file; what they leave open is as usual."""
@@ -417,7 +392,7 @@ def _scenario(
         if profile is None
         else _profile(profile, folder, "profile"),
         power_ons=given + (PowerOn(),) * (count - len(given)),
-        personality=Personality(**(unit or {}), **(line or {})),
+        personality=Personality(**(unit or {})),
         **(biases or {}),
         **fields,
     )

@@ -37,7 +37,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 LONG = (
     *("undeclared", "test_trace_wire.py", "test_tmux.py", "remote", "test_snapshots.py", "test_dialogs.py"),
-    *("test_personalities.py", "test_slow_replies.py", "test_bad_devices.py", "test_host.py"),
+    *("test_personalities.py", "test_replies.py", "test_bad_devices.py", "test_driver.py"),
 )
 """Folders and modules whose tests take longest, at work or waiting."""
 

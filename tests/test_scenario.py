@@ -21,7 +21,7 @@ from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
 from imutui.cli.virtual_readings import SIMULATED, Asked, SimulatedReadings, on_the_line, scenario_of
-from imutui.instrument.imu400.crossbow import Mode
+from imutui.instrument.imu400.unit import UnitOptions
 from imutui.logbook import reader, reference_file
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 
@@ -79,27 +79,11 @@ at_s = 9
 kind = "silence"
 seconds = 0.25
 
-[[fault]]
-at_s = 10
-kind = "mode_change"
-
-[[fault]]
-at_s = 11
-kind = "hang_up"
-seconds = 2
-serial_number = 7
-
 [unit]
 version = "VIRTUAL SIM SLOW"
 version_plain_text = true
 ping = "resets"
-power_up_mode = "scaled"
-auto_baud = false
-reply_delay_s = 0.7
 clock_skew_ppm = -200
-
-[line]
-usb_bursts_s = 0.016
 """
 
 
@@ -145,12 +129,8 @@ def test_a_scenario_in_a_file_is_the_scenario(tmp_path: Path) -> None:
     assert s.faults == (
         Fault(5.0, "drop_bytes", count=7),
         Fault(9.0, "silence", seconds=0.25),
-        Fault(10.0, "mode_change"),
-        Fault(11.0, "hang_up", seconds=2.0, serial_number=7),
     )
-    assert s.personality == Personality(
-        "VIRTUAL SIM SLOW", True, "resets", "scaled", False, reply_delay=0.7, clock_skew_ppm=-200.0, usb_bursts=0.016
-    )
+    assert s.personality == Personality("VIRTUAL SIM SLOW", True, "resets", -200.0)
 
 
 def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
@@ -162,12 +142,9 @@ def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
 
 
 def test_what_a_scenario_says_of_the_unit_is_what_the_unit_is(tmp_path: Path) -> None:
-    path = written(tmp_path, '[unit]\npower_up_mode = "scaled"\nreply_delay_s = 0.5\n[line]\nusb_bursts_s = 0.016\n')
-    made = on_the_line(Asked(path))
-    options = made.options(7)
-    assert (options.serial_number, options.version, options.reply_delay_s) == (7, SIMULATED, 0.5)
-    assert options.power_up_mode is Mode.SCALED
-    assert made.line is not None
+    made = on_the_line(Asked(written(tmp_path, '[unit]\nping = "resets"\nclock_skew_ppm = 5\n')))
+    assert made.options(7) == UnitOptions(serial_number=7, version=SIMULATED, ping="resets", clock_skew_ppm=5.0)
+    assert made.line is None
 
 
 def test_gravity_alone_changes_the_papers_site(tmp_path: Path) -> None:
@@ -212,18 +189,12 @@ WRONG = [
     ('[[fault]]\nat_s = 1\nkind = "silence"\ncount = 3', ["fault 1: silence: `count` is unknown", "seconds"]),
     ('[[fault]]\nat_s = -1\nkind = "silence"\nseconds = 3', ["`at_s` is -1"]),
     ('[[fault]]\nat_s = 1\nkind = "garbage"\ncount = 0', ["`count` is 0"]),
-    ('[[fault]]\nat_s = 1\nkind = "stall"\nseconds = 1\npower = true', ["fault 1: stall: `power` is unknown"]),
-    ('[[fault]]\nat_s = 1\nkind = "reset"\ncount = 1', ["fault 1: reset: `count` is unknown; known: at_s, kind"]),
-    ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\npower = 3', ["fault 1", "`power` is 3"]),
-    ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\nserial_number = 4294967296', ["`serial_number`", "32"]),
     ('[unit]\nversion = "IMU400CD-200"', ["'IMU400CD-200'", "VIRTUAL SIM"]),
     (f'[unit]\nversion = "VIRTUAL SIM {"x" * 30}"', ["at most 30 ASCII characters"]),
     ('[unit]\nping = "explodes"', ["`ping` is 'explodes'", "keeps, stops, resets"]),
-    ("[unit]\nauto_baud = 1", ["`auto_baud` is 1", "true or false"]),
-    ("[unit]\nreply_delay_s = -1", ["unit: `reply_delay_s` is -1"]),
+    ("[unit]\nversion_plain_text = 1", ["`version_plain_text` is 1", "true or false"]),
     ("[unit]\nclock_skew_ppm = 1e6", ["`clock_skew_ppm` is 1000000"]),
-    ("[unit]\nbaud = 9600", ["unit: `baud` is unknown", "auto_baud"]),
-    ("[line]\nusb_bursts_s = 2", ["`usb_bursts` is 2", "1 s"]),
+    ("[unit]\nbaud = 9600", ["unit: `baud` is unknown", "clock_skew_ppm"]),
     ("[site]\nlatitude_deg = 3", ["`longitude_deg` is missing"]),
     ("[site]\nlatitude_deg = 91\nlongitude_deg = 0\nheight_m = 0", ["`latitude_deg` is 91"]),
     ("[instrument]\naccel_sign = 2", ["`accel_sign` is 2"]),
@@ -330,14 +301,14 @@ def test_dropouts_and_jitter_of_a_scenario_reach_the_line(tmp_path: Path) -> Non
     readings = SimulatedReadings(load_scenario(written(tmp_path, text)))
     line = readings.line()
     assert line is not None
-    line.started(0.0)
+    line.start(0.0)
     twin, hz = Unit(readings.unit.scenario), readings.unit.rate_hz
     for k in range(300):
         readings.reading(k)
         line.put(bytes([k % 251]) * 18, k / hz, k / hz + 0.0047, packet_bytes=18)
         event = line.next_event()
-        assert (event is None) == twin.lost(k)
-        if event is not None:
+        assert (event == math.inf) == twin.lost(k)
+        if event < math.inf:
             assert event == pytest.approx(k / hz + 0.0047 + max(twin.late(k), 0.0))
             assert line.take(event) == bytes([k % 251]) * 18
 

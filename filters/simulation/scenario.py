@@ -25,17 +25,8 @@ FAULT_KINDS = {
     "garbage": "count",
     "bit_flips": "count",
     "silence": "seconds",
-    "lose_packets": "count",
-    "double_packets": "count",
-    "stall": "seconds",
-    "backlog": "count",
-    "stutter": "seconds",
-    "reset": "",
-    "mode_change": "",
-    "pause": "seconds",
-    "hang_up": "seconds",
 }
-"""Kinds of fault on the wire, and what each is measured in."""
+"""Kinds of fault on the wire, and the measure of each."""
 
 TABLE_FAULT_KINDS = {
     "interlock": (),
@@ -49,7 +40,6 @@ TABLE_FAULT_KINDS = {
 """Kinds of fault of a table and its controller, and what else is said of each."""
 
 _VERSION_CHARACTERS = 30
-_LONGEST_BURST_S = 1.0
 _MOST_SKEW_PPM = 1e5
 
 Triple = tuple[float, float, float]
@@ -119,35 +109,22 @@ class PowerOn:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault on the wire, for whoever puts readings on one."""
+    """A fault on the wire."""
 
     at: float  # since the first request for data, s
-    # on the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between.
-    # "bit_flips": one bit in each of the next `count` messages. "silence": nothing arrives for `seconds`, and what was
-    # sent is lost. "lose_packets": the next `count` packets vanish whole. "double_packets": the next come twice.
-    # "stall": what is sent within `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive
-    # with the last of them. "stutter": a packet stops half-way and goes on `seconds` later. Of the unit: "reset": as
-    # after power-up. "mode_change": into the other mode. "pause": nothing for `seconds`. Of the port: "hang_up": gone
-    # for `seconds`, and back under another name.
+    # "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between. "bit_flips": one bit in
+    # each of the next `count` messages. "silence": nothing arrives for `seconds`, and what was sent is lost.
     kind: str
     count: int = 0
     seconds: float = 0.0
-    power: bool = False  # with a hang-up: whether the unit loses its power too
-    serial_number: int | None = None  # with a hang-up: of the other unit that comes back
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_KINDS:
             raise InputError(f'`kind` is "{self.kind}", not one of: {", ".join(FAULT_KINDS)}')
         if not 0.0 <= self.at < math.inf:
             raise InputError(f"`at` is {self.at}, not a time from 0 on")
-        if (self.power or self.serial_number is not None) and self.kind != "hang_up":
-            raise InputError(f"`power` and `serial_number` are of a hang_up, not of {self.kind}")
-        if self.serial_number is not None and not 0 <= self.serial_number < 2**32:
-            raise InputError(f"`serial_number` is {self.serial_number}, not one of 32 bits")
-        if not FAULT_KINDS[self.kind]:
-            return
         amount = self.count if FAULT_KINDS[self.kind] == "count" else self.seconds
-        if not 0 < amount < math.inf:
+        if not 0.0 < amount < math.inf:
             raise InputError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")
 
 
@@ -178,24 +155,17 @@ class TableFault:
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """What a unit and its line are like all the time, for whoever puts readings on a wire."""
+    """Behaviour of a unit on a wire, all the time."""
 
-    version: str | None = None  # the unit's answer to the question for its version, instead of the usual one
-    version_plain_text: bool = False  # whether that comes without header and checksum
-    # what a ping does besides being answered: nothing; it ends the stream; it does what power-up does
+    version: str | None = None  # its version text, instead of the usual one
+    version_plain_text: bool = False  # True if that comes without header and checksum
+    # effect of a ping besides its answer: none; it ends the stream; it does what power-up does
     ping: Literal["keeps", "stops", "resets"] = "stops"
-    power_up_mode: Literal["voltage", "scaled"] = "voltage"  # what packets mean after power-up
-    auto_baud: bool = True  # whether the unit can change its speed
-    reply_delay: float = 0.0  # how late it answers, s
     clock_skew_ppm: float = 0.0  # how much faster than the host's clock the unit's runs, millionths
-    usb_bursts: float = 0.0  # period of an adapter that hands on what has come all at once, s; 0: at once
 
     def __post_init__(self) -> None:
         if self.version is not None and not (self.version.isascii() and len(self.version) <= _VERSION_CHARACTERS):
             raise InputError(f"`version` is {self.version!r}, not at most {_VERSION_CHARACTERS} ASCII characters")
-        for name, most in (("reply_delay", math.inf), ("usb_bursts", _LONGEST_BURST_S)):
-            if not (0.0 <= getattr(self, name) <= most and math.isfinite(getattr(self, name))):
-                raise InputError(f"`{name}` is {getattr(self, name)}, not from 0 to {most:g} s")
         if not abs(self.clock_skew_ppm) <= _MOST_SKEW_PPM:
             raise InputError(f"`clock_skew_ppm` is {self.clock_skew_ppm}, not within ±{_MOST_SKEW_PPM:g}")
 

@@ -2,7 +2,8 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,13 +11,12 @@ from imutui.cli.exit_codes import INSTRUMENT, USAGE, answer, fail, say, show_pro
 from imutui.cli.options import Json, Limits, YesMove, ask_to_move
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from imutui.table.motion import AxisLimits, Motion, TableState
     from imutui.table.owner import KeptTable
 
 _VALUES = {"status": "", "move": "OUTER MIDDLE INNER", "rate": "AXIS DPS", "stop": ""}
 _RATE_DPS, _ACCEL_DPS2 = 20.0, 100.0  # as profiles move
+_LIMITS = "rate_dps", "accel_dps2", "low_deg", "high_deg"  # of the answer in JSON
 _LOOK_S = 0.05
 _READ_S = 30.0
 _STOP_S = 120.0
@@ -115,7 +115,7 @@ def _stop(url: str, json: bool) -> None:
         state = controller.read()
     finally:
         controller.close()
-    answer({"controller": url, "state": _document(state)}, lambda: f"stopped. {_text(state)}", json=json)
+    answer({"controller": url, "state": asdict(state)}, lambda: f"stopped. {_text(state)}", json=json)
 
 
 def _turn(
@@ -248,11 +248,7 @@ def _look(table: "KeptTable") -> None:
         if not is_warning:
             say(f"imutui: {text}")
     if table.has_ended:
-        _ended(table)
-
-
-def _ended(table: "KeptTable") -> NoReturn:
-    raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
+        raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
 
 
 # -------------------------------------------------------------------------------------------------------------- output
@@ -263,20 +259,10 @@ def _tell(table: "KeptTable", state: "TableState", json: bool) -> None:
         "controller": table.url,
         "identity": table.identity,
         "axes": list(table.axes),
-        "limits": {axis: _limits(limits) for axis, limits in table.limits.items()},
-        "state": _document(state),
+        "limits": {axis: {name: getattr(own, name) for name in _LIMITS} for axis, own in table.limits.items()},
+        "state": asdict(state),
     }
     answer(document, lambda: _lines(table, state), json=json)
-
-
-def _limits(limits: "AxisLimits") -> "Mapping[str, float | None]":
-    return {name: getattr(limits, name) for name in ("rate_dps", "accel_dps2", "low_deg", "high_deg")}
-
-
-def _document(state: "TableState") -> "Mapping[str, object]":
-    from dataclasses import asdict
-
-    return asdict(state)
 
 
 def _lines(table: "KeptTable", state: "TableState") -> str:

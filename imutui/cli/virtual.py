@@ -96,7 +96,8 @@ def command(
     from imutui.cli.virtual_readings import Asked
     from imutui.cli.virtual_table import VirtualTable
     from imutui.cli.virtual_units import UNITS, instrument_of, recorded_unit
-    from imutui.instrument.virtual import SentPackets, serve
+    from imutui.instrument.pseudo_terminal import PseudoTerminal
+    from imutui.instrument.virtual import BURST_BYTES, SentPackets, Wire, serve
     from imutui.logbook.atomic_file import create
 
     if not 0.0 < speed < math.inf:
@@ -140,12 +141,6 @@ def command(
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: stop.set())
 
-    def ready(port: str) -> None:
-        tell(port)
-        if url is not None:
-            tell(url)
-        sys.stdout.flush()
-
     with ExitStack() as files:
         sink = None if tap is None else files.enter_context(open(create(tap, overwrite=force), "wb", buffering=0))
         truth = None
@@ -154,11 +149,16 @@ def command(
             truth = SentPackets(stream, made.unit)
         url = None if table is None else files.enter_context(table.served(made.unit))
         try:
-            serve(
-                made.unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin,
-                stop=stop, line=made.line, on_packet=truth,
-                began=None if table is None else table.began, on_idle=made.keep_up,
-            )  # fmt: skip
+            pty = files.enter_context(PseudoTerminal(link))
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error
+        tell(pty.name)
+        if url is not None:
+            tell(url)
+        sys.stdout.flush()
+        wire = Wire(made.unit, made.line, speed, truth, None if table is None else table.began)
+        serve(
+            wire, pty, log=say, tap=sink, stop=stop, while_stdin=while_stdin,
+            burst_bytes=0 if made.line is None else BURST_BYTES, on_idle=made.keep_up,
+        )  # fmt: skip
     sys.stdout.flush()

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,8 @@ from filters.simulation import LOOP_HZ, OnTable, Personality, Scenario, Temperat
 from filters.simulation.background import Background
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
 from imutui.cli.spoil import ErrorFunction, Spoiled
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import Mode
 from imutui.instrument.imu400.unit import UnitOptions
+from imutui.instrument.virtual import Line
 from imutui.instrument.virtual_instrument import Reading, Source
 
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
@@ -34,25 +33,26 @@ class UnitOnTheLine:
     readings: Source  # what it measures
     version: str  # how its version text begins
     source: str = ""  # where the readings come from, in words; "" where the version says enough
-    line: FaultyLine | None = None  # what happens on the wire
+    line: Line | None = None  # what happens on the wire
     seed: int = 0  # of the time counter's start
     personality: Personality = field(default_factory=Personality)  # what the unit is like
     # makes readings that nobody asks for, up to a time of theirs, s: those of a long rest at once take longer than a
     # host waits; None where they take next to nothing
     keep_up: Callable[[float], None] | None = None
 
+    def text(self, usual: str) -> str:
+        """Return the unit's text: the usual one or the scenario's, and the origin of readings where there is one."""
+        own = usual if self.personality.version is None else self.personality.version
+        return f"{own} from {self.source}".encode("ascii", "backslashreplace").decode() if self.source else own
+
     def options(self, serial_number: int) -> UnitOptions:
         """Which unit this is."""
         it = self.personality
         return UnitOptions(
             serial_number=serial_number,
-            version=self.version if it.version is None else it.version,
-            source=self.source,
+            version=self.text(self.version),
             ping=it.ping,
-            power_up_mode=Mode(it.power_up_mode),
-            reply_delay_s=it.reply_delay,
             version_plain_text=it.version_plain_text,
-            auto_baud=it.auto_baud,
             clock_skew_ppm=it.clock_skew_ppm,
         )
 
@@ -92,23 +92,19 @@ class SimulatedReadings:
         g = axes.accel_to_instrument(force) / STANDARD_GRAVITY
         return Reading(tuple(dps), tuple(g), self.unit.temperature_degc(k))
 
-    def line(self) -> FaultyLine | None:
-        """What its scenario does to bytes on the wire; None where that is nothing."""
+    def line(self) -> Line | None:
+        """Return the line of its scenario; None if that is a plain one."""
         scenario = self.unit.scenario
-        faults = faults_of(scenario)
         lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
-        bursts = scenario.personality.usb_bursts
-        if not (faults or lossy or bursts):
-            return None
-        return FaultyLine(faults, self._fate if lossy else None, scenario.seed, bursts)
+        return line_of(scenario, self._fate if lossy else None)
 
     def _fate(self, t: float) -> tuple[bool, float]:
         return self._fates.get(math.floor(t * self.unit.rate_hz + 1e-6), (False, 0.0))
 
 
-def faults_of(scenario: Scenario) -> list[LineFault]:
-    """Faults of unit, line and port that a scenario has."""
-    return [LineFault(**asdict(fault)) for fault in scenario.faults]
+def line_of(scenario: Scenario, fate: Callable[[float], tuple[bool, float]] | None = None) -> Line | None:
+    """Return the line of a scenario, see `virtual.Line`; None if that is a plain one."""
+    return Line(scenario.faults, fate, scenario.seed) if scenario.faults or fate is not None else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,15 +11,15 @@ from filters.errors import InputError
 from filters.imu import IMU440CA_200, AxisMap
 from filters.simulation import Scenario
 from imutui import outside_file
-from imutui.cli.virtual_readings import Asked, faults_of, on_the_line, scenario_of
+from imutui.cli.virtual_readings import Asked, line_of, on_the_line, scenario_of
 from imutui.instrument import names
-from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field
 from imutui.instrument.uut.messages import Version
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
+from imutui.instrument.virtual import Line
 from imutui.instrument.virtual_instrument import VirtualInstrument
 
 SERIAL_NUMBER = 9911750
@@ -61,7 +61,7 @@ class VirtualSetting:
     """
 
     unit: VirtualInstrument[Any, Any]
-    line: FaultyLine | None
+    line: Line | None
     source: str
     keep_up: Callable[[float], None] | None = None
 
@@ -77,13 +77,10 @@ def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU381ZA-200."""
     made = on_the_line(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
-    it = made.personality
-    text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
     options = UnitOptions(
         serial_number=serial_number_of(asked, made.seed) if serial_number is None else serial_number,
-        text=f"{text} from {made.source}" if made.source else text,
-        reply_delay_s=it.reply_delay,
-        clock_skew_ppm=it.clock_skew_ppm,
+        text=made.text(f"{_IMU381} {made.version.partition(' ')[2]}"),
+        clock_skew_ppm=made.personality.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
     return VirtualSetting(unit, made.line, made.source, made.keep_up)
@@ -153,13 +150,10 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
         # a divider that no manual has is one of later firmware
         loop_hz=100 if stream.divider in RATE_OF_DIVIDER else 200,
         bit=_RECORDED_BIT,
-        reply_delay_s=made.personality.reply_delay,
         clock_skew_ppm=made.personality.clock_skew_ppm,
     )
-    faults, bursts = faults_of(made), made.personality.usb_bursts
-    line = FaultyLine(faults, None, made.seed, bursts) if faults or bursts else None
     said = (
         f"plays {path.name} as {_RECORDED_TEXT.split()[0]} #{options.serial_number}, and a host calls that measured:"
         " only for bytes that a real unit sent"
     )
-    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, said)
+    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line_of(made), said)

@@ -1,11 +1,12 @@
-"""From the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
+"""Convert the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
 
-A packet's counter says to some microseconds when it was sampled, but not after how many wraps of 52 ms, or of a second;
-its arrival tells that, unless the host or the line was held up. So a packet that comes in time, or follows the one
-before byte by byte, is stamped at once. After a pause packets are held, a fraction of a second, until those behind them
-show whether the line was late, and nothing is missing, or was silent: a backlog comes faster than the unit can send.
+A packet's counter gives its instant to some microseconds, but for whole wraps of 52 ms, or of a second. Its arrival
+gives the wraps, unless the host or the line was held up. So a packet that goes on where the last one was is stamped at
+once. Any other one opens a new stretch, as the first packet does: its packets are held, a fraction of a second, until
+they come no less late than before. The least late of them shows whether the line was late and nothing is missing, or
+was silent. The length of the tick stays known.
 
-`host_time` has the counter against the host's clock, `packet_count` the counter against the grid of packets.
+`host_time` fits the counter to the host's clock, `packet_count` to the grid of packets.
 """
 
 import math
@@ -16,26 +17,25 @@ from imutui.instrument.counter_spec import SPAN, CounterSpec
 from imutui.instrument.host_time import HostTime
 from imutui.instrument.packet_count import PacketGrid
 
-WRAP = SPAN
+# a stretch opens with at least so many packets, over so long a time without a gain
 _FEWEST = 3
-_OPENING_NS = 250e6
-# a packet that comes so soon after the one before, as a part of a wrap, needs no other witness that none went by unseen
-_SOON = 0.888
-# a packet may seem so much early where the estimate is off
-_SLACK_NS = 4e6
-# a line that has caught up no further for so long is in time
-_CAUGHT_UP_NS = 120e6
-_GAIN_NS = 2e6
-# one that is later by so much than the one before was held up again
-_AGAIN_NS = 40e6
-_LONGEST_HOLD_NS = 0.8e9
+_OPENING_NS, _OPENING_PERIODS = 250e6, 2.5
+_LONGEST_HOLD_NS, _HOLD_PERIODS = 0.8e9, 4.0
 _MOST_HELD = 4096
-# how well the tick must be known to tell wraps apart after a pause, as a part of one
+# a packet that is less late by so much shows that the line still catches up
+_GAIN_NS = 2e6
+# within an adapter's burst packets gain up to so much
+_BURST_NS = 25e6
+# one that is later by so much than the one before shows that the line was held up again
+_AGAIN_NS = 40e6
+# a packet that comes within this part of a wrap needs no arrival to show that none went by unseen
+_SOON = 0.888
+# the least late packet may still be late by so much
+_SLACK_NS = 4e6
+# the tick must be known so well to tell wraps apart, as a part of one
 _AMBIGUOUS = 0.25
-# in so short a time no unit pauses by itself: what is missing on a quiet line was lost
-_LONGEST_LOSS_NS = 60e6
-# where packets are rare, what is waited for is so many of them
-_OPENING_PERIODS, _CAUGHT_UP_PERIODS, _HOLD_PERIODS, _LOSS_PERIODS = 2.5, 2.5, 4.0, 5.5
+# no unit pauses by itself for less: what is missing on a quiet line was lost
+_LONGEST_LOSS_NS, _LOSS_PERIODS = 60e6, 5.5
 _LOOP_NS = 7.5e6
 _POLL_UNCERTAINTY_NS = 20e6
 
@@ -45,7 +45,7 @@ class Gap:
     """A stretch without packets, or with damaged ones, longer than between two that follow each other."""
 
     seconds: float  # from the last packet's sampling before it to the first one's after it
-    # lost_min, lost_max: bounds of how many packets the unit sent and the host did not get: equal where the bytes
+    # lost_min, lost_max: bounds of the packets that the unit sent and the host did not get; equal where the bytes
     # decide it
     lost_min: int
     lost_max: int
@@ -56,64 +56,60 @@ class Stamp:
     """When a packet's sample was taken."""
 
     monotonic_ns: int  # host's monotonic clock, ns; never later than the arrival
-    by_host: bool  # whether the counter could not help, so that the instant is the time of arrival less the line's time
-    uncertainty_ns: int = 0  # how far from the truth it may be
-    gap: Gap | None = None  # what is missing, or may be, before this one
+    by_host: bool  # True if the counter did not help: then the instant is the arrival less the line's time
+    uncertainty_ns: int = 0  # greatest distance from the truth
+    gap: Gap | None = None  # packets that are missing, or may be, before this one
 
 
 def arrival_before(host_ns: int, ticks: int, last_ticks: int, counter: CounterSpec) -> int:
-    """When a packet arrived that was only recognised together with a later one.
+    """Return when a packet arrived that was only recognised together with a later one; monotonic, ns.
 
-    `host_ns`: when the later one arrived.
+    `host_ns`: arrival of the later one.
     `ticks`, `last_ticks`: time counters of the earlier and the later one, less than a wrap apart.
-    `counter`: what they count.
-    Returns monotonic, ns.
     """
     return host_ns - round(counter.step(ticks, last_ticks) * counter.tick_ns)
 
 
 @dataclass(frozen=True, slots=True)
 class _Packet:
-    """A packet as it arrived: see `Clock.take`; `step` in ticks since the one before, less whole wraps."""
+    """A packet as it arrived: see `Clock.take`."""
 
-    arrival_ns: float
-    step: int
+    arrival_ns: float  # less the line's time
+    step: int  # ticks since the packet before, less whole wraps
     contiguous: bool
     quiet: bool
     behind: bool
-    follows: bool
+    follows: bool  # byte by byte, and by one packet's step
 
 
 class Clock:
     """Stamps the packets of a stream, in order.
 
     `line_ns`: time that a packet spends on the line, subtracted from its arrival.
-    `counter`: what the packets' counter counts.
-    `polled`: whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
-    `period_ns`: from packet to packet of the stream, as far as the unit was told; 0 if it was not.
+    `counter`: the packets' counter.
+    `polled`: True if packets come on request: then steps are longer than the counter's wrap and only arrivals count.
+    `period_ns`: time from packet to packet that the unit was told; 0 if it was told none.
     """
 
     def __init__(self, line_ns: float, counter: CounterSpec, *, polled: bool = False, period_ns: float = 0.0) -> None:
         self._line_ns = line_ns
         self._polled = polled
         self._opening_ns = max(_OPENING_NS, _OPENING_PERIODS * period_ns)
-        self._caught_up_ns = max(_CAUGHT_UP_NS, _CAUGHT_UP_PERIODS * period_ns)
         self._longest_hold_ns = max(_LONGEST_HOLD_NS, _HOLD_PERIODS * period_ns)
         self._longest_loss_s = max(_LONGEST_LOSS_NS, _LOSS_PERIODS * period_ns) / 1e9
         self._counter = counter
-        self._soon_ns = _SOON * WRAP * counter.tick_ns
-        self._ambiguous_ns = _AMBIGUOUS * WRAP * counter.tick_ns
+        self._soon_ns = _SOON * SPAN * counter.tick_ns
         self._time = HostTime(counter)
-        self._grid = PacketGrid(self._line_ns / counter.tick_ns)
+        self._grid = PacketGrid(line_ns / counter.tick_ns)
         self._ticks: int | None = None
         self._host_ns = 0
-        self._opened = False
+        self._opened = False  # True if `_time` and `_grid` hold for the newest stamped packet
+        # packets without a stamp, ticks up to the newest, the least late and newest lateness, ns, and the arrival since
+        # when none was less late
         self._held: list[_Packet] = []
         self._held_ticks = 0
-        self._least_late = 0.0
-        self._least_late_at = 0.0
-        self._newest_late = 0.0
-        self._emptied = False
+        self._least_late = self._newest_late = 0.0
+        self._since_ns = 0.0
         self._gap_from_ns: int | None = None
         self._last = 0
 
@@ -132,13 +128,13 @@ class Clock:
         behind: bool = False,
         requested_ns: int | None = None,
     ) -> list[Stamp]:
-        """Take one packet; returns stamps of the oldest packets that have none yet, as far as they are sure.
+        """Take one packet; return the stamps, as far as they are sure, of the oldest packets that have none.
 
         `ticks`: its counter, 0 to 65535.
         `host_ns`: monotonic clock when its last byte was read.
-        `contiguous`: whether it followed the previous packet without a byte between.
-        `quiet`: whether the host waited since then, and found the line without a byte.
-        `behind`: whether more had arrived already when it was read, so that the host is late.
+        `contiguous`: True if it followed the previous packet without a byte between.
+        `quiet`: True if the host waited since then and found the line without a byte.
+        `behind`: True if more had arrived already when it was read, so that the host is late.
         `requested_ns`: when it was asked for, of a polled packet.
         """
         arrival = host_ns - self._line_ns
@@ -147,166 +143,134 @@ class Clock:
         step = 0 if self._ticks is None else self._counter.step(self._ticks, ticks)
         soon = host_ns - self._host_ns < self._soon_ns
         self._ticks, self._host_ns = ticks, host_ns
-        is_next = self._grid.may_be_next if self._held else self._grid.is_next
-        follows = contiguous and soon and self._opened and is_next(step)
+        follows = contiguous and self._opened and self._grid.is_next(step, anywhere=bool(self._held))
         packet = _Packet(arrival, step, contiguous, quiet, behind, follows)
-        if not self._opened:
-            return self._take_opening(packet)
-        if self._held and not soon:
-            return self._resume(caught_up=self._in_step() or (quiet and not self._in_a_burst())) + self._take(packet)
-        return self._take(packet)
+        if not self._held:
+            return self._go_on(packet, soon=soon)
+        if soon or not self._opened:
+            return self._hold(packet)
+        # a backlog is that of a line that was held up again
+        return self._settle(caught_up=quiet and self._in_step(self._held)) + self._go_on(packet, soon=soon)
 
     def due(self, now_ns: int) -> list[Stamp]:
-        """Stamps of packets that were held while nothing came behind them that could have made them sure."""
-        waited = now_ns - self._host_ns
-        return self.release() if self._held and waited > self._opening_ns else []
+        """Return the stamps of packets that were held while nothing came behind them that could make them sure."""
+        return self.release() if self._held and now_ns - self._host_ns > self._opening_ns else []
 
     def release(self) -> list[Stamp]:
-        """Stamps of all packets held, by what is known."""
-        if not self._held:
-            return []
-        return self._resume(caught_up=False) if self._opened else self._open()
+        """Return the stamps of all packets held, by what is known."""
+        return self._settle(caught_up=False) if self._held else []
 
     def interrupt(self, *, lossy: bool = False) -> list[Stamp]:
-        """Take note that the next packet begins a new stretch; returns stamps of those held.
+        """Take note that the next packet opens a new stretch; return the stamps of those held.
 
-        The length of the tick stays known.
-
-        `lossy`: whether packets may have been sent meanwhile: the next stamp has the gap. Otherwise none was asked for.
+        `lossy`: True if packets may have been sent meanwhile: the next stamp has the gap. Otherwise none was asked for.
         """
         stamps = self.release()
         self._gap_from_ns = self._last if lossy and self._last else None
         self._opened, self._ticks = False, None
         return stamps
 
-    # -- the first packets of a stretch ---------------------------------------------------------------------------
+    # -- a stretch ------------------------------------------------------------------------------------------------
 
-    def _take_opening(self, packet: _Packet) -> list[Stamp]:
-        self._held.append(packet)
-        span = packet.arrival_ns - self._held[0].arrival_ns
-        # a backlog takes no time: what is behind it tells how late it was
-        whole = span >= self._opening_ns and len(self._held) >= _FEWEST and not packet.behind
-        return self._open() if whole or len(self._held) >= _MOST_HELD else []
-
-    def _open(self) -> list[Stamp]:
-        """Begin with the least late of the packets held."""
-        held, self._held = self._held, []
-        steps = [0] + [self._opening_step(before, packet) for before, packet in pairwise(held)]
-        known = [step for step, packet in zip(steps[1:], held[1:], strict=True) if packet.contiguous]
-        if known:
-            self._grid.learn(known)
-        if not known or not self._grid.known:
-            # too few packets, or a counter that stands still
-            self._ticks = None
-            return [self._by_arrival(packet.arrival_ns, None) for packet in held]
-        self._time.anchor([packet.arrival_ns for packet in held], list(accumulate(steps)))
-        self._opened = True
-        gap, self._gap_from_ns = self._gap_since(self._gap_from_ns, held[0].arrival_ns), None
-        at = self._time.instant_ns - round(sum(steps) * self.tick_ns)
-        stamps = []
-        for step, packet in zip(steps, held, strict=True):
-            at += round(step * self.tick_ns)
-            lost = self._grid.packets(step, contiguous=packet.contiguous) - 1 if step else 0
-            gap = Gap(step * self.tick_ns / 1e9, lost, lost) if lost else gap
-            stamps.append(self._emit(at, packet, step, gap, by_host=not step))
-            gap = None
-        return stamps
-
-    def _opening_step(self, before: _Packet, packet: _Packet) -> int:
-        """Ticks between two packets of the opening; wraps by arrival where bytes are missing."""
-        if packet.contiguous:
-            return packet.step
-        late = packet.arrival_ns - before.arrival_ns - packet.step * self.tick_ns
-        return packet.step + WRAP * max(0, round(late / (WRAP * self.tick_ns)))
-
-    def _gap_since(self, last_ns: int | None, arrival_ns: float) -> Gap | None:
-        if last_ns is None:
-            return None
-        silent = arrival_ns - last_ns
-        return Gap(silent / 1e9, 0, math.ceil(silent / (self._grid.spacing * self.tick_ns)))
-
-    # -- packets after those --------------------------------------------------------------------------------------
-
-    def _take(self, packet: _Packet) -> list[Stamp]:
-        wrap_ns = WRAP * self.tick_ns
-        if self._held:
-            return self._hold(packet)
+    def _go_on(self, packet: _Packet, *, soon: bool) -> list[Stamp]:
+        """Stamp a packet that goes on where the last one was; open a stretch with any other one."""
         late = self._time.lateness(packet.arrival_ns, packet.step)
-        if packet.follows or late < wrap_ns - _SLACK_NS:
+        if self._opened and ((soon and packet.follows) or self._is_in_time(late)):
             return [self._advance(packet, 0)]
-        self._held_ticks, self._least_late, self._least_late_at = 0, late, packet.arrival_ns
-        self._newest_late = late
-        self._emptied = False
+        self._held_ticks, self._least_late, self._newest_late = 0, math.inf, math.inf
         return self._hold(packet)
 
     def _hold(self, packet: _Packet) -> list[Stamp]:
-        """Hold a packet until the line has caught up with the time."""
+        """Hold a packet until the line has caught up."""
+        if self._opened:
+            self._held_ticks += packet.step
+            late = self._time.lateness(packet.arrival_ns, self._held_ticks)
+        else:
+            self._held_ticks += self._opening_step(self._held[-1], packet) if self._held else 0
+            late = packet.arrival_ns - (self._held or [packet])[0].arrival_ns - self._held_ticks * self.tick_ns
         self._held.append(packet)
-        self._held_ticks += packet.step
-        late = self._time.lateness(packet.arrival_ns, self._held_ticks)
-        if late < self._least_late - _GAIN_NS:
-            self._least_late, self._least_late_at = late, packet.arrival_ns
-        self._emptied = self._emptied or not packet.behind
-        if (packet.behind and not self._emptied) or late > self._newest_late + _AGAIN_NS:
-            # a busy host takes its time over a backlog; once that is read, several at once are an adapter's burst; and
-            # while a line is held up again it catches up nothing
-            self._least_late_at = packet.arrival_ns
-        self._newest_late = late
-        in_time = late < WRAP * self.tick_ns - _SLACK_NS
-        if in_time or packet.arrival_ns - self._least_late_at > self._caught_up_ns:
-            return self._resume(caught_up=True)
-        too_long = packet.arrival_ns - self._held[0].arrival_ns > self._longest_hold_ns or len(self._held) >= _MOST_HELD
-        return self._resume(caught_up=False) if too_long else []
+        if late < self._least_late - _GAIN_NS or late > self._newest_late + _AGAIN_NS:
+            self._since_ns = packet.arrival_ns
+        self._least_late, self._newest_late = min(self._least_late, late), late
+        if self._opened and self._is_in_time(late):
+            return self._settle(caught_up=True)
+        # a backlog takes no time: the packets behind it show how late it was
+        if len(self._held) < _FEWEST or (packet.behind and len(self._held) < _MOST_HELD):
+            return []
+        if packet.arrival_ns - self._since_ns >= self._opening_ns:
+            return self._settle(caught_up=True)
+        too_long = packet.arrival_ns - self._held[0].arrival_ns > self._longest_hold_ns or packet.behind
+        return self._settle(caught_up=False) if too_long else []
 
-    def _in_step(self) -> bool:
-        """Whether the packets held came no faster than the unit sends."""
-        ticks = sum(packet.step for packet in self._held[1:])
-        last = self._held[-1]
-        in_step = last.arrival_ns - self._held[0].arrival_ns > 0.5 * ticks * self.tick_ns > 0.0
-        return in_step and not last.behind
+    def _is_in_time(self, late: float) -> bool:
+        return late < SPAN * self.tick_ns - _SLACK_NS
 
-    def _in_a_burst(self) -> bool:
-        """Whether the packets held came faster than the unit sends: then the line may be held up again."""
-        ticks = sum(packet.step for packet in self._held[1:])
-        took_ns = self._held[-1].arrival_ns - self._held[0].arrival_ns
-        return len(self._held) > _FEWEST and took_ns < 0.5 * ticks * self.tick_ns
-
-    def _resume(self, *, caught_up: bool) -> list[Stamp]:
-        """Stamps of the packets held: how late the least late of them is tells how many wraps went by unseen."""
+    def _settle(self, *, caught_up: bool) -> list[Stamp]:
+        """Stamp the packets held. The least late of them shows how many wraps went by unseen."""
         held, self._held = self._held, []
-        most = max(0, math.floor((self._least_late + _SLACK_NS) / (WRAP * self.tick_ns)))
+        if not self._opened:
+            return self._open(held)
+        most = max(0, math.floor((self._least_late + _SLACK_NS) / (SPAN * self.tick_ns)))
         joint, wraps = self._joint(held, most, caught_up=caught_up)
         stamps = [self._advance(packet, 0) for packet in held[:joint]]
-        if wraps and self._least_late * self._time.tick_sd_ns / self.tick_ns > self._ambiguous_ns:
-            # so long a pause that the tick, as far as it is known, can't tell wraps apart: begin anew
-            self._gap_from_ns, self._opened, self._held = self._last, False, held[joint:]
-            return stamps
+        if wraps and self._least_late * self._time.tick_sd_ns > _AMBIGUOUS * SPAN * self.tick_ns**2:
+            # after so long a pause the tick, as far as it is known, cannot tell wraps apart
+            self._gap_from_ns = self._last
+            return stamps + self._open(held[joint:])
         doubt = 0.0 if caught_up else self._least_late
         return stamps + [self._advance(p, wraps if k == 0 else 0, doubt) for k, p in enumerate(held[joint:])]
 
-    def _joint(self, held: list[_Packet], most: int, *, caught_up: bool) -> tuple[int, int]:
-        """Which packet held has unseen wraps before it, and how many.
+    def _in_step(self, held: list[_Packet]) -> bool:
+        """Return True if packets came no faster than the unit sends: those of a backlog are less and less late."""
+        return self._time.lateness(held[0].arrival_ns, held[0].step) - self._least_late < _BURST_NS
 
-        A line that has caught up shows the number, and the packet is the one that did not follow byte by byte. Before
-        that there are no more than the counter demands.
+    def _joint(self, held: list[_Packet], most: int, *, caught_up: bool) -> tuple[int, int]:
+        """Return the index of the packet that has unseen wraps before it, and their number, `most` of them.
+
+        It is the first one if they came in step, else one that does not follow. Unless the line has caught up, there
+        are no more wraps than the counter demands.
         """
-        grid = self._grid
-        broken = [
-            k for k, p in enumerate(held) if not (p.follows or (k == 0 and p.contiguous and grid.is_next(p.step)))
-        ]
-        if most == 0 or (not caught_up and not broken):
+        broken = [k for k, packet in enumerate(held) if not packet.follows]
+        if most == 0 or not (caught_up or broken):
             return 0, 0
-        regular = [k for k in broken if grid.is_regular(held[k].step + WRAP * most)]
-        joint = (regular or broken or [0])[-1]
-        if caught_up:
-            return joint, most
-        return joint, next((n for n in range(most) if grid.is_regular(held[joint].step + WRAP * n)), most)
+        regular = [k for k in broken if self._grid.place(held[k].step + SPAN * most)[1]]
+        joint = 0 if self._in_step(held) else (regular or broken or [0])[-1]
+        least = next((n for n in range(most) if self._grid.place(held[joint].step + SPAN * n)[1]), most)
+        return joint, most if caught_up else least
+
+    def _open(self, held: list[_Packet]) -> list[Stamp]:
+        """Begin with the least late of the packets held; the length of the tick stays as known."""
+        steps = [self._opening_step(before, packet) for before, packet in pairwise(held)]
+        known = [step for step, packet in zip(steps, held[1:], strict=True) if packet.contiguous]
+        if known:
+            self._grid.learn(known)
+        self._opened = bool(known) and self._grid.spacing > 0.0
+        if not self._opened:
+            # too few packets, or a counter that stands still
+            self._ticks = None
+            return [self._by_arrival(packet.arrival_ns, None) for packet in held]
+        self._time.anchor([packet.arrival_ns for packet in held], [*accumulate(steps, initial=0)])
+        since, gap = self._gap_from_ns, None
+        if since is not None:
+            silent = held[0].arrival_ns - since
+            gap = Gap(silent / 1e9, 0, math.ceil(silent / (self._grid.spacing * self.tick_ns)))
+        self._gap_from_ns = None
+        first = self._emit(self._time.instant_ns, held[0], 0, gap, by_host=True)
+        wraps = [(step - packet.step) // SPAN for step, packet in zip(steps, held[1:], strict=True)]
+        return [first, *map(self._advance, held[1:], wraps)]
+
+    def _opening_step(self, before: _Packet, packet: _Packet) -> int:
+        """Return the ticks between two packets of an opening; where bytes are missing, the arrivals give the wraps."""
+        if packet.contiguous:
+            return packet.step
+        late = packet.arrival_ns - before.arrival_ns - packet.step * self.tick_ns
+        return packet.step + SPAN * max(0, round(late / (SPAN * self.tick_ns)))
 
     # -- one stamp ------------------------------------------------------------------------------------------------
 
     def _advance(self, packet: _Packet, wraps: int, doubt_ns: float = 0.0) -> Stamp:
-        """Go on to a packet; returns its stamp, with what is missing before it."""
-        step = packet.step + WRAP * wraps
+        """Go on to a packet; return its stamp, with the gap before it."""
+        step = packet.step + SPAN * wraps
         packets, regular = self._grid.place(step)
         moved = self._time.advance(step, packet.arrival_ns)
         self._grid.advance(step, packets)
@@ -316,15 +280,15 @@ class Clock:
         if silent or (wraps and (packet.quiet or packet.contiguous or not regular)):
             # the unit may have sent nothing meanwhile, or everything
             gap = Gap(seconds, 0, missing + (not regular))
-        elif moved > WRAP * self.tick_ns - _SLACK_NS:
+        elif moved > SPAN * self.tick_ns - _SLACK_NS:
             gap = Gap(seconds + moved / 1e9, 0, math.ceil(moved / (self._grid.spacing * self.tick_ns)))
         elif missing:
-            # what leads off the grid is no number of whole packets
+            # a step that leads off the grid is no number of whole packets
             gap = Gap(seconds, missing if regular else 0, missing + (not regular))
         return self._emit(self._time.instant_ns, packet, step, gap, doubt_ns=doubt_ns)
 
     def _by_arrival(self, arrival_ns: float, requested_ns: int | None) -> Stamp:
-        """Stamp of a packet whose counter says nothing: not before it was asked for, nor after it came."""
+        """Return the stamp of a packet by its arrival: not before it was asked for, nor after it came."""
         uncertain = _POLL_UNCERTAINTY_NS if requested_ns is None else arrival_ns - requested_ns + _LOOP_NS
         self._last = max(self._last + 1, round(arrival_ns))
         return Stamp(self._last, True, round(uncertain))

@@ -1,18 +1,18 @@
-"""The host's time of a unit's counter: a two-state Kalman filter (instant, tick); no I/O, reads no clock.
+"""Fit the unit's counter to the host's clock: a Kalman filter of two states (instant, tick); no I/O, reads no clock.
 
-The counter steps precisely, but its tick is known to some parts of a thousand only. The host's stamps are absolute,
-but late by whatever the operating system, an adapter or a network felt like, and never early. So the filter is fed the
-least late arrival of many, and one that is later than expected says little.
+The counter steps precisely, but its tick is known to some parts of a thousand only. Arrivals are absolute; the
+operating system, an adapter or a network makes them late, never early. So the filter takes the least late arrival of
+each block of packets, and one that is later than expected has little weight.
 """
 
 from imutui.instrument.counter_spec import CounterSpec
 
-# of the tick's length, a step of the counter
+# random walk of the tick for each packet, as a part of it
 _TICK_WALK = 1e-8
 # the least of n arrivals that are late by up to twice their mean: about an nth of that, and adapters' bursts repeat
 _LEAST_LATE_SD_NS = 0.15e6
 _SD_OF_LEAST = 8.0
-# a block that is off by so many standard deviations, and so much, was late, or those before it were
+# a block that is off by more was late, or those before it were
 _SURPRISE = 4.0
 _SURPRISING_NS = 5.0e6
 _ANCHOR_SD_NS = 0.5e6
@@ -25,7 +25,7 @@ _FLOOR_NS = 0.5e6
 
 
 class _Block:
-    """Some packets in a row, and the least late of them."""
+    """The least late of some packets in a row."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -37,11 +37,11 @@ class _Block:
         self.first_ns = self.last_ns = 0.0
 
     def is_backlog(self, tick_ns: float) -> bool:
-        """Whether they came faster than the unit sends: of how late they were nothing is to be learnt."""
+        """Return True if they came faster than the unit sends: then all of them were late."""
         return self.last_ns - self.first_ns < 0.5 * self.ticks * tick_ns
 
     def add(self, late: float, step: int, arrival_ns: float) -> None:
-        """Take a packet, `step` ticks after the one before, and how late it is."""
+        """Take a packet that is `late` by so many ns, `step` ticks after the one before."""
         self.count += 1
         self.ticks += step
         self.first_ns = arrival_ns if self.count == 1 else self.first_ns
@@ -53,10 +53,10 @@ class _Block:
 
 
 class HostTime:
-    """When the unit's counter stood where, on the host's monotonic clock.
+    """Host's monotonic time of the newest packet's sampling, and of each tick from there.
 
-    `counter`: how long its tick is, nominally, and how well that is known.
-    `tick_ns`: length of a tick of the counter.
+    `counter`: nominal length of its tick, and the tolerance of that.
+    `tick_ns`: length of a tick as estimated so far.
     """
 
     def __init__(self, counter: CounterSpec) -> None:
@@ -71,30 +71,31 @@ class HostTime:
         self._early = 0
         self._late = 0
         self._doubt_ns = 0.0
+        self._anchored = 0  # ticks up to the last packet that `anchor` has used
 
     @property
     def instant_ns(self) -> int:
-        """Host's time of the newest packet's sampling."""
+        """Host's time of the newest packet's sampling, ns."""
         return self._origin + round(self._instant)
 
     @property
     def tick_sd_ns(self) -> float:
-        """Standard deviation of the tick's length."""
+        """Standard deviation of the tick's length, ns."""
         return float(max(self._P[2], 0.0) ** 0.5)
 
     @property
     def uncertainty_ns(self) -> float:
-        """How far the newest instant may be from the truth: three standard deviations, and how late arrivals are.
+        """Greatest distance of the newest instant from the truth, ns: three standard deviations, and the mean lateness.
 
-        Those of a whole block that is late, while it is open whether they are or the instant is: by as much as that.
+        While it is open whether a late block was late or the instant is early, it includes that block's lateness.
         """
         return 3.0 * float(max(self._P[0], 0.0) ** 0.5) + self._spread + _FLOOR_NS + self._doubt_ns
 
     def anchor(self, arrivals: list[float], ticks: list[int]) -> None:
-        """Begin with the least late of some arrivals; the length of the tick stays as known.
+        """Begin at the first of some packets by the least late of them; the length of the tick stays as known.
 
-        `arrivals`: host's time when each packet could have arrived had nothing held it up, ns.
-        `ticks`: counter's steps since the first of them, of each.
+        `arrivals`: when each packet arrived, less its time on the line; monotonic, ns.
+        `ticks`: ticks from the first packet to each.
         """
         self._origin = int(arrivals[0])
         since = [a - self._origin - t * self.tick_ns for a, t in zip(arrivals, ticks, strict=True)]
@@ -106,15 +107,19 @@ class HostTime:
         self._block = _Block(_FIRST_BLOCK)
         self._early = self._late = 0
         self._doubt_ns = 0.0
-        self._go_on(ticks[-1] - ticks[least])
+        self._go_on(-ticks[least])
+        self._anchored = ticks[-1]
 
     def lateness(self, arrival_ns: float, step: int) -> float:
-        """How late a packet is that arrives `step` ticks after the newest one was sampled, ns."""
+        """Return how late a packet is, ns, that was sampled `step` ticks after the newest one."""
         return arrival_ns - self._origin - self._instant - step * self.tick_ns
 
     def advance(self, step: int, arrival_ns: float) -> float:
-        """Go on to a packet, `step` ticks after the newest one; returns by how much instants were found late."""
+        """Go on to a packet, `step` ticks after the newest one; return how late instants turned out to be, ns."""
         self._go_on(step)
+        if self._anchored > 0:
+            self._anchored -= step
+            return 0.0
         block = self._block
         block.add(self.lateness(arrival_ns, 0), step, arrival_ns)
         return self._use(block) if block.count >= block.size else 0.0
@@ -147,7 +152,8 @@ class HostTime:
     def _move(self, innovation: float) -> float:
         """Correct the instant at once, and the tick soon.
 
-        No packet arrives early: those before were late. Late in block after block, the tick is wrong, or wraps went by.
+        No packet arrives early: the earlier ones were late. If block after block is late, the tick is wrong, or wraps
+        went by unseen.
         """
         self._instant += innovation
         tick_sd = self._tick_sd if max(self._late, self._early) > _MOST else 0.0
@@ -157,7 +163,7 @@ class HostTime:
         return max(0.0, innovation)
 
     def _variance(self, ticks_since: int) -> float:
-        """Of the instant so many ticks ago, ns²."""
+        """Return the variance of the instant so many ticks ago, ns²."""
         p, c, q = self._P
         return max(0.0, p - 2.0 * ticks_since * c + ticks_since * ticks_since * q)
 

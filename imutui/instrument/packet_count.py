@@ -1,8 +1,8 @@
-"""How many packets a step of the unit's time counter spans; no I/O, knows no host time.
+"""Count the packets that a step of the unit's time counter spans; no I/O, knows no host time.
 
 Where the unit's loop sets the pace, every packet steps by one period. Where the line does, a packet carries the newest
-sample: its step is now one period, now two, and only the mean is a packet's time on the line. Both are one rule: the
-counter stays within half a period of a regular grid, and a packet that is missing shifts it by a whole step.
+sample: its step is now one period, now two, and only the mean is a packet's time on the line. One rule covers both: the
+counter stays within half a period of a regular grid, and a missing packet shifts it by a whole step.
 """
 
 from collections.abc import Sequence
@@ -19,68 +19,46 @@ class PacketGrid:
     """Regular grid of a stream's packets, in ticks of the unit's counter.
 
     `line_ticks`: time that a packet spends on the line: none follows sooner.
-    `spacing`: ticks from packet to packet in the mean; 0 until `learn` is told.
+    `spacing`: mean ticks from packet to packet. It is 0 until `learn` finds a grid, and if the counter stands still or
+      counts something other than time.
     """
 
     def __init__(self, line_ticks: float) -> None:
         self.spacing = 0.0
         self._line = line_ticks
-        self._paced_by_line = False
         self._phase = 0.0
         self._spread = 0.0
 
-    @property
-    def known(self) -> bool:
-        """True if there is a grid: a counter that stands still, or counts something other than time, makes none."""
-        return self.spacing > 0.0
-
     def learn(self, steps: Sequence[int]) -> None:
-        """Find the grid from a stretch of packets that follow each other.
+        """Find the grid from packets that follow each other; the newest packet is then the first of them.
 
         `steps`: ticks from each to the next, at least one.
         """
         median = sorted(steps)[len(steps) // 2]
         usual = [step for step in steps if step <= _ALIKE * median]
         mean = sum(usual) / len(usual)
-        # no packet leaves before the one before it has
-        self._paced_by_line = mean < (1.0 + _TOLERANCE) * self._line
-        self.spacing = 0.0 if median < 0.5 * self._line else self._line if self._paced_by_line else mean
+        # no packet leaves before the one before it has: at that pace one packet's step may be another's twice
+        paced_by_line = mean < (1.0 + _TOLERANCE) * self._line
+        self.spacing = 0.0 if median < 0.5 * self._line else self._line if paced_by_line else mean
         at, phases = 0.0, [0.0]
-        for step in steps if self.known else ():
-            at += step - self.packets(step) * self.spacing
+        for step in steps if self.spacing else ():
+            at += step - self.spacing * (1 if paced_by_line else max(1, round(step / self.spacing)))
             phases.append(at)
-        middle = (max(phases) + min(phases)) / 2.0
-        self._phase, self._spread = at - middle, (max(phases) - min(phases)) / 2.0
-
-    def packets(self, step: float, *, contiguous: bool = True) -> int:
-        """Packets that a step spans, by its size alone; at least one.
-
-        `step`: ticks.
-        `contiguous`: whether no byte came in between: where the line sets the pace, one packet's step may be another's
-          twice.
-        """
-        return 1 if contiguous and self._paced_by_line else max(1, round(step / self.spacing))
-
-    def count(self, step: float) -> int:
-        """Packets that a step spans, by where it leads on the grid; at least one."""
-        return max(1, round((step + self._phase) / self.spacing))
+        self._phase, self._spread = -(max(phases) + min(phases)) / 2.0, (max(phases) - min(phases)) / 2.0
 
     def place(self, step: float) -> tuple[int, bool]:
-        """`count` and `is_regular` of a step."""
-        packets = self.count(step)
+        """Return the packets, at least one, that a step spans, and True if it leads onto the grid, as whole ones do."""
+        packets = max(1, round((step + self._phase) / self.spacing))
         return packets, abs(step + self._phase - packets * self.spacing) <= self._tolerance()
 
-    def is_regular(self, step: float) -> bool:
-        """Whether a step leads onto the grid, as whole packets do."""
-        return self.place(step)[1]
+    def is_next(self, step: float, *, anywhere: bool = False) -> bool:
+        """Return True if a step is that of the very next packet.
 
-    def is_next(self, step: float) -> bool:
-        """Whether a step is that of the very next packet."""
+        `anywhere`: True if the packet before it is not the newest one that `advance` took, but anywhere on the grid.
+        """
+        if anywhere:
+            return abs(step - self.spacing) <= self._tolerance() + self._spread
         return self.place(step) == (1, True)
-
-    def may_be_next(self, step: float) -> bool:
-        """Whether a step may be that of the very next packet, from wherever it is on the grid."""
-        return abs(step - self.spacing) <= self._tolerance() + self._spread
 
     def _tolerance(self) -> float:
         return min(_MOST_SPREAD * self.spacing, _TOLERANCE * self.spacing + 1.2 * self._spread)

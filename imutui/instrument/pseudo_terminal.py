@@ -1,10 +1,9 @@
-"""The unit's end of a pseudo-terminal, and the link that leads to it: it can hang up, and come back as another."""
+"""The unit's end of a pseudo-terminal, and the link that leads to it."""
 
 import contextlib
 import fcntl
 import os
 import termios
-import time
 import tty
 from pathlib import Path
 from types import TracebackType
@@ -17,24 +16,19 @@ _BAUD_OF_TERMIOS = {
 # asks whether TIOCEXCL is set; Python has no name for it
 _TIOCGEXCL = 0x80045440
 
-# What was written a moment ago is on its way through the kernel, and can be read only at its end.
-_ON_ITS_WAY_S = 0.005
-
 
 class PseudoTerminal:
     """The unit's end of a pseudo-terminal, raw, at the power-up speed.
 
-    Its other end is kept open here too: so the unit's never sees an I/O error when the host closes, and bytes that a
-    host left unread wait for the next one.
+    Its other end is kept open here too: so the unit's end never gets an I/O error when the host closes, and bytes that
+    a host left unread wait for the next one.
 
-    `link`: symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
+    `link`: symbolic link to make to the terminal while it is in use, in a `with`. It may replace a symbolic link;
+      entering raises FileExistsError if something else has that name.
     """
 
     def __init__(self, link: Path | None) -> None:
         self._link = link
-        self._open()
-
-    def _open(self) -> None:
         self._unit, self._host = os.openpty()
         tty.setraw(self._host)
         attributes = termios.tcgetattr(self._host)
@@ -46,7 +40,7 @@ class PseudoTerminal:
 
     def __enter__(self) -> Self:
         try:
-            self.show()
+            self._show()
         except OSError:
             self._close()
             raise
@@ -56,8 +50,7 @@ class PseudoTerminal:
         self._hide()
         self._close()
 
-    def show(self) -> None:
-        """Point the link, if there is one, to the terminal: in place of another link but of nothing else."""
+    def _show(self) -> None:
         if self._link is None:
             return
         if self._link.is_symlink():
@@ -74,35 +67,14 @@ class PseudoTerminal:
         os.close(self._unit)
         os.close(self._host)
 
-    def hang_up(self) -> int:
-        """Be gone for the host, and have another name from now on, which nobody knows before `show`.
-
-        Returns how many of the bytes that were written last the host has not read, and never will.
-        """
-        self._hide()
-        time.sleep(_ON_ITS_WAY_S)
-        unread = len(self._unread())
-        former = self._unit, self._host
-        self._open()  # before the other is closed, whose name would be free then
-        for end in former:
-            os.close(end)
-        return unread
-
-    def _unread(self) -> bytes:
-        data = b""
-        with contextlib.suppress(BlockingIOError):
-            while more := os.read(self._host, 4096):
-                data += more
-        return data
-
     def fileno(self) -> int:
         """Descriptor of the unit's end."""
         return self._unit
 
     def release(self) -> None:
-        """Open it to everybody again after a host that was killed.
+        """Open the port to everybody again after a host was killed.
 
-        The kernel takes back that host's lock, but not its mark of exclusive use while this end is open: whoever is
+        The kernel takes back that host's lock, but not its mark of exclusive use while this end is open: a user who is
         not root would find the port in use for ever. A host that sets the mark without a lock loses it.
         """
         with contextlib.suppress(OSError):  # a host that lives has the lock; a driver without such marks needs nothing
@@ -112,18 +84,18 @@ class PseudoTerminal:
                 fcntl.flock(self._host, fcntl.LOCK_UN)
 
     def host_baud(self) -> int:
-        """Speed that the host has set: both ends share it. 0 if it is none that termios names."""
+        """Return the speed that the host has set, which both ends share; 0 if termios has no name for it."""
         return _BAUD_OF_TERMIOS.get(termios.tcgetattr(self._unit)[5], 0)
 
     def read(self) -> bytes:
-        """Return what the host has sent."""
+        """Return the bytes that the host has sent."""
         try:
             return os.read(self._unit, 4096)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> bytes:
-        """Write what fits into the host's queue, and return that."""
+        """Write as many bytes as fit into the host's queue; return those."""
         try:
             return data[: os.write(self._unit, data)]
         except BlockingIOError:

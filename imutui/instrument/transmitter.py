@@ -1,4 +1,4 @@
-"""The sending half of the virtual unit's UART, and what the speed of a line is: no clock, no I/O."""
+"""The sending half of a virtual unit's UART, and the speed of a line: no clock, no I/O."""
 
 import math
 from collections import deque
@@ -13,22 +13,22 @@ _BAUD_TOLERANCE = 0.03
 # Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
 SAME_INSTANT_S = 1e-9
 
-# What a receiver makes of bytes at a wrong speed: garbage, here the same garbage each time, and never the right byte.
+# A receiver at a wrong speed gets garbage: here the same garbage each time, and never the right byte.
 _SCRAMBLE = 0b1011_0110
 
 
 def same_speed(baud: int, other_baud: int) -> bool:
-    """Whether a receiver at one speed understands a sender at the other."""
+    """Return True if a receiver at one speed understands a sender at the other."""
     return abs(baud - other_baud) <= _BAUD_TOLERANCE * baud
 
 
 def transfer_s(length: int, baud: int) -> float:
-    """Time that `length` bytes take on the line, s."""
+    """Return the time that `length` bytes take on the line, s."""
     return length * BITS_PER_BYTE / baud
 
 
 def as_heard(data: bytes, baud: int, host_baud: int) -> bytes:
-    """What a receiver at the host's speed makes of bytes at another."""
+    """Return bytes as a receiver at the host's speed gets them."""
     return data if same_speed(baud, host_baud) else bytes(byte ^ _SCRAMBLE for byte in data)
 
 
@@ -41,25 +41,13 @@ class Transmitter:
         self.free_at = -math.inf
 
     def send(self, data: bytes, start: float, baud: int) -> None:
-        """Send `data` at `start`, or when what is on the line has left."""
+        """Send `data` at `start`, or once the bytes before it have left."""
         start = max(start, self.free_at)
         self._sendings.append((start, baud, data))
         self.free_at = start + transfer_s(len(data), baud)
 
-    def hold(self, until: float) -> None:
-        """Begin nothing before `until`."""
-        self.free_at = max(self.free_at, until)
-
-    def cut(self, now: float) -> None:
-        """Break off: what has not left by `now` never will."""
-        begun = [(start, baud, data[: _left(start, baud, data, now)]) for start, baud, data in self._sendings]
-        if begun and len(begun[0][2]) == self._taken:
-            begun[0], self._taken = (0.0, 0, b""), 0
-        self._sendings = deque(sending for sending in begun if sending[2])
-        self.free_at = min(self.free_at, now)
-
     def take(self, now: float) -> Iterator[tuple[int, bytes]]:
-        """Yield the speed and the bytes of all that has left by `now` and was not taken before."""
+        """Yield speed and bytes of everything that has left by `now` and was not taken before."""
         while self._sendings:
             start, baud, data = self._sendings[0]
             left = _left(start, baud, data, now)
@@ -80,5 +68,5 @@ class Transmitter:
 
 
 def _left(start: float, baud: int, data: bytes, now: float) -> int:
-    """How many of the bytes that are sent from `start` on have left by `now`."""
+    """Return how many of the bytes that are sent from `start` on have left by `now`."""
     return min(len(data), max(0, math.floor((now - start + SAME_INSTANT_S) / transfer_s(1, baud))))

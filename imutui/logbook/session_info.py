@@ -123,7 +123,6 @@ class SessionInfo:
     # not under command
     controller: str = ""
     controller_identity: str = ""
-    speed: float = 1.0  # times that time ran faster, of a trial with virtual instruments
     # what the filter's effects remember of the file before it, JSON; "" if nothing: history is unknown then
     memory: str = ""
 

@@ -23,7 +23,7 @@ from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui import defects, origin_gate
 from imutui.command_line import command
-from imutui.instrument.host import Host, InstrumentError
+from imutui.instrument.driver import Driver, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
@@ -122,7 +122,7 @@ def _end_early(number: int, _: object) -> NoReturn:
 
 
 @contextlib.contextmanager
-def _left_as_found(host: Host) -> Iterator[None]:
+def _left_as_found(host: Driver) -> Iterator[None]:
     """Put back what was changed of a unit if it comes to no acquisition that would."""
     try:
         yield
@@ -157,7 +157,7 @@ def _acquire(
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
-    host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
+    host = INSTRUMENTS[plan.instrument](port, plan.rate_hz if plan.sampling == "stream" else None)
     with _left_as_found(host):
         try:
             identity = host.open(plan.baud)

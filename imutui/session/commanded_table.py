@@ -12,7 +12,7 @@ from collections.abc import Callable
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Segment
-from imutui.instrument.host import InstrumentError
+from imutui.instrument.driver import InstrumentError
 from imutui.session.snapshot import ControllerSnapshot
 from imutui.table.controller import TableError
 from imutui.table.messages import Command

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from filters.errors import InputError
 from imutui.instrument.clock import Clock
-from imutui.instrument.host import Host, Identity, InstrumentError
+from imutui.instrument.driver import Driver, Identity, InstrumentError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.transmitter import transfer_s
 from imutui.session import lifecycle, live_filter
@@ -68,7 +68,7 @@ class Engine:
     def __init__(
         self,
         plan: Plan,
-        host: Host,
+        host: Driver,
         identity: Identity,
         foxglove: FoxgloveFollower | None = None,
         table: CommandedTable | None = None,

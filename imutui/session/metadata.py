@@ -17,7 +17,7 @@ from filters.errors import InputError
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.instrument.host import Identity
+from imutui.instrument.driver import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import log_time, reference_file

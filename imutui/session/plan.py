@@ -10,7 +10,7 @@ from filters.imu import STANDARD_GRAVITY
 from filters.state import PAPER_PLACE as PAPER_PLACE
 from filters.state import Place
 from imutui import toml_text
-from imutui.instrument.instrument import Instrument as Instrument
+from imutui.instrument.driver import Driver as Driver
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
@@ -64,7 +64,7 @@ class RecordingWish:
 _TEXTS = {"note": NOTE_LIMIT, "operator": NAME_LIMIT, "place": NAME_LIMIT, "table": NAME_LIMIT}
 
 
-def _not_given(rate_hz: float, *instruments: Instrument) -> str:
+def _not_given(rate_hz: float, *instruments: type[Driver]) -> str:
     gives = [f"the {each.model} gives {MIN_RATE_HZ} to {each.most_rate_hz:g} Hz" for each in instruments]
     return f"`rate` is {rate_hz:g} Hz; {', '.join(gives)}"
 

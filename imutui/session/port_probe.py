@@ -2,7 +2,7 @@
 
 import os
 
-from imutui.instrument.host import InstrumentError
+from imutui.instrument.driver import InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError, resolve
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
@@ -15,7 +15,7 @@ def probe(port: str) -> ProbeAnswer:
     try:
         with Port(port, INSTRUMENTS[DEFAULT].power_up_bauds[0]) as line:
             instrument = which_answers(line)
-            host = instrument.host(line, None)
+            host = instrument(line)
             try:
                 identity = host.find()
             except InstrumentError as error:

@@ -17,8 +17,8 @@ import numpy as np
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.counts import DataPacket, RepeatedPackets
+from imutui.instrument.driver import Driver, PacketStream, Poller
 from imutui.instrument.frame_search import Discarded
-from imutui.instrument.host import Host, PacketStream, Poller
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
@@ -81,7 +81,7 @@ class Reader:
 
     def __init__(
         self,
-        host: Host,
+        host: Driver,
         stamper: Stamper,
         poll_hz: float | None,
         emit: Callable[[ReaderEvent], None],

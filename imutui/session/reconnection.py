@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from imutui.instrument.host import QUICK_S, Host, Identity, InstrumentError, PacketStream
+from imutui.instrument.driver import Driver, Identity, InstrumentError, PacketStream
 from imutui.instrument.port import Port, PortAbsentError, PortError
 
 _LOOK_S = 0.2
@@ -25,6 +25,7 @@ _SILENT_PERIODS = 4.0
 
 # no pause of a unit that streams at 133 Hz; what comes more slowly is waited for so many periods
 _ASK_AFTER_S, _PAUSE_S, _PAUSE_PERIODS = 0.3, 0.1, 1.5
+_ANSWERS_WITHIN_S = 0.6
 _SURE_ANSWERS = 2
 
 
@@ -83,21 +84,19 @@ class AmidStream:
     reset; a line that is held up brings packets with the answers, or nothing. A unit that is not known is not asked.
     """
 
-    def __init__(self, host: Host, packets: PacketStream, known: KnownUnit | None) -> None:
+    def __init__(self, host: Driver, packets: PacketStream, known: KnownUnit | None) -> None:
         self._host, self._packets, self._known = host, packets, known
         pause_s = _PAUSE_PERIODS / host.stream_hz if host.stream_hz else 0.0
         self._ask_after_s, self._pause_s = max(_ASK_AFTER_S, pause_s), max(_PAUSE_S, pause_s)
-        slowest_s = 0.0 if known is None else known.identity.slowest_reply_s
-        self._least_patience_s = max(2.0 * _ASK_AFTER_S, 2.0 * slowest_s)
         self._began_ns = time.monotonic_ns()
-        self._asked_ns, self._answers, self._patience_s = 0, 0, self._least_patience_s
+        self._asked_ns, self._answers, self._patience_s = 0, 0, _ANSWERS_WITHIN_S
 
     def has_stopped(self, now_ns: int, last_packet_ns: int) -> bool:
         """Look, while nothing comes; whether it has stopped. Raises PortError."""
         last_ns = max(last_packet_ns, self._began_ns)
         silent_s, waited_s = (now_ns - last_ns) / 1e9, (now_ns - self._asked_ns) / 1e9
         if self._asked_ns <= last_ns:
-            self._answers, self._patience_s = 0, self._least_patience_s
+            self._answers, self._patience_s = 0, _ANSWERS_WITHIN_S
             if silent_s >= self._ask_after_s:
                 self._ask(now_ns)
         elif self._packets.answers > self._answers:
@@ -118,7 +117,7 @@ class AmidStream:
             self._host.ask_amid(self._known.identity)
 
 
-def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:
+def ask_silent(host: Driver, known: KnownUnit, stopping: threading.Event) -> bytes:
     """Ping a unit that nothing comes from, until something does; returns it, up to the next quiet.
 
     That may be the answer of a unit that was reset, and has its speed still or that of power-up; or packets from
@@ -154,7 +153,7 @@ def _hear(port: Port) -> bytes:
 
 
 def find_again(
-    host: Host, known: KnownUnit, stopping: threading.Event, emit: Callable[[StillAway], None], *, streams: bool
+    host: Driver, known: KnownUnit, stopping: threading.Event, emit: Callable[[StillAway], None], *, streams: bool
 ) -> tuple[Identity, str] | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
@@ -193,7 +192,7 @@ def find_again(
     return None
 
 
-def _set_up(host: Host, known: KnownUnit, *, thorough: bool) -> Identity:
+def _set_up(host: Driver, known: KnownUnit, *, thorough: bool) -> Identity:
     """Identify the unit, refuse another one, set its speed and mode; raises InstrumentError or PortError."""
 
     def accept(identity: Identity) -> None:
@@ -201,9 +200,7 @@ def _set_up(host: Host, known: KnownUnit, *, thorough: bool) -> Identity:
         if why is not None:
             raise DifferentUnitError(f"{known.in_words()}; {host.port.lasting_name} has {why}")
 
-    # a quick unit is asked again soon: who waits long for an answer misses its return
-    patience_s = max(QUICK_S, 3.0 * known.identity.slowest_reply_s)
-    return host.open(known.baud, accept=accept, thorough=thorough, patience_s=patience_s)
+    return host.open(known.baud, accept=accept, thorough=thorough)
 
 
 def refusal(known: Identity, found: Identity) -> str | None:

@@ -20,7 +20,7 @@ from filters.health.monitor import HealthMonitor
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.driver import Driver
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import health, polled_rate, schemas
@@ -89,7 +89,7 @@ class Run:
         writer: LogWriter | None,
         motion: Profile | Trajectory | None = None,
         effects: MakeEffects | None = None,
-        instrument: Instrument = INSTRUMENTS[DEFAULT],
+        instrument: type[Driver] = INSTRUMENTS[DEFAULT],
     ) -> None:
         self.info = info
         self.counters = LineCounters()

@@ -18,7 +18,7 @@ from filters.motion.reference import Trajectory
 from filters.motion.segments import Dwell
 from imutui.command_line import command
 from imutui.instrument.clock import Gap
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.driver import Driver
 from imutui.logbook import line_advice
 from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
 from imutui.logbook.log_time import Timebase
@@ -88,7 +88,7 @@ class FoxgloveFollower:
 class StatusWords:
     """Status words of the unit's packets: each is said once, and none is a reason to drop readings."""
 
-    def __init__(self, instrument: Instrument) -> None:
+    def __init__(self, instrument: type[Driver]) -> None:
         self._instrument = instrument
         self._newest = 0
         self._new = list[int]()
@@ -142,7 +142,7 @@ class GravityCheck:
     It judges only an instrument that can turn its own axes: of others the filter's alarms say enough.
     """
 
-    def __init__(self, instrument: Instrument) -> None:
+    def __init__(self, instrument: type[Driver]) -> None:
         self._is_due = instrument.turns_axes
 
     def take(self, event: Event, /) -> Iterable[Said]:

@@ -1,4 +1,4 @@
-"""The controllers of tables that there are, by the scheme of a URL."""
+"""The controllers of tables, by the scheme of a URL."""
 
 from collections.abc import Callable
 from urllib.parse import parse_qsl
@@ -8,36 +8,32 @@ from filters.motion.segments import AXES
 from imutui.table.acutrol import PREFIX_CHARACTERS, TCP_PORT
 from imutui.table.acutrol_host import Acutrol
 from imutui.table.controller import TableController
-from imutui.table.links import GpibLink, PortLink
+from imutui.table.links import GpibLink, Link, PortLink
 
 _BAUD = 9600
 
 
-def _tcp(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
+def _tcp(address: str, options: dict[str, str]) -> Link:
     host, _, port = address.rpartition(":") if ":" in address.rpartition("]")[2] else (address, "", str(TCP_PORT))
     if not host or not port.isdigit() or int(port) > 65535:
         raise InputError(f'"{address}" is no HOST:PORT, such as 192.168.1.53:{TCP_PORT}')
-    return Acutrol(PortLink(f"socket://{host}:{int(port)}", PREFIX_CHARACTERS), axes, asks=asks)
+    return PortLink(f"socket://{host}:{int(port)}", PREFIX_CHARACTERS)
 
 
-def _serial(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
+def _serial(address: str, options: dict[str, str]) -> Link:
     baud = options.get("baud", str(_BAUD))
     if not baud.isdigit() or not 50 <= int(baud) <= 4_000_000:
         raise InputError(f'`baud` is "{baud}", no line speed such as {_BAUD}')
-    return Acutrol(PortLink(address, 0, int(baud)), axes, asks=asks)
+    return PortLink(address, 0, int(baud))
 
 
-def _gpib(address: str, options: dict[str, str], axes: tuple[str, ...] | None, asks: bool) -> TableController:
-    return Acutrol(GpibLink(address), axes, asks=asks)
-
-
-_Maker = Callable[[str, dict[str, str], tuple[str, ...] | None, bool], TableController]
-CONTROLLERS: dict[str, _Maker] = {
+_Opener = Callable[[str, dict[str, str]], Link]
+CONTROLLERS: dict[str, _Opener] = {
     "acutrol": _tcp,
     "acutrol+serial": _serial,
-    "acutrol+gpib": _gpib,
+    "acutrol+gpib": lambda address, options: GpibLink(address),
 }
-"""Makers by scheme; each takes the URL behind the scheme, its options, its axes if named, and whether to ask."""
+"""Openers of links by scheme; each takes the URL behind the scheme, and its options."""
 
 USAGE = "acutrol://HOST:PORT, acutrol+serial:PORT?baud=N or acutrol+gpib:RESOURCE"
 _OPTIONS = ("baud", "axes")
@@ -54,11 +50,11 @@ def connect(url: str, *, asks: bool = True) -> TableController:
     Nothing but questions is sent; with `asks` False nothing at all, so that a stop comes first.
     Raises InputError if the URL is none, TableError if it can't be reached or does not answer as one.
     """
-    make, address, options, axes = _parsed(url)
-    return make(address, options, axes, asks)
+    opened, address, options, axes = _parsed(url)
+    return Acutrol(opened(address, options), axes, asks=asks)
 
 
-def _parsed(url: str) -> tuple[_Maker, str, dict[str, str], tuple[str, ...] | None]:
+def _parsed(url: str) -> tuple[_Opener, str, dict[str, str], tuple[str, ...] | None]:
     scheme, colon, rest = url.partition(":")
     if not colon or scheme not in CONTROLLERS:
         raise InputError(f'the controller is "{url}"; it is one of: {USAGE}')

@@ -20,8 +20,8 @@ from helpers.processes import LIMIT_S, started, wait_until
 from helpers.shared import once
 
 from imutui.cli import status
-from imutui.instrument.host import InstrumentError
-from imutui.instrument.imu400 import handshake
+from imutui.instrument.driver import InstrumentError
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reader
@@ -132,8 +132,8 @@ def test_a_failed_attempt_leaves_the_file_it_was_to_replace(outcomes: dict[str, 
 
 def refused(url: str) -> str:
     """What an acquisition says of what is no working unit before it has a first packet to wait for."""
-    with pytest.raises((PortError, handshake.InstrumentError)) as error, Port(url, 38400) as port:
-        handshake.open_dialogue(port, 38400)
+    with pytest.raises((PortError, InstrumentError)) as error, Port(url, 38400) as port:
+        Imu400cd(port).open(38400)
     return str(error.value)
 
 
@@ -164,7 +164,7 @@ def test_a_line_that_echoes_is_no_unit_of_either_kind() -> None:
         assert not found["answers"]
         assert "not as a Crossbow IMU" in str(found["error"])
         with Port(device.port, 115200) as port, pytest.raises(InstrumentError, match="no question is answered"):
-            INSTRUMENTS["imu381"].host(port, None).find()
+            INSTRUMENTS["imu381"](port).find()
 
 
 @pytest.mark.parametrize("model", OTHER_MODELS)

@@ -23,7 +23,7 @@ from imutui.instrument.imu400 import crossbow
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
-from imutui.instrument.wire import Wire
+from imutui.instrument.virtual import Wire
 from imutui.table import registry
 from imutui.table.motion import Turn
 
@@ -153,7 +153,7 @@ def test_a_unit_of_any_kind_reads_at_its_own_instants_what_the_table_did(name: s
     table._now = lambda: now[0]  # type: ignore[method-assign]
     unit = virtual_units.UNITS[name](Asked(tmp_path / "fast.toml", table=table.under), None).unit
     packets: list[tuple[DataPacket, float]] = []
-    wire: Wire[DataPacket, object] = Wire(unit, on_packet=lambda packet, at: packets.append((packet, at)))
+    wire: Wire[DataPacket, object] = Wire(unit, on_packet=lambda packet, at: packets.append((packet, at)), began=0.0)
     baud = INSTRUMENTS[name].power_up_bauds[0]
     with table.served(unit) as url:
         controller = registry.connect(url)

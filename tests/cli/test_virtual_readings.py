@@ -24,8 +24,8 @@ from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line
 from imutui.cli.virtual_units import imu381_unit, instrument_of
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
+from imutui.instrument.virtual import Wire
 from imutui.instrument.virtual_instrument import Reading
-from imutui.instrument.wire import Wire
 from imutui.logbook import reader
 
 GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
@@ -211,7 +211,7 @@ def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Pa
             record(*unit, home / f"{name}.mcap", 4.0)
         info = reader.read(home / f"{name}.mcap").info
         assert (info.kind, info.source) == (kind, source)
-        assert ("+" in info.firmware) == bool(source)
+        assert " from " not in info.firmware
     document = imutui_json("info", "both.mcap")
     assert (document["kind"], document["source"]) == ("simulated", told)
     assert "SIMULATED: measured noise of still.npz" in imutui("info", "both.mcap").stdout
@@ -260,7 +260,7 @@ def probed(arguments: list[str]) -> str:
 def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) -> None:
     (home / "warm.toml").write_text("[temperature]\nconstant_degc = 31.0\n")
     setting = imu381_unit(Asked(home / "warm.toml", seed=3), None)
-    wire = Wire(setting.unit, setting.line)
+    wire = Wire(setting.unit, setting.line, began=0.0)
     wire.receive(encode(SetFields(Memory.RAM, ((1, 1),))) + encode(GetPacket(b"ID")), 0.0, 115200)
     events = Decoder().feed(wire.arrived(5.0, 115200))
     packets = [event for event in events if isinstance(event, PacketS1)]

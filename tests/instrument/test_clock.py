@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from helpers.packet_stream import LOOP_S, Heard, Stream, hear, stream
 
-from imutui.instrument.clock import WRAP, Clock, Gap, arrival_before
-from imutui.instrument.counter_spec import CounterSpec
-from imutui.instrument.imu400.host import COUNTER
+from imutui.instrument.clock import Clock, Gap, arrival_before
+from imutui.instrument.counter_spec import SPAN, CounterSpec
+from imutui.instrument.imu400.driver import COUNTER
 
 HOLDS_S = [0.1, 0.3, 0.7, 1.0, 3.0, 8.0]
 
@@ -82,7 +82,7 @@ def test_packets_lost_within_a_wrap_are_counted(count: int, baud: int) -> None:
         assert found.gaps[0].seconds == pytest.approx((count + 1) * 7.5e-3, abs=1e-4)
 
 
-OF_TIME = CounterSpec(1e9 / WRAP, 1e-3, +1)  # of an IMU381, which wraps each second
+OF_TIME = CounterSpec(1e9 / SPAN, 1e-3, +1)  # of an IMU381, which wraps each second
 
 
 @pytest.mark.parametrize("again_s", [0.02, 0.13, 0.153, 0.2, 0.24])
@@ -93,7 +93,7 @@ def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
     """What was sent within the first half second comes after 2.47 s, the rest so much later: no gap, no stamp off."""
     made = stream(20.0, 3)
     if counter is OF_TIME:
-        made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
     sent = made.due - made.due[0] - 5.0
     for since_s, until_s, back_s in ((0.0, 0.5, 2.47), (0.5, 2.47 + again_s, 2.47 + again_s)):
         held = (sent >= since_s) & (sent < until_s)
@@ -104,11 +104,29 @@ def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
     assert np.abs(found.error_s).max() < 1e-3
 
 
+@pytest.mark.parametrize("again_s", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
+def test_a_unit_that_pauses_again_soon_puts_no_stamp_off(again_s: float, counter: CounterSpec) -> None:
+    """Unseen wraps are before the first packet behind the first pause, whatever comes soon after it."""
+    made = stream(20.0, 3)
+    if counter is OF_TIME:
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
+    for after_s, pause_s in ((10.0, 1.23), (11.33, again_s)):
+        first = at(made, after_s)
+        for times in (made.sampled, made.due, made.arrives):
+            times[first:] += pause_s
+        ran = counter.direction * round(pause_s * 1e9 / counter.tick_ns)
+        made.ticks[first:] = (made.ticks[first:] + ran) % SPAN
+    found = hear(made, Clock(180 / 38400 * 1e9, counter))
+    assert np.all(np.abs(found.error_s) <= found.uncertainty_s)
+    assert np.abs(found.error_s).max() < 1e-3
+
+
 @pytest.mark.parametrize("late_s", [0.03, 0.3])
 def test_packets_that_stay_late_are_in_doubt_after_a_block_of_them(late_s: float) -> None:
     """As of a unit that began anew where its counter would go on: whether line or instant is late is open at first."""
     made = stream(20.0, 5)
-    made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+    made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
     first = at(made, 10.0)
     for times in (made.sampled, made.due, made.arrives):
         times[first:] += late_s
@@ -126,7 +144,7 @@ def test_holds_that_overlap_with_losses_between_put_no_stamp_off(counter: Counte
     rng = np.random.default_rng(seed)
     made = stream(60.0, seed)
     if counter is OF_TIME:
-        made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * SPAN).astype(np.int64) % SPAN
     sent = made.due - made.due[0]
     for start in rng.uniform(3.0, 55.0, 12):
         end = start + rng.uniform(0.05, 2.5)

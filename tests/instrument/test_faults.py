@@ -1,11 +1,12 @@
 """A faulty line: which bytes arrive, which don't, and when."""
 
 import itertools
+import math
 
 import pytest
+from helpers.faulty_lines import FaultyLine, LineFault
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.imu400.crossbow import PACKET_BYTES, AnyReply, Mode, Packet, encode
 from imutui.instrument.imu400.decoder import packet_decoder
@@ -23,7 +24,7 @@ def packets() -> list[bytes]:
 
 def sent_through(line: FaultyLine, first_request: float = 50.0) -> bytes:
     """All that arrives of packets that leave at the loop's rate after the first request."""
-    line.started(first_request)
+    line.start(first_request)
     out = b""
     for n, message in enumerate(packets()):
         sent = first_request + n / LOOP_HZ
@@ -85,14 +86,14 @@ def test_silence_lasts_its_seconds() -> None:
 
 def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
     line = FaultyLine((), lambda t: (round(t * LOOP_HZ) % 10 == 3, 0.02 if round(t * LOOP_HZ) == 5 else 0.0))
-    line.started(0.0)
+    line.start(0.0)
     line.put(b"C", 0.0, 0.001, packet_bytes=PACKET_BYTES)
     assert line.take(0.001) == b"C"
     times = {}
     for n, message in enumerate(packets()[:20]):
         line.put(message, n / LOOP_HZ, n / LOOP_HZ + PACKET_S, packet_bytes=PACKET_BYTES)
         due = n / LOOP_HZ + PACKET_S
-        while (event := line.next_event()) is not None and event <= due:
+        while (event := line.next_event()) <= due:
             data = line.take(event)
             times |= {packets().index(data[at : at + 18]): event for at in range(0, len(data), 18)}
     assert sorted(times) == [n for n in range(20) if n % 10 != 3]
@@ -105,8 +106,8 @@ def test_nothing_happens_before_data_is_asked_for() -> None:
     line = FaultyLine((LineFault(0.0, "silence", seconds=10.0),))
     line.put(b"H", 5.0, 5.001, packet_bytes=PACKET_BYTES)
     assert line.take(6.0) == b"H"
-    line.started(100.0)
-    line.started(200.0)
+    line.start(100.0)
+    line.start(200.0)
     line.put(b"H", 105.0, 105.001, packet_bytes=PACKET_BYTES)
     assert line.take(106.0) == b""
     line.put(b"H", 111.0, 111.001, packet_bytes=PACKET_BYTES)
@@ -120,12 +121,12 @@ def test_an_unknown_kind_is_refused() -> None:
 
 def arrivals(line: FaultyLine, messages: list[bytes], first_request: float = 50.0) -> list[tuple[float, bytes]]:
     """When what arrives of messages that leave at the loop's rate, since the first request."""
-    line.started(first_request)
+    line.start(first_request)
     out = []
     for n, message in enumerate(messages):
         sent = first_request + n / LOOP_HZ
         line.put(message, sent, sent + PACKET_S, packet_bytes=PACKET_BYTES)
-    while (at := line.next_event()) is not None:
+    while (at := line.next_event()) < math.inf:
         out.append((at - first_request, line.take(at)))
     return out
 
@@ -187,7 +188,7 @@ def test_bursts_come_by_the_timer_of_an_adapter(bursts_s: float) -> None:
 
 def test_a_hang_up_loses_what_is_under_way() -> None:
     line = FaultyLine((LineFault(0.998, "hang_up", seconds=0.501),))
-    line.started(50.0)
+    line.start(50.0)
     assert [line.is_away(50.0 + t) for t in (0.997, 0.998, 1.498, 1.499)] == [False, True, True, False]
     assert line.next_port_change(50.0) == pytest.approx(50.998)
     assert line.next_port_change(51.0) == pytest.approx(51.499)

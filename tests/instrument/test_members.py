@@ -16,8 +16,8 @@ from filters import specification
 from imutui.cli import virtual_units
 from imutui.instrument import names
 from imutui.instrument.counts import DataPacket
+from imutui.instrument.driver import Driver
 from imutui.instrument.frame_search import Discarded
-from imutui.instrument.host import Host
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS, is_known, of_model, which_answers
@@ -39,8 +39,8 @@ class Spoken:
     packets: list[DataPacket]
 
 
-def host_of(name: str, port: Any = None) -> Host:
-    return INSTRUMENTS[name].host(port, INSTRUMENTS[name].most_rate_hz)
+def host_of(name: str, port: Any = None) -> Driver:
+    return INSTRUMENTS[name](port, INSTRUMENTS[name].most_rate_hz)
 
 
 def decoded(name: str, pieces: list[bytes]) -> list[DataPacket | Discarded]:
@@ -139,7 +139,7 @@ def test_the_usual_unit_hears_no_question_at_another_speed() -> None:
 @every
 def test_polled_packets_are_those_of_a_stream(name: str) -> None:
     with served(UNITS[name]()) as path, Port(path, INSTRUMENTS[name].power_up_bauds[0]) as port:
-        host = INSTRUMENTS[name].host(port, None)
+        host = INSTRUMENTS[name](port)
         host.open(None)
         poller = host.poller(lambda: False)
         answers = [answer for answer in (poller.poll() for _ in range(20)) if answer is not None][:5]

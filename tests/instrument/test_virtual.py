@@ -11,18 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import wait_until
 from helpers.ramp import Ramp, numbers, steps
 from helpers.units import Serving
 from reliability.ports import is_exclusive
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.crossbow import PACKET_BYTES, Mode, Packet, SerialNumber, encode
 from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.pseudo_terminal import PseudoTerminal
 from imutui.instrument.transmitter import transfer_s
-from imutui.instrument.virtual import serve
+from imutui.instrument.virtual import Wire, serve
 
 PERIOD_S = 1 / LOOP_HZ
 PACKET_S = transfer_s(PACKET_BYTES, 38400)
@@ -182,8 +183,8 @@ def test_the_link_lives_as_long_as_the_unit(tmp_path: Path) -> None:
 def test_the_link_replaces_no_file(tmp_path: Path) -> None:
     link = tmp_path / "precious"
     link.write_text("data")
-    with pytest.raises(FileExistsError, match="not a symbolic link"):
-        serve(VirtualUnit(Ramp()), link=link, tap=None, on_ready=print, log=print)
+    with pytest.raises(FileExistsError, match="not a symbolic link"), PseudoTerminal(link):
+        pass
     assert link.read_text() == "data"
 
 
@@ -204,8 +205,10 @@ def test_an_interrupt_cleans_up(tmp_path: Path) -> None:
         assert link.is_symlink()
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        serve(VirtualUnit(Ramp()), link=link, tap=None, on_ready=interrupt, log=print)
+    with pytest.raises(KeyboardInterrupt), PseudoTerminal(link) as pty:
+        with serial.Serial(str(link), 38400) as port:
+            port.write(b"R")
+        serve(Wire(VirtualUnit(Ramp())), pty, log=interrupt)
     assert not link.is_symlink()
 
 
@@ -220,12 +223,6 @@ def test_the_unit_may_end_with_standard_input(monkeypatch: pytest.MonkeyPatch) -
             os.close(writing)
             served.thread.join(PATIENCE_S)
             assert not served.thread.is_alive()
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
-def test_time_does_not_stand_still(speed: float) -> None:
-    with pytest.raises(ValueError, match="`speed`"):
-        serve(VirtualUnit(Ramp()), link=None, tap=None, on_ready=print, log=print, speed=speed)
 
 
 def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Serving) -> None:

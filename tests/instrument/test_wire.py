@@ -1,15 +1,14 @@
 """A unit and its line as one, on a time of the test's own: faults of the unit, its clock, and what it sent."""
 
 import pytest
+from helpers.faulty_lines import FaultyLine, FaultyWire, LineFault
 from helpers.units import Still
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400.crossbow import TICK_S, Mode, Packet
 from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
-from imutui.instrument.wire import Wire
 
 
 class Host:
@@ -18,7 +17,7 @@ class Host:
     def __init__(self, *faults: LineFault, options: UnitOptions | None = None) -> None:
         self.sent: list[tuple[Packet, float]] = []
         self.unit = VirtualUnit(Still(), options, seed=1)
-        self.wire = Wire(self.unit, FaultyLine(faults), 1.0, lambda *packet: self.sent.append(packet))
+        self.wire = FaultyWire(self.unit, FaultyLine(faults), 1.0, lambda *packet: self.sent.append(packet), 0.0)
         self.now = 0.0
         self.came: list[tuple[float, bytes]] = []
 
@@ -28,7 +27,7 @@ class Host:
     def listen(self, seconds: float) -> bytes:
         """Read for so long, and return what came."""
         end, before = self.now + seconds, len(self.came)
-        while (due := self.wire.next_event()) is not None and due <= end:
+        while (due := self.wire.next_event()) <= end:
             self.now = max(due, self.now)
             if data := self.wire.arrived(self.now, 38400):
                 self.came.append((self.now, data))
@@ -130,28 +129,8 @@ def test_a_clock_may_run_fast() -> None:
     assert turned == pytest.approx((end - begin) * 1.001 / TICK_S % SPAN, abs=2)
 
 
-def test_replies_may_be_slow() -> None:
-    host = Host(options=UnitOptions(reply_delay_s=0.7))
-    host.send(b"RvSc")
-    assert host.listen(0.69) == b""
-    assert host.listen(0.02)[:2] == b"H\xff"
-    host.listen(0.5)
-    host.send(b"G")
-    assert len(host.listen(0.005)) == 18
-
-
 def test_a_version_may_be_plain_text() -> None:
     """As the manuals can be read: no header, no sum."""
     host = Host(options=UnitOptions(version_plain_text=True))
     host.send(b"v")
     assert host.listen(0.1) == b"IMU400CD-200 VIRTUAL 1.0"
-
-
-def test_a_unit_without_auto_baud_is_silent_on_it() -> None:
-    host = Host(options=UnitOptions(auto_baud=False))
-    host.send(b"b")
-    assert host.listen(0.1) == b""
-    host.wire.receive(b"a", host.now, 9600)
-    assert host.listen(0.1) == b""
-    host.send(b"R")
-    assert host.listen(0.1) == b"H"

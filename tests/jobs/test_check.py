@@ -13,9 +13,9 @@ from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
 from imutui.instrument.clock import Gap, Stamp
+from imutui.instrument.driver import Driver
 from imutui.instrument.imu400.crossbow import Mode, Packet
-from imutui.instrument.imu400.host import IMU400CD
-from imutui.instrument.instrument import Instrument
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.messages import PacketS1
 from imutui.jobs.check import check as check_once
@@ -54,7 +54,7 @@ def recorded(
     limit: int | None = None,
     port: str = "",
     held_up: bool = False,
-    instrument: Instrument = IMU400CD,
+    instrument: type[Driver] = Imu400cd,
 ) -> Path:
     """A recording as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
     info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none", port=port)
@@ -89,11 +89,11 @@ def recorded(
     return path
 
 
-def packet_of(instrument: Instrument, counts: list[int], k: int) -> Any:
+def packet_of(instrument: type[Driver], counts: list[int], k: int) -> Any:
     """A packet at the loop's instant k, below freezing where the unit's counts say so."""
     ticks = round(instrument.counter.direction * k * LOOP_NS[instrument.name] / instrument.counter.tick_ns) % 65536
     rates, accels = tuple(counts[:3]), tuple(counts[3:])
-    if instrument is IMU400CD:
+    if instrument is Imu400cd:
         return Packet(Mode.SCALED, rates, accels, 1550, ticks)
     return PacketS1(accels, rates, (-700, -701, -702), -690, ticks, 2)
 
@@ -219,7 +219,7 @@ INSTRUMENT = pytest.mark.parametrize("instrument", INSTRUMENTS.values(), ids=lis
 
 @INSTRUMENT
 @pytest.mark.parametrize(("change", "code"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
-def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str, instrument: Instrument) -> None:
+def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str, instrument: type[Driver]) -> None:
     rate = instrument.most_rate_hz
     path = recorded(tmp_path / "a.mcap", rate=rate, instrument=instrument)
     assert check_once(path)["fine"]

@@ -17,7 +17,7 @@ from helpers.processes import command_line, family, wait_until
 from helpers.tap import packets_of
 from helpers.units import virtual
 
-from imutui.instrument.clock import WRAP
+from imutui.instrument.counter_spec import SPAN
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client
@@ -118,7 +118,7 @@ def assert_gapless(log: reader.Log) -> None:
     """A finished file, and each packet one period of the unit's loop after the last by the unit's own ticks."""
     assert log.finished
     assert [packet.sequence for packet in ros_messages.packets(log)] == list(range(len(ros_messages.packets(log))))
-    steps = -np.diff([packet.ticks for packet in ros_messages.packets(log)]) % WRAP
+    steps = -np.diff([packet.ticks for packet in ros_messages.packets(log)]) % SPAN
     assert np.all(np.abs(steps - np.median(steps)) < 0.1 * np.median(steps))
 
 

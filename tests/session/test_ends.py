@@ -17,14 +17,13 @@ import typer
 from helpers.acquisitions import acquiring
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import Still, served, virtual
 
 from imutui.cli import follow_acquisition
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.uut import unit as uut_unit
-from imutui.instrument.uut.unit_options import UnitOptions
 from imutui.logbook import reader, summary
 from imutui.session import client, end_report, ipc
 from imutui.session.plan import VIRTUAL_PORT, Plan
@@ -148,8 +147,7 @@ def test_a_start_that_times_out_is_ended_in_order(home: Path) -> None:
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_a_unit_that_streamed_streams_again(number: signal.Signals, code: int, home: Path) -> None:
-    options = UnitOptions(reply_delay_s=0.5)
-    unit = uut_unit.VirtualUnit(Still(), options)
+    unit = uut_unit.VirtualUnit(Still())
     heard: list[str] = []
     line = command_line("record", "--port", str(home / "unit"), "--instrument", "imu381", "--filter", "none")
     with served(unit, link=home / "unit", log=heard.append), started(line) as process:

@@ -1,4 +1,4 @@
-"""Acquisitions of every kind of unit and line that a scenario can make: nothing crashes, the file holds what came.
+"""Acquisitions of every kind of unit and line: nothing crashes, the file holds what came.
 
 Of an IMU400CD and of an IMU381, whose packets tell a loss in ways of their own.
 
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ros_messages
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import wait_until
 from helpers.units import served
 from mcap.reader import make_reader
@@ -26,8 +27,7 @@ from mcap.records import Message
 
 from filters.simulation import Effect, Scenario
 from imutui.cli.virtual_readings import SimulatedReadings
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.host import InstrumentError
+from imutui.instrument.driver import InstrumentError
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, Packet
 from imutui.instrument.imu400.unit import UnitOptions
@@ -153,23 +153,11 @@ def refused_another(run: Run) -> None:
     assert run.lost == 0
 
 
-def refused_speed(run: Run) -> None:
-    """A unit that cannot change its speed is told apart from one that is not there."""
-    assert "will not go to 57600" in run.refused
-    assert "--baud 38400" in run.refused
-
-
 def set_up_again(run: Run) -> None:
     """Not one packet of voltages is taken for a reading; the unit is set up again."""
     found_again(run)
     assert run.event("measures in volts")
     assert run.recorded_modes == {Mode.SCALED}
-
-
-def waited_for(run: Run) -> None:
-    """What the unit says of itself counts, however late it comes."""
-    went_well(run)
-    assert (run.log.info.serial_number, run.log.info.firmware) == ("9911750", UnitOptions().version)
 
 
 def stuck(run: Run) -> None:
@@ -273,19 +261,15 @@ PERSONALITIES = {
     "stalls over a slow line": Personality(went_well, fault("stall", seconds=0.7), baud=9600),
     "loses over a line that halves": Personality(losing(2), fault("lose_packets", count=2), baud=19200),
     "runs fast": Personality(unit=UnitOptions(clock_skew_ppm=200.0)),
-    "answers late": Personality(waited_for, unit=UnitOptions(reply_delay_s=0.7)),
     "answers in plain text": Personality(
         known_by_its_text, unit=UnitOptions(version="VIRTUAL SIM PLAIN", version_plain_text=True)
     ),
-    "has no auto-baud": Personality(refused_speed, unit=UnitOptions(auto_baud=False), baud=57600),
     "has a stuck channel": Personality(stuck, source=with_stuck_channel),
     "keeps at a ping": Personality(unit=UnitOptions(ping="keeps")),
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
-    "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
     "falls into voltage mode": Personality(set_up_again, fault("mode_change")),
     "(an IMU381) loses some": imu381(check=losing(2), faults=fault("lose_packets", count=2)),
     "(an IMU381) runs fast": imu381(clock_skew_ppm=200.0),
-    "(an IMU381) answers late": imu381(reply_delay_s=0.7),
 }
 
 
@@ -314,7 +298,7 @@ def acquired(it: Personality, folder: Path) -> Run:
             path, instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True, filter="none",
             baud=it.baud, accel_sign=instrument.accel_sign,
         )  # fmt: skip
-        host = instrument.host(port, plan.rate_hz)
+        host = instrument(port, plan.rate_hz)
         try:
             identity = host.open(plan.baud)
         except InstrumentError as error:

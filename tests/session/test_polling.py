@@ -10,20 +10,20 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from helpers.blocks import Arrivals
 from helpers.commands import imutui
 from helpers.fake_devices import packet
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.clock import Clock
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400 import handshake
+from imutui.instrument.driver import Answer, Poller
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.host import COUNTER, Imu400Host, Poller
+from imutui.instrument.imu400.driver import COUNTER, Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -33,9 +33,6 @@ from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
 from imutui.session.reader_thread import Reader
 from imutui.session.stream import Broke, PacketArrival, Why
-
-if TYPE_CHECKING:
-    from imutui.instrument.host import Answer
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
@@ -104,10 +101,10 @@ def polling(
     """A unit that is polled until the block ends; then its reader has ended too."""
     unit = HardOfHearing(missed)
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
-        handshake.open_dialogue(port, POWER_UP_BAUD)
+        Imu400cd(port).open(None)
         polled = Polled(unit, port)
         clock = Clock(4.7e6, COUNTER, polled=True)
-        reader = Reader(Imu400Host(port), Arrivals(clock, polled.events.append), hz, polled.events.append)
+        reader = Reader(Imu400cd(port), Arrivals(clock, polled.events.append), hz, polled.events.append)
         reader.start()
         try:
             yield polled
@@ -201,7 +198,7 @@ def asked(before: bytes = b"") -> Iterator[tuple[int, Poller, "Future[Answer | N
     with ThreadPoolExecutor(1) as pool, Port(os.ttyname(slave), POWER_UP_BAUD) as port:
         os.write(master, before)
         wait_until(lambda: port.waiting() == len(before))
-        poller = Poller(port, lambda: False)
+        poller = Imu400cd(port).poller(lambda: False)
         found = pool.submit(poller.poll)
         assert os.read(master, 1) == b"G"
         yield master, poller, found

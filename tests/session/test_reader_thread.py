@@ -9,8 +9,8 @@ import pytest
 from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock
-from imutui.instrument.imu400 import handshake, host
-from imutui.instrument.imu400.host import COUNTER, Imu400Host, check_zeroing, zeroing_patience_s
+from imutui.instrument.imu400 import driver
+from imutui.instrument.imu400.driver import COUNTER, Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.session.reader_thread import LineLost, Reader, ReaderEvent, ZeroingFinished
@@ -22,9 +22,9 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
     """A reader that reads a unit, and what it hands on."""
     items: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
     with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
-        handshake.open_dialogue(port, 38400)
+        Imu400cd(port).open(38400)
         clock = Clock(4.7e6, COUNTER, polled=poll_hz is not None)
-        reader = Reader(Imu400Host(port), Stamper(clock), poll_hz, items.put)
+        reader = Reader(Imu400cd(port), Stamper(clock), poll_hz, items.put)
         reader.start()
         try:
             yield reader, items
@@ -94,7 +94,7 @@ def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float
 
 def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(monkeypatch: pytest.MonkeyPatch) -> None:
     """It averages for 6 s where 2.3 s were thought enough: no answer is said, and its packets come when it is done."""
-    monkeypatch.setattr(host, "_MARGIN_S", 1.5)
+    monkeypatch.setattr(driver, "_ZEROING_MARGIN_S", 1.5)
     with reading(UnitOptions(zero_samples_per_unit=800), None) as (reader, items):
         packets(items, 10)
         reader.zero(1)
@@ -118,8 +118,8 @@ def test_zero_erases_the_stored_zero_at_once() -> None:
 
 def test_the_wait_is_as_long_as_the_slowest_document_says() -> None:
     """100 samples a unit of the argument at 133 Hz: 192 s for 255; never less than 10 s."""
-    assert zeroing_patience_s(255) > 255 * 100 / 133.0
-    assert zeroing_patience_s(0) >= 10.0
+    assert Imu400cd.zeroing_patience_s(255) > 255 * 100 / 133.0
+    assert Imu400cd.zeroing_patience_s(0) >= 10.0
     for argument in (-1, 256):
         with pytest.raises(ValueError, match="one byte"):
-            check_zeroing(argument)
+            Imu400cd.check_zeroing(argument)

@@ -14,12 +14,12 @@ import pytest
 from helpers import ros_messages
 from helpers.acquisitions import acquiring, replayed, untimed
 from helpers.commands import imutui, imutui_json
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import wait_until
 from helpers.terminal_server import TerminalServer
 from helpers.units import Still, served
 
-from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.host import Identity
+from imutui.instrument.driver import Identity
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.registry import INSTRUMENTS

@@ -33,8 +33,8 @@ NOMINAL_PERIOD_S = 7.5e-3
 _MOST_PERIODS = 6
 _STEP_TOLERANCE = 0.02
 
-# The manual says "ASCII string"; units send 0xFF, text, checksum, and drivers read at most 32 bytes.
-_VERSION_BYTES = 32
+# The manual says "ASCII string"; units send 0xFF, text, checksum, of 26 bytes. A virtual unit's text may be longer.
+_VERSION_BYTES = 255
 
 _SERIAL_NUMBER = FrameForm(HEADER, len(HEADER), SERIAL_BYTES, lambda head, rest: SERIAL_BYTES, is_whole)
 
@@ -159,7 +159,7 @@ class _Letter:
 
 
 class _VersionText:
-    """The rule for the version text. Its length is not documented: it ends when the line rests, or with 32 bytes."""
+    """The rule for the version text. Its length is not documented: it ends when the line rests, or with 255 bytes."""
 
     answers = 0
 
@@ -172,7 +172,7 @@ class _VersionText:
         if (begin := held.find(HEADER, at, at + _VERSION_BYTES)) > at:
             return Judged(begin - at)
         reply = bytes(held[at : at + _VERSION_BYTES])
-        if len(reply) < _VERSION_BYTES and rest is not Rest.LONG:
+        if len(reply) < _VERSION_BYTES and not rest:
             return None
         before, text = _version_text(reply)
         if text is None:

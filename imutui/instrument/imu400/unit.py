@@ -1,10 +1,9 @@
 """The IMU400CD as a state machine: loop, words, counter, commands and line, without a clock and without I/O.
 
-`VirtualUnit` is told what arrived and when, and tells which bytes have left the line by then, so that tests run it on
-a time of their own. What it measures comes from a `Source`; the errors of the sensors are the source's affair. Where
-public documents disagree or are silent (`UnitOptions`), the default is the likeliest reading. What nobody documents
-and is made up here: a packet starts at the instant it was sampled, without the unknown computing time; the unit is
-deaf while it zeroes its rate sensors; voltage words are centred on 2.5 V and reach 1.5 times the range.
+Its readings come from a `Source`, with the errors of the sensors in them. Where public documents disagree
+(`UnitOptions`), the default is the likeliest reading. Not documented, and made up here: a packet starts at the instant
+it was sampled, without the unknown computing time; the unit is deaf while it zeroes its rate sensors; voltage words are
+centred on 2.5 V and reach 1.5 times the range.
 """
 
 import math
@@ -49,36 +48,22 @@ _BAUD_PATIENCE_S = 10.0
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
 
 
-VERSION_CHARACTERS = 30
-"""The longest text of an answer to `v`."""
-
-
 @dataclass(frozen=True)
 class UnitOptions(virtual_instrument.UnitOptions):
-    """What may differ from unit to unit, or is disputed between documents.
+    """What differs from unit to unit, or is disputed between documents."""
 
-    Replies may be late, packets never are: while an answer is due no packet begins.
-    """
-
-    # the answer to `v`, at most 30 characters; 24 on the units that others have seen
+    # the answer to `v`: 24 characters on the units that others have seen; that of a virtual one may be longer
     version: str = "IMU400CD-200 VIRTUAL 1.0"
-    # where the readings come from, for a unit that can say more than fits into a version. The version then ends in "+"
-    # and a number: so many further `v` are answered with the text piece by piece; a ping begins anew. No real unit has
-    # it.
-    source: str = ""
     # what `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
     # hardware); it returns to power-up, voltage mode and polled (AHRS400 manual)
     ping: Literal["keeps", "stops", "resets"] = "stops"
-    power_up_mode: Mode = Mode.VOLTAGE  # mode at power-up, and after an `R` that resets. The unit is polled then.
     # loop_hz, loop_hz_voltage: rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
     loop_hz: float = LOOP_HZ
     loop_hz_voltage: float = 213.3
     # samples averaged for each unit of the argument of `z`; 10 or 100 by different sources
     zero_samples_per_unit: int = 10
     scaling: Scaling = field(default_factory=Scaling)  # ranges of the model
-    # whether the answer to `v` comes without header and checksum, as the manuals can be read
-    version_plain_text: bool = False
-    auto_baud: bool = True  # whether it knows `b`; else it is silent on it
+    version_plain_text: bool = False  # True if `v` is answered without header and checksum, as the manuals can be read
 
 
 @dataclass(slots=True)
@@ -94,9 +79,9 @@ class _Zeroing:
 class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     """An IMU400CD; see `VirtualInstrument`.
 
-    `source`: what there is to measure.
+    `source`: its readings.
     `options`: which unit this is.
-    `seed`: where the time counter starts is drawn from it; without a seed it starts at 0.
+    `seed`: of the time counter's start; without a seed it starts at 0.
     """
 
     options: UnitOptions
@@ -112,7 +97,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         }
         self._last_sample = -1
         self._last_read = 0
-        self._ended = False
+        self.ended = False  # True once the source has no more: the unit sends no packets, but still answers
         self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake()
 
@@ -121,12 +106,10 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         self._commands = CommandDecoder()
         self._baud = POWER_UP_BAUD
         self._measuring_until = -math.inf
-        self._mode = self.options.power_up_mode
-        self._streaming = False
+        self.mode = Mode.VOLTAGE  # of measurement
+        self.streaming = False  # True in continuous mode
         self._zeroing: _Zeroing | None = None
         self._zero_dps = np.zeros(3)
-        self._versions = _versions(self.options)
-        self._versions_told = 0
 
     def in_columns(self, packet: Packet) -> tuple[str, int, bytes]:
         return packet.mode.value, packet.ticks, encode(packet)
@@ -143,30 +126,6 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def baud(self) -> int:
         return self._baud
 
-    @property
-    def mode(self) -> Mode:
-        """The unit's present measurement mode."""
-        return self._mode
-
-    @property
-    def streaming(self) -> bool:
-        """Whether the unit is in continuous mode."""
-        return self._streaming
-
-    @property
-    def ended(self) -> bool:
-        """Whether the source has run out: the unit sends no more packets, but still answers."""
-        return self._ended
-
-    def _begin_anew(self, now: float) -> None:
-        """Restart the counter; the loop goes on where it was."""
-        self._first_ticks = (math.floor(now / TICK_S) - 1) % SPAN
-        self._wake()
-
-    def change_mode(self, now: float) -> None:
-        self._advance(now)
-        self._set_mode(Mode.VOLTAGE if self._mode is Mode.SCALED else Mode.SCALED, now)
-
     def receive(self, data: bytes, now: float, host_baud: int) -> list[AnyCommand]:
         commands: list[AnyCommand] = []
         for byte in data:
@@ -177,7 +136,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def _next_left(self) -> float:
         if self._zeroing is not None:
             return self._loop.instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
-        if self._streaming and not self._ended:
+        if self.streaming and not self.ended:
             return self._next_packet()[1] + transfer_s(PACKET_BYTES, self._baud)
         return math.inf
 
@@ -203,19 +162,21 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
                 self._answer(LETTER_REPLY[command], now)
                 self._set_mode(Mode.SCALED if command is SET_MODE[Mode.SCALED] else Mode.VOLTAGE, now)
             case Command.STOP_STREAM:
-                self._streaming = False
+                self.streaming = False
             case Command.START_STREAM:
                 self._start_stream(now)
             case Command.GET_PACKET:
-                self._streaming = False
+                self.streaming = False
                 self._send_newest(now)
             case Command.SERIAL_NUMBER:
                 self._answer(SerialNumber(self.options.serial_number), now)
+            case Command.VERSION if self.options.version_plain_text:
+                self._line.send(self.options.version.encode("ascii"), now, self._baud)
             case Command.VERSION:
-                self._answer_version(now)
+                self._answer(Version(self.options.version), now)
             case ZeroRateSensors(argument):
                 self._zero(argument, now)
-            case Command.REQUEST_BAUD if self.options.auto_baud:
+            case Command.REQUEST_BAUD:
                 self._answer(Reply.BAUD_READY, now)
                 self._measuring_until = now + _BAUD_PATIENCE_S
             case Command.MEASURE_BAUD:
@@ -223,28 +184,19 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         # "reply to an unknown byte: open; silence"
 
     def _answer(self, reply: AnyReply, now: float) -> None:
-        self._line.send(encode(reply), now + self.options.reply_delay_s, self._baud)
-
-    def _answer_version(self, now: float) -> None:
-        text = self._versions[self._versions_told % len(self._versions)]
-        self._versions_told += 1
-        if self.options.version_plain_text:
-            self._line.send(text.encode("ascii"), now + self.options.reply_delay_s, self._baud)
-        else:
-            self._answer(Version(text), now)
+        self._line.send(encode(reply), now, self._baud)
 
     def _ping(self, now: float) -> None:
-        self._versions_told = 0
         if self.options.ping != "keeps":
-            self._streaming = False
+            self.streaming = False
         if self.options.ping == "resets":
-            self._set_mode(self.options.power_up_mode, now)
+            self._set_mode(Mode.VOLTAGE, now)
 
     def _set_mode(self, mode: Mode, now: float) -> None:
-        if mode is self._mode:
+        if mode is self.mode:
             return
-        self._mode = mode
-        if self._streaming:
+        self.mode = mode
+        if self.streaming:
             # each mode has a loop rate, hence a count of samples, of its own
             self._last_sample = self._loop.last_before(now)
 
@@ -258,9 +210,9 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
             self._answer(Reply.BAUD_SET, now)
 
     def _start_stream(self, now: float) -> None:
-        if self._streaming:
+        if self.streaming:
             return
-        self._streaming = True
+        self.streaming = True
         self._begin_loop(now)
         self._last_sample = self._loop.last_before(now)
 
@@ -283,8 +235,8 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
 
     @property
     def _loop(self) -> SamplingLoop:
-        """That of the present mode; both begin together."""
-        return self._loops[self._mode]
+        """Loop of the present mode; both begin together."""
+        return self._loops[self.mode]
 
     def _begin_loop(self, now: float) -> None:
         for loop in self._loops.values():
@@ -293,7 +245,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def _advance(self, now: float) -> None:
         if self._zeroing is not None:
             self._advance_zeroing(self._zeroing, now)
-        while self._streaming and self._zeroing is None and not self._ended:
+        while self.streaming and self._zeroing is None and not self.ended:
             sample, start = self._next_packet()
             if start > now:
                 return
@@ -303,7 +255,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
                 self._line.send(encode(packet), start, self._baud)
 
     def _next_packet(self) -> tuple[int, float]:
-        """Sample and start of the stream's next packet: the newest sample when the line is free, or else the next."""
+        """Return sample and start of the stream's next packet: the newest sample when the line is free, or the next."""
         newest = self._loop.newest(self._line.free_at)
         sample = max(newest, self._last_sample + 1)
         return sample, max(self._loop.instant(sample), self._line.free_at)
@@ -329,8 +281,8 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         # a mode whose instants lie otherwise would ask for a reading just before the last one
         number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * self.options.loop_hz)
         self._last_read = max(number, self._last_read)
-        reading = None if self._ended else self._source.reading(self._last_read)
-        self._ended = reading is None
+        reading = None if self.ended else self._source.reading(self._last_read)
+        self.ended = reading is None
         return reading
 
     # ---------------------------------------------------------------------------------------------------------- words
@@ -340,26 +292,19 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         if reading is None:
             return None
         scaling = self.options.scaling
-        if self._mode is Mode.SCALED:
+        if self.mode is Mode.SCALED:
             rates = scaling.rate_counts(reading.rates_dps - self._zero_dps)
             accels = scaling.accel_counts(reading.accels_g)
         else:
             rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_lsb_dps)
             accels = _sensor_words(scaling, reading.accels_g, scaling.accel_lsb_g)
         temperature, instant = int(scaling.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
-        packet = Packet(self._mode, triple(rates), triple(accels), temperature, self._ticks(instant))
-        self._tell(packet, instant)
+        packet = Packet(self.mode, triple(rates), triple(accels), temperature, self._ticks(instant))
+        self.on_packet(packet, instant)
         return packet
 
     def _ticks(self, instant: float) -> int:
         return (self._first_ticks - math.floor(instant / TICK_S)) % SPAN
-
-
-def _versions(options: UnitOptions) -> list[str]:
-    """Answers to `v` in turn: the version, and the pieces of what it says of its source."""
-    text = options.source.encode("ascii", "backslashreplace").decode("ascii")
-    pieces = [text[start : start + VERSION_CHARACTERS] for start in range(0, len(text), VERSION_CHARACTERS)]
-    return [f"{options.version}+{len(pieces)}", *pieces] if pieces else [options.version]
 
 
 def _sensor_words(scaling: Scaling, values: ArrayLike, lsb: float) -> NDArray[np.int64]:

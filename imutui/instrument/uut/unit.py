@@ -8,7 +8,6 @@ reply on the line are late and not lost, up to half a second of them.
 """
 
 import math
-from collections import deque
 
 import numpy as np
 
@@ -77,7 +76,6 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
     def _wake(self, ready: float) -> None:
         """Be as after power-up, from an instant on."""
         self._requests = RequestDecoder()
-        self._replies = deque[tuple[float, bytes, int]]()
         self._ready = ready
         self._frame_since = ready
         self._fields.power_up()
@@ -112,17 +110,6 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._first_count = -counter_at(now) % SPAN
         self._wake(now + self.options.boot_s)
 
-    def change_mode(self, now: float) -> None:
-        self._advance(now)
-        kinds = self.options.packet_types
-        kind = kinds[(kinds.index(self._fields.packet_type) + 1) % len(kinds)]
-        self._fields.put(Memory.RAM, ((Field.PACKET_TYPE, int.from_bytes(kind, "big")),))
-
-    def pause(self, now: float, seconds: float) -> None:
-        super().pause(now, seconds)
-        if self.rate_hz:
-            self._skip_to(now + seconds)
-
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
@@ -139,11 +126,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         return understood
 
     def _next_left(self) -> float:
-        left = self._next_start() + transfer_s(self._packets.length(self._fields.packet_type), self.baud)
-        if self._replies:
-            due, data, baud = self._replies[0]
-            left = min(left, due + transfer_s(len(data), baud))
-        return left
+        return self._next_start() + transfer_s(self._packets.length(self._fields.packet_type), self.baud)
 
     # ------------------------------------------------------------------------------------------------------- requests
 
@@ -152,7 +135,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             case Ping() | Echo():
                 self._answer(request, now)
             case Reset():
-                self._line.send(encode(request), now + self.options.reply_delay_s, self.baud)
+                self._answer(request, now)
                 self._begin_anew(self._line.free_at)
             case GetPacket(kind):
                 self._answer_packet(kind, now)
@@ -170,15 +153,9 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             case OtherFrame(kind, _):
                 self._answer(Refused(kind), now)
 
-    def _answer(self, reply: Reply, now: float) -> None:
-        self._reply(encode(reply), now, self.baud)
-
-    def _reply(self, data: bytes, now: float, baud: int) -> None:
-        """Send a reply, after the unit's delay; packets do not wait for it."""
-        if self.options.reply_delay_s:
-            self._replies.append((now + self.options.reply_delay_s, data, baud))
-        else:
-            self._line.send(data, now, baud)
+    def _answer(self, reply: Reply, now: float, baud: int = 0) -> None:
+        """Send a reply, at the unit's speed unless another is given."""
+        self._line.send(encode(reply), now, baud or self.baud)
 
     def _answer_in_part(self, reply: Fields | FieldsSet, good: int, asked: int, kind: bytes, now: float) -> None:
         """Answer what is good of a request, and refuse it if that is not all."""
@@ -195,14 +172,14 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         elif kind == b"T0":
             self._answer(StatusWords((self.options.bit,) + (0,) * (_STATUS_WORDS - 1)), now)
         elif kind in self.options.packet_types and (made := self._poll(kind, now)) is not None:
-            self._reply(made.data, now, self.baud)
+            self._line.send(made.data, now, self.baud)
         else:
             self._answer(Refused(b"GP"), now)
 
     def _identify(self, now: float) -> None:
         frame = frame_of(Identification(self.options.serial_number, self.options.text))
         payload = frame.payload if self.options.text_ends_with_zero else frame.payload[:-1]
-        self._reply(framed(Frame(frame.type, payload)), now, self.baud)
+        self._line.send(framed(Frame(frame.type, payload)), now, self.baud)
 
     def _set(self, memory: Memory, values: tuple[tuple[int, int], ...], now: float) -> None:
         old_baud = self.baud
@@ -211,7 +188,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         if self.options.new_baud_at_once or self.baud == old_baud:
             self._answer_in_part(reply, len(taken), len(values), SET[memory], now)
         else:
-            self._reply(encode(reply), now, old_baud)
+            self._answer(reply, now, old_baud)
             self._answer_in_part(reply, 0, len(values) - len(taken), SET[memory], now)
         if memory is Memory.RAM:
             self._begin_stream(dict(pair for pair in values if pair[0] in taken), now)
@@ -257,15 +234,11 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
                 self._obey(request, self._frame_since)
         while True:
             start = self._next_start()
-            if self._replies and self._replies[0][0] <= min(start, now):
-                due, data, baud = self._replies.popleft()
-                self._line.send(data, due, baud)
-                continue
             if start > now:
                 return
             made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._next))
             if made is not None:
-                self._tell(made.packet, self._loop.instant(self._next))
+                self.on_packet(made.packet, self._loop.instant(self._next))
                 self._line.send(made.data, start, self.baud)
             self._next += self.options.loop_hz // self.rate_hz
 
@@ -275,7 +248,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._begin_source(newest)
         made = self._packets.polled(*self._asked_of(kind, newest))
         if made is not None:
-            self._tell(made.packet, self._loop.instant(newest))
+            self.on_packet(made.packet, self._loop.instant(newest))
         return made
 
     def _asked_of(self, kind: bytes, number: int) -> tuple[bytes, int, int, Orientation]:

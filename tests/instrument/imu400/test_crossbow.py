@@ -244,8 +244,7 @@ HEARD: dict[str, tuple[AnyCommand, bytes, list[Event], list[Event]]] = {
     "text behind a header": (Command.VERSION, b"\xffIMU400CD-200 1.2$", [], [Version("IMU400CD-200 1.2$")]),
     "text and an end of line": (Command.VERSION, b"IMU400CD-200 1.2$\r\n", [], [Version("IMU400CD-200 1.2$")]),
     "a good sum in the middle, which does not end it": (Command.VERSION, encode(Version(TEXT)), [], [Version(TEXT)]),
-    # drivers read 32 bytes at most
-    "the 32nd byte ends it": (Command.VERSION, encode(Version("V" * 30)), [Version("V" * 30)], []),
+    "the 255th byte ends it": (Command.VERSION, encode(Version("V" * 253)), [Version("V" * 253)], []),
     "a damaged version": (Command.VERSION, b"\xffIMU\x0740\x01", [], [Discarded(b"\xffIMU\x0740\x01", True)]),
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imutui.instrument.imu400.crossbow import Mode, Packet
-from imutui.instrument.imu400.host import is_volts, may_be_volts
+from imutui.instrument.imu400.driver import is_volts, may_be_volts
 from imutui.instrument.imu400.scaling import Scaling
 
 SCALING = Scaling()

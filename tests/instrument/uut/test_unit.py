@@ -1,14 +1,15 @@
 """The virtual IMU381: a state machine on a time of the test's own, with its fields, and streams played back."""
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.faulty_lines import FaultyLine, FaultyWire, LineFault
 from helpers.units import IMU380ZA_200
 
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.frames import Frame, framed
@@ -40,7 +41,6 @@ from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 from imutui.instrument.virtual_instrument import Reading
-from imutui.instrument.wire import Wire
 
 Event = Measurement | Reply | Discarded
 
@@ -76,7 +76,8 @@ class Host:
         options = options or UnitOptions()
         self.sent: list[tuple[Measurement, float]] = []
         self.unit = VirtualUnit(packets or Ramp(), options, seed=seed)
-        self.wire = Wire(self.unit, FaultyLine(faults, seed=5), 1.0, lambda *packet: self.sent.append(packet))
+        line = FaultyLine(faults, seed=5)
+        self.wire = FaultyWire(self.unit, line, 1.0, lambda *packet: self.sent.append(packet), 0.0)
         self.now, self.baud = 0.0, baud
         self.decoder = Decoder()
         self.raw = b""
@@ -88,7 +89,7 @@ class Host:
     def listen(self, seconds: float) -> list[Event]:
         """Read for so long, and return what came."""
         end, got = self.now + seconds, b""
-        while (due := self.wire.next_event()) is not None and due <= end:
+        while (due := self.wire.next_event()) <= end:
             self.now = max(due, self.now)
             got += self.wire.arrived(self.now, self.baud)
         self.now = end
@@ -155,7 +156,7 @@ def test_a_factory_new_imu380_sends_at_38400_baud() -> None:
 def test_divider_zero_makes_it_quiet() -> None:
     host = quiet_host()
     assert host.listen(1.0) == []
-    assert host.wire.next_event() is None
+    assert host.wire.next_event() == math.inf
     host.send(SetFields(RAM, ((RATE, 5),)))
     events = host.listen(1.0)
     assert events[0] == FieldsSet(RAM, (RATE,))
@@ -244,14 +245,6 @@ def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: b
         answered.append(bool(host.listen(0.5)))
     assert not any(answered[:7])
     assert all(answered[9:])
-
-
-def test_slow_replies_come_between_packets() -> None:
-    host = Host(options=UnitOptions(reply_delay_s=0.7))
-    host.send(Ping(), GetPacket(b"VR"))
-    assert len(packets_of(host.listen(0.69))) in (68, 69)
-    replies = [event for event in host.listen(0.03) if not isinstance(event, PacketS1)]
-    assert replies == [Ping(), Version(1, 0, 0, 0, 0)]
 
 
 def test_it_is_silent_when_there_are_no_more_readings() -> None:

@@ -112,7 +112,7 @@ def acquiring(home: Path, at: str | None = None, packets: int = 20, **fields: An
         plan = Plan(at or stack.enter_context(served(VirtualUnit(Still(), UnitOptions()))), **asked)
         instrument = INSTRUMENTS[plan.instrument]
         line = stack.enter_context(Port(plan.port, instrument.power_up_bauds[0]))
-        host = instrument.host(line, plan.rate_hz if plan.sampling == "stream" else None)
+        host = instrument(line, plan.rate_hz if plan.sampling == "stream" else None)
         running = Running(Engine(plan, host, host.open(plan.baud)), line, logs)
         try:
             running.engine.start()

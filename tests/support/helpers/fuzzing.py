@@ -397,9 +397,9 @@ class _Engine:
         return function(self.acquisition)
 
     def zero(self, argument: int, timeout: float = 30.0) -> str:
-        from imutui.instrument.imu400.host import check_zeroing
+        from imutui.instrument.imu400.driver import Imu400cd
 
-        check_zeroing(argument)
+        Imu400cd.check_zeroing(argument)
         self.acquisition.begin_zeroing(argument)
         return ""
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from imutui.instrument.clock import WRAP, Clock, Gap, Stamp
+from imutui.instrument.clock import Clock, Gap, Stamp
+from imutui.instrument.counter_spec import SPAN
 
 LOOP_S = 7.5e-3
 TICK_S = 0.79e-6
@@ -40,7 +41,7 @@ class Stream:
         """Let the unit send nothing for so long before a packet, its counter running on."""
         for times in (self.sampled, self.due, self.arrives):
             times[first:] += seconds
-        self.ticks[first:] = (self.ticks[first:] - round(seconds / TICK_S)) % WRAP
+        self.ticks[first:] = (self.ticks[first:] - round(seconds / TICK_S)) % SPAN
 
     def bursts(self, period_s: float) -> None:
         self.arrives = np.ceil(self.arrives / period_s) * period_s
@@ -67,7 +68,7 @@ def stream(
     start, scale = 1000.0 + rng.random(), 1.0 + skew_ppm * 1e-6
     sampled, due = start + scale * own[:, 0], start + scale * own[:, 1]
     # a line that sets the pace sends a sample that has waited: its counter is of when it was sampled
-    ticks = (int(rng.integers(WRAP)) - np.floor(own[:, 0] / TICK_S).astype(np.int64)) % WRAP
+    ticks = (int(rng.integers(SPAN)) - np.floor(own[:, 0] / TICK_S).astype(np.int64)) % SPAN
     arrives = np.maximum.accumulate(due + np.abs(rng.normal(size=due.size)) * late_s)
     n = due.size
     return Stream(sampled, ticks, due, arrives, np.ones(n, bool), np.zeros(n, bool))

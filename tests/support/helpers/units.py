@@ -11,12 +11,13 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from filters.simulation import Scenario
+from helpers.faulty_lines import FaultyLine, FaultyWire, serve_faulty
 from helpers.processes import LIMIT_S
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
-from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
+from imutui.instrument.pseudo_terminal import PseudoTerminal
 from imutui.instrument.uut.fields import Field
-from imutui.instrument.virtual import serve
+from imutui.instrument.virtual import Wire, serve
 from imutui.instrument.virtual_instrument import CommandT, PacketT, Reading, VirtualInstrument
 
 # "38400 baud, S1, 100 Hz, 10 Hz Butterworth, orientation 0x006B"; the value of the filter is one of those for 10 Hz.
@@ -57,16 +58,33 @@ class Serving:
     `port`: name of its port.
     """
 
-    def __init__(self, unit: VirtualInstrument[Any, Any], **options: Any) -> None:
+    def __init__(
+        self,
+        unit: VirtualInstrument[Any, Any],
+        line: FaultyLine | None = None,
+        link: Path | None = None,
+        on_packet: Callable[[Any, int], None] | None = None,
+        speed: float = 1.0,
+        **options: Any,
+    ) -> None:
         self.tap, self.log, self.sent = io.BytesIO(), list[str](), list[tuple[Any, int]]()
         self.stop, self._ready, self.port = threading.Event(), threading.Event(), ""
-        kept = {"link": None, "tap": self.tap, "log": self.log.append, "stop": self.stop, "on_ready": self._is_ready}
-        kept |= {"on_packet": lambda *packet: self.sent.append(packet)} | options
-        self.thread = threading.Thread(target=serve, args=(unit,), kwargs=kept, daemon=True)
+        kept = {"tap": self.tap, "log": self.log.append, "stop": self.stop} | options
 
-    def _is_ready(self, name: str) -> None:
-        self.port = name
-        self._ready.set()
+        def told(packet: Any, sampled_s: float) -> None:
+            sampled_ns = round(sampled_s * 1e9)
+            self.sent.append((packet, sampled_ns)) if on_packet is None else on_packet(packet, sampled_ns)
+
+        def run() -> None:
+            with PseudoTerminal(link) as pty:
+                self.port = pty.name
+                self._ready.set()
+                if line is None:
+                    serve(Wire(unit, None, speed, told), pty, **kept)
+                else:
+                    serve_faulty(FaultyWire(unit, line, speed, told), pty, **kept)
+
+        self.thread = threading.Thread(target=run, daemon=True)
 
     def __enter__(self) -> Self:
         self.thread.start()
@@ -90,7 +108,8 @@ def served(
     **options: Any,
 ) -> Iterator[str]:
     """Port of a virtual unit, or the link to it, with options as `Serving` takes them; nothing is kept."""
-    with Serving(unit, **{"tap": tap, "line": line, "link": link, "log": log, "on_packet": None} | options) as it:
+    kept = {"tap": tap, "line": line, "link": link, "log": log, "on_packet": lambda *packet: None} | options
+    with Serving(unit, **kept) as it:
         yield it.port if link is None else str(link)
 
 

@@ -12,9 +12,8 @@ from helpers.processes import wait_until
 from helpers.units import Still, served
 from mcap.reader import make_reader
 
-from imutui.instrument.imu400 import handshake
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
-from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.port import Port
 from imutui.jobs.replay import replay
@@ -42,7 +41,8 @@ def clock_set(folder: Path, steps_s: tuple[float, ...]) -> ClockSet:
     clock = SimpleNamespace(monotonic_ns=time.monotonic_ns, time_ns=lambda: time.time_ns() + offset[0])
     with patch.object(log_time, "time", clock), served(VirtualUnit(Still())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, logs=str(folder / "logs"), record=True, filter="none")
-        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud))
+        host = Imu400cd(port)
+        engine = Engine(plan, host, host.open(plan.baud))
         engine.start()
         for count, step in enumerate(steps_s, 1):
             offset[0] += round(step * 1e9)

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from helpers import ros_messages
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, Mode, Packet, encode
 from imutui.instrument.imu400.decoder import packet_decoder

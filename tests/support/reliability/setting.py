@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from helpers.faulty_lines import FaultyLine
 from helpers.processes import has_ended, wait_until
 from helpers.units import served
 
 from filters.simulation import Scenario
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings
-from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.logbook import reader

@@ -18,7 +18,7 @@ from filters.kalman import runner
 from imutui.instrument.clock import Clock
 from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, Mode, Packet
-from imutui.instrument.imu400.host import COUNTER
+from imutui.instrument.imu400.driver import COUNTER
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter, observe

@@ -39,7 +39,8 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
     async with opened(None, options={"logs": str(tmp_path)}) as see:
         await see("→ no serial port | press v for the DEMO | virtual, 133 Hz, stream")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path), site=PAPER_PLACE)]
+    own = {"site": PAPER_PLACE, "controller": "virtual"}  # it stands on a table that can be commanded
+    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path), **own)]
 
 
 @pytest.mark.parametrize("asks", ["looks for ports", "looks in vain", "asks at a port"])
@@ -85,7 +86,8 @@ async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: lis
     async with opened(None, options={"defaults": Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)}) as see:
         await see("→ virtual, 50 Hz")
         await see("enter → gx, deg/s")
-    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1, site=PAPER_PLACE)]
+    own = {"site": PAPER_PLACE, "controller": "virtual"}
+    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1, **own)]
 
 
 async def test_the_site_is_asked_for_once_where_a_filter_would_start_without_one(machine: list[Plan]) -> None:

@@ -18,7 +18,7 @@ from textual.widgets.option_list import Option
 
 from filters.errors import InputError
 from imutui.session import client as session
-from imutui.session.plan import MAX_RATE_HZ, PAPER_PLACE, VIRTUAL_PORT, Instrument, Plan, of_model, parse_place
+from imutui.session.plan import MAX_RATE_HZ, PAPER_PLACE, VIRTUAL_PORT, Driver, Plan, of_model, parse_place
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -107,7 +107,7 @@ class ConnectForm(Vertical):
         self.query_one("#mode", Static).update(Content.styled(offer.mode_words, "dim"))
         self._say_summary()
 
-    def _offered(self) -> Instrument:
+    def _offered(self) -> type[Driver]:
         """What the unit gives that answered at the port that is chosen; the usual one's where none was asked."""
         choice = self._choice()
         return of_model("" if choice is None else self._models.get(choice.value, ""))

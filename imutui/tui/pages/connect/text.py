@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from filters.errors import InputError
-from imutui.session.plan import MIN_RATE_HZ, VIRTUAL_PORT, Instrument, of_model
+from imutui.session.plan import MIN_RATE_HZ, VIRTUAL_PORT, Driver, of_model
 from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -59,7 +59,7 @@ class Choice:
         return self.kind == "port" and self.value != VIRTUAL_PORT
 
 
-def parse_rate(entered: str, offer: Instrument) -> float:
+def parse_rate(entered: str, offer: type[Driver]) -> float:
     """Output rate in Hz; InputError with what is wrong. A decimal comma is fine."""
     bounds = f"{MIN_RATE_HZ:g} to {offer.most_rate_hz:g} Hz"
     try:
@@ -71,7 +71,7 @@ def parse_rate(entered: str, offer: Instrument) -> float:
     return rate
 
 
-def rates(offer: Instrument) -> str:
+def rates(offer: type[Driver]) -> str:
     """Which rates a unit gives, and at which of them samples are no means of packets, where there are several."""
     bounds = f"{MIN_RATE_HZ:g} to {offer.most_rate_hz:g}"
     if len(offer.rates_hz) == 1:

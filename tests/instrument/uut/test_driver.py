@@ -1,4 +1,4 @@
-"""The host side of an IMU381 against a virtual unit on a pseudo-terminal, and against bytes that a real one sent."""
+"""The driver of an IMU381 against a virtual unit on a pseudo-terminal, and against bytes that a real one sent."""
 
 import binascii
 import queue
@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.blocks import Arrivals
+from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.paths import ROOT
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
-from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.driver import InstrumentError
 from imutui.instrument.frame_search import Discarded
-from imutui.instrument.host import InstrumentError
 from imutui.instrument.imu400 import unit as imu400
 from imutui.instrument.port import Port
 from imutui.instrument.registry import which_answers
 from imutui.instrument.transmitter import transfer_s
 from imutui.instrument.uut.decoder import Decoder
+from imutui.instrument.uut.driver import Imu381
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.frames import Frame, framed
-from imutui.instrument.uut.host import IMU381, Requests, UutHost
 from imutui.instrument.uut.messages import Fields, FieldsSet, GetFields, Memory, PacketS1, Ping, encode
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
@@ -48,7 +48,7 @@ def still(options: UnitOptions | None = None) -> Iterator[str]:
         yield name
 
 
-def acquired(host: UutHost, poll_hz: float | None, enough: Callable[[int], bool]) -> list[PacketArrival]:
+def acquired(host: Imu381, poll_hz: float | None, enough: Callable[[int], bool]) -> list[PacketArrival]:
     """Packets that a reader gets until they are enough."""
     events, found = queue.SimpleQueue[ReaderEvent](), list[PacketArrival]()
     reader = Reader(host, Arrivals(clock_of(host, poll_hz), found.append), poll_hz, events.put)
@@ -67,7 +67,7 @@ def acquired(host: UutHost, poll_hz: float | None, enough: Callable[[int], bool]
     return found
 
 
-def clock_of(host: UutHost, poll_hz: float | None) -> Clock:
+def clock_of(host: Imu381, poll_hz: float | None) -> Clock:
     """A clock of its packets."""
     return Clock(transfer_s(31, 115200) * 1e9, host.counter, polled=poll_hz is not None)
 
@@ -85,7 +85,7 @@ def stamped(clock: Clock, arrivals: list[PacketArrival]) -> list[Stamp]:
 def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) -> None:
     fields = tuple((field, code if field == Field.BAUD else value) for field, value in IMU381ZA)
     with still(UnitOptions(fields=fields)) as name, Port(name, 38400) as port:
-        host = UutHost(port, 50.0)
+        host = Imu381(port, 50.0)
         identity = host.open(None)
         assert (identity.serial_number, identity.version[:12]) == ("9911750", "IMU381ZA-200")
         assert f"{'115200' if code == 5 else '38400'} baud, packets S1" in identity.configuration
@@ -95,15 +95,15 @@ def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) ->
         steps = np.diff([each.packet.ticks for each in found]) % 65536
         assert set(steps.tolist()) <= {1310, 1311}
         own = {int(field): value for field, value in fields}
-        assert Requests(port).fields(OWN) == own
-        kept = Requests(port).ask(GetFields(Memory.EEPROM, OWN), Fields)
+        assert Imu381(port).fields(OWN) == own
+        kept = Imu381(port).ask(GetFields(Memory.EEPROM, OWN), Fields)
         assert kept is not None
         assert dict(kept.values) == own
 
 
 def test_packets_are_asked_for_one_by_one() -> None:
     with still() as name, Port(name, 115200) as port:
-        host = UutHost(port)
+        host = Imu381(port)
         host.open(None)
         found = acquired(host, 50.0, lambda n: n >= 20)
         assert all(each.requested_ns is not None and each.requested_ns < each.host_ns for each in found)
@@ -114,7 +114,7 @@ def test_a_line_that_never_falls_quiet_is_not_waited_for() -> None:
     """What streams there may be another unit, which hears no request to be quiet."""
     with served(imu400.VirtualUnit(Still())) as name, Port(name, 38400) as port:
         port.write(b"cC")
-        UutHost(port, 100.0).stop()
+        Imu381(port, 100.0).stop()
         assert port.read(64)
 
 
@@ -128,7 +128,7 @@ def test_a_late_answer_is_not_taken_for_that_to_a_later_request(count: int) -> N
         sampled[packet.counter] = sampled_ns
 
     with served(unit, line=line, on_packet=sent) as name, Port(name, 115200) as port:
-        host = UutHost(port)
+        host = Imu381(port)
         host.open(None)
         poller, answered = host.poller(lambda: False), 0
         while answered < 20:
@@ -143,7 +143,7 @@ def test_a_late_answer_is_not_taken_for_that_to_a_later_request(count: int) -> N
 def test_a_unit_tells_itself_from_the_other_kind_on_its_line() -> None:
     """Asked which instrument answers, an IMU381 says so while it streams."""
     with still() as name, Port(name, 38400) as port:
-        assert which_answers(port) is IMU381
+        assert which_answers(port) is Imu381
 
 
 def test_a_stream_that_the_line_does_not_carry_is_refused_in_words() -> None:
@@ -152,7 +152,7 @@ def test_a_stream_that_the_line_does_not_carry_is_refused_in_words() -> None:
     slow = tuple((field, 0 if field == Field.RATE_DIVIDER else value) for field, value in fields)
     unit = still(UnitOptions(fields=slow, baud_codes=(0, 5)))
     with unit as name, Port(name, 9600) as port, pytest.raises(InstrumentError, match="25 Hz"):
-        UutHost(port, 100.0).open(None)
+        Imu381(port, 100.0).open(None)
 
 
 OTHER = {Field.PACKET_TYPE: int.from_bytes(b"S0", "big"), Field.RATE_DIVIDER: 4}
@@ -172,32 +172,32 @@ def test_type_and_rate_that_were_changed_are_put_back() -> None:
     """A unit that sent S0 at 25 Hz does so afterwards; what is done twice is done once."""
     options = configured()
     with still(options) as name, Port(name, 115200) as port:
-        host = UutHost(port, 30.0)
+        host = Imu381(port, 30.0)
         host.open(None)
         # a rate that it has not: means of as many packets as the line carries
         assert host.stream_hz == 100.0
         acquired(host, None, lambda n: n >= 5)
-        assert Requests(port).fields(OWN) == own_of(options)
-        Requests(port).put({Field.RATE_DIVIDER: 2})
+        assert Imu381(port).fields(OWN) == own_of(options)
+        Imu381(port).put({Field.RATE_DIVIDER: 2})
         assert host.leave() == ""
-        assert Requests(port).fields((Field.RATE_DIVIDER,)) == {1: 2}
+        assert Imu381(port).fields((Field.RATE_DIVIDER,)) == {1: 2}
 
 
 def test_a_unit_that_takes_its_own_fields_only_at_power_up_is_restarted() -> None:
     """S0 at 100 Hz and 38400 baud, as some come: too much for the line by their own rule, when it is set."""
     options = configured(RATE_DIVIDER=1, BAUD=2)
     with still(options) as name, Port(name, 38400) as port:
-        host = UutHost(port, 20.0)
+        host = Imu381(port, 20.0)
         host.open(None)
         assert host.leave() == ""
-        wait_until(lambda: Requests(port, 0.5).fields(OWN) == own_of(options))
+        wait_until(lambda: Imu381(port).fields(OWN) == own_of(options))
 
 
 def test_what_a_unit_does_not_take_back_is_said() -> None:
     """Fields that somebody had set until the next power-up, and that go together no more."""
     options = configured(RATE_DIVIDER=1, BAUD=2, PACKET_TYPE=int.from_bytes(b"S1", "big"))
     with still(options) as name, Port(name, 38400) as port:
-        host = UutHost(port, 20.0)
+        host = Imu381(port, 20.0)
         host.open(None)
         host._own = host._own | {Field.PACKET_TYPE: OTHER[Field.PACKET_TYPE]}
         said = host.leave()
@@ -218,11 +218,11 @@ def test_what_a_unit_does_not_take_back_is_said() -> None:
 )
 def test_a_unit_that_cannot_be_used_is_left_as_it_was(options: UnitOptions, rate_hz: float, message: str) -> None:
     with still(options) as name, Port(name, 19200 if "carry" in message else 115200) as port:
-        host = UutHost(port, rate_hz)
+        host = Imu381(port, rate_hz)
         with pytest.raises(InstrumentError, match=message):
             host.open(None)
         host.leave()
-        assert Requests(port).fields(OWN) == own_of(options)
+        assert Imu381(port).fields(OWN) == own_of(options)
 
 
 def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() -> None:
@@ -230,7 +230,7 @@ def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() 
     fields = tuple((dict(IMU381ZA) | dict(stream.only) | {Field.RATE_DIVIDER: 0}).items())
     options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
     with served(VirtualUnit(stream, options)) as name, Port(name, 115200) as port:
-        host = UutHost(port, 20.0)
+        host = Imu381(port, 20.0)
         reader = Reader(host, Stamper(clock_of(host, None)), None, events.put, KnownUnit(host.open(None), port.baud))
         reader.start()
         reader.join(20.0)
@@ -238,7 +238,7 @@ def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() 
         assert isinstance(lost, LineLost)
         assert lost.final
         assert "the unit refuses a stream of 20 Hz" in lost.message
-        assert Requests(port).fields(OWN) == own_of(options)
+        assert Imu381(port).fields(OWN) == own_of(options)
 
 
 DAMAGE = tuple(
@@ -279,7 +279,7 @@ def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFau
         served(VirtualUnit(stream, options), sink, FaultyLine(damage, seed=5), speed=10.0) as name,
         Port(name, 115200) as port,
     ):
-        host = UutHost(port, 20.0)
+        host = Imu381(port, 20.0)
         host.open(None)
         found = acquired(host, None, all_came)
         came = whole_frames(tap.read_bytes())
@@ -293,7 +293,7 @@ def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFau
         assert (len(packets), found[-1].bad_checksums, found[-1].discarded_bytes) == (1002, 0, 0)
     numbers = [sent.index(frame) for frame in came]
     decoded = np.load(DECODED)
-    scaling = IMU381.scaling(1.0, 1.0)
+    scaling = Imu381.scaling(1.0, 1.0)
     assert np.allclose(scaling.rates_dps([p.rates for p in packets]), decoded["gyro"][numbers], atol=1e-4)
     assert np.allclose(scaling.accels_g([p.accels for p in packets]), decoded["accel"][numbers], atol=1e-6)
     assert np.allclose(scaling.temperature_degc([p.temperature for p in packets]), decoded["temp"][numbers], atol=1e-4)
@@ -318,7 +318,7 @@ def stream_of(losing: range, period_s: float = 0.05, skew: float = 1.00002) -> l
 
 @pytest.mark.parametrize("losing", [range(0), range(200, 203), range(200, 240), range(200, 221)])
 def test_losses_are_reported(losing: range) -> None:
-    clock = Clock(transfer_s(31, 115200) * 1e9, UutHost(None).counter, period_ns=50e6)  # type: ignore[arg-type]
+    clock = Clock(transfer_s(31, 115200) * 1e9, Imu381(None).counter, period_ns=50e6)  # type: ignore[arg-type]
     stamps = stamped(clock, stream_of(losing))
     gaps = [stamp.gap for stamp in stamps if stamp.gap is not None]
     assert len(stamps) == 400 - len(losing)
@@ -336,8 +336,8 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
         served(VirtualUnit(Still(), options), line=reset) as name,
         Port(name, 115200) as port,
     ):
-        host = UutHost(port, 20.0)
-        known = KnownUnit(host.open(None), port.baud, IMU381.power_up_bauds)
+        host = Imu381(port, 20.0)
+        known = KnownUnit(host.open(None), port.baud, Imu381.power_up_bauds)
         stamper = Arrivals(clock_of(host, None), lambda arrival: ticks.append(arrival.packet.ticks))
         reader = Reader(host, stamper, None, events.put, known)
         reader.start()
@@ -356,7 +356,7 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
 
 def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> None:
     """S2 and attitudes, of a unit that has other fields than it was told; replies are neither packets nor noise."""
-    stream = UutHost(None, 20.0).packets()  # type: ignore[arg-type]
+    stream = Imu381(None, 20.0).packets()  # type: ignore[arg-type]
     packet, other = PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2), framed(Frame(b"S2", bytes(28)))
     reply = encode(FieldsSet(Memory.RAM, (Field.RATE_DIVIDER,)))
     events = stream.feed(encode(packet) + other + reply + encode(packet))
@@ -366,7 +366,7 @@ def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> No
 
 @pytest.mark.parametrize("cut_off", range(31))
 def test_answers_amid_a_stream_are_counted_until_the_next_packet(cut_off: int) -> None:
-    stream = UutHost(None, 20.0).packets()  # type: ignore[arg-type]
+    stream = Imu381(None, 20.0).packets()  # type: ignore[arg-type]
     packet, ping = encode(PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2)), encode(Ping())
     stream.feed(packet + packet[:cut_off] + ping)
     stream.pause()

@@ -4,9 +4,9 @@ from contextlib import contextmanager
 import pytest
 from helpers.units import Still, served
 
-from imutui.instrument.host import InstrumentError
-from imutui.instrument.imu400 import handshake
+from imutui.instrument.driver import InstrumentError
 from imutui.instrument.imu400.crossbow import Mode
+from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.session import client
@@ -22,7 +22,7 @@ def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
 @pytest.mark.parametrize("ping", ["keeps", "stops", "resets"])
 def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
     with unit(UnitOptions(ping=ping, version="IMU400CD-200 1.07")) as (path, made), Port(path, 38400) as port:  # type: ignore[arg-type]
-        identity = handshake.open_dialogue(port, 38400)
+        identity = Imu400cd(port).open(38400)
         assert identity.serial_number == "9911750"
         assert identity.version == "IMU400CD-200 1.07"
         assert made.mode is Mode.SCALED
@@ -32,11 +32,11 @@ def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
 def test_a_unit_left_streaming_is_stopped_first() -> None:
     """Stale packets, FF-rich as they are, are not taken for replies."""
     with unit(UnitOptions()) as (path, made), Port(path, 38400) as port:
-        handshake.open_dialogue(port, 38400)
+        Imu400cd(port).open(38400)
         port.write(b"C")
         port.read(100)
         assert made.streaming
-        assert handshake.open_dialogue(port, 38400).serial_number == "9911750"
+        assert Imu400cd(port).open(38400).serial_number == "9911750"
         assert not made.streaming
 
 
@@ -44,10 +44,10 @@ def test_the_line_is_moved_to_the_asked_speed_and_found_there_again() -> None:
     """Auto-baud to 57600; a later host that starts at 38400 finds the unit and moves it back."""
     with unit(UnitOptions()) as (path, made):
         with Port(path, 38400) as port:
-            handshake.open_dialogue(port, 57600)
+            Imu400cd(port).open(57600)
             assert made.baud == port.baud == 57600
         with Port(path, 38400) as port:
-            handshake.open_dialogue(port, 38400)
+            Imu400cd(port).open(38400)
             assert made.baud == port.baud == 38400
 
 
@@ -60,7 +60,7 @@ def test_another_model_is_refused_by_name(version: str) -> None:
         Port(path, 38400) as port,
         pytest.raises(InstrumentError, match=version.split()[0]),
     ):
-        handshake.open_dialogue(port, 38400)
+        Imu400cd(port).open(38400)
 
 
 @pytest.mark.usefixtures("home")
@@ -68,7 +68,7 @@ def test_a_probe_tells_what_answers_and_leaves_the_unit_for_the_next_host() -> N
     """Model, serial number, firmware and speed; whatever it did before it is polled afterwards, and can be used."""
     with unit(UnitOptions(version="IMU400CD-200 1.07")) as (path, made):
         with Port(path, 38400) as port:
-            handshake.open_dialogue(port, 57600)
+            Imu400cd(port).open(57600)
             port.write(b"C")
             port.read(100)
         found = client.probe(path)
@@ -78,7 +78,7 @@ def test_a_probe_tells_what_answers_and_leaves_the_unit_for_the_next_host() -> N
         }  # fmt: skip
         assert not made.streaming
         with Port(path, 38400) as port:
-            assert handshake.open_dialogue(port, 57600).serial_number == "9911750"
+            assert Imu400cd(port).open(57600).serial_number == "9911750"
 
 
 @pytest.mark.usefixtures("home")
