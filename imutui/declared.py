@@ -18,6 +18,7 @@ from filters.errors import InputError
 
 LARGEST = 1e12  # number of a file or a request, of either sign
 _LARGEST_OF_DOCUMENTS, _LARGEST_WHOLE = 1e30, 2**63 - 1
+_PLAIN = (str, bool, NoneType, object)
 _SHOWN = 80  # characters of a value in a message
 _WORDS = {str: "a text", bool: "true or false", dict: "a table", list: "a list", tuple: "a list", object: "a value"}
 T = TypeVar("T")
@@ -119,11 +120,7 @@ def _value(value: Any, shape: Any, path: _Path, rules: _Rules) -> Any:
         if len(value) != (len(each) if meta.length is None else meta.length):
             raise _wrong(value, shape, path)
         made = kind([_value(value[n], own, (*path, n + 1), rules) for n, own in enumerate(each)])
-    elif (
-        kind is Any
-        or (kind is typing.Literal and _is_word(value, of))
-        or (kind in (str, bool, NoneType, object) and isinstance(value, kind))
-    ):
+    elif kind is Any or (_is_word(value, of) if kind is typing.Literal else kind in _PLAIN and isinstance(value, kind)):
         made = value
     else:
         raise _wrong(value, shape, path)

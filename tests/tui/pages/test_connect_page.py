@@ -151,7 +151,7 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
 
 async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "running", lambda: ["demo"])
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see("→ An acquisition is running")
         await see("v → gx, deg/s")
@@ -291,7 +291,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
 
 async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "running", lambda: ["default"])
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see('→ running acquisition "default"')
         await see("enter → gx, deg/s")
@@ -303,7 +303,7 @@ async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
 ) -> None:
     running: list[str] = []
     monkeypatch.setattr(session, "running", lambda: list(running))
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
         running.append("default")
