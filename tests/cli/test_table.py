@@ -23,6 +23,7 @@ from imutui.instrument.imu400 import crossbow
 from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
+from imutui.instrument.uut.frames import Frame
 from imutui.instrument.virtual import Wire
 from imutui.table import registry
 from imutui.table.motion import Turn
@@ -139,7 +140,7 @@ def test_an_axis_that_does_not_follow_ends_the_command() -> None:
 
 ASKED_FOR_DATA = {
     names.IMU400CD: (crossbow.encode(crossbow.Command.SCALED_MODE), crossbow.encode(crossbow.Command.START_STREAM)),
-    names.IMU381: (messages.encode(messages.SetFields(messages.Memory.RAM, ((1, 1),))),),
+    names.IMU381: (messages.encode(Frame(b"SF", messages.pairs(((1, 1),)))),),
 }
 LSB_DPS = {names.IMU400CD: Scaling().rate_lsb_dps, names.IMU381: messages.SCALING.rate_lsb_dps}
 

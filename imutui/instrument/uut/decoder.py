@@ -18,7 +18,7 @@ from imutui.instrument.uut.frames import (
     crc16,
     frame_of,
 )
-from imutui.instrument.uut.messages import Measurement, Reply, Request, read_reply, read_request
+from imutui.instrument.uut.messages import PacketS1, content_of
 
 # "The ping may be sent without length and CRC": the text UUPK.
 BARE_PING = PREAMBLE + b"PK"
@@ -40,22 +40,22 @@ def frame_decoder(
     return FrameDecoder(SumFrames(form, lambda data: read(frame_of(data))))
 
 
-def Decoder() -> FrameDecoder[Measurement | Reply]:  # noqa: N802 - stands where others have a class of their own
+def Decoder() -> FrameDecoder[PacketS1 | Frame]:  # noqa: N802 - stands where others have a class of their own
     """Return a decoder of the bytes from a unit."""
-    return frame_decoder(read_reply)
+    return frame_decoder(content_of)
 
 
 class RequestDecoder:
-    """The unit's side: bytes from the host in, requests out. It ignores noise, and frames with a wrong CRC."""
+    """The unit's side: bytes from the host in, frames out. It ignores noise, and frames with a wrong CRC."""
 
     def __init__(self) -> None:
-        self._decoder: FrameDecoder[Request] = frame_decoder(read_request, ping_at_once=True)
+        self._decoder: FrameDecoder[Frame] = frame_decoder(lambda frame: frame, ping_at_once=True)
 
-    def feed(self, data: bytes) -> list[Request]:
+    def feed(self, data: bytes) -> list[Frame]:
         """Take bytes from the line, any number, cut anywhere; a bare ping comes with its fourth byte."""
         return [found for found in self._decoder.feed(data) if not isinstance(found, Discarded)]
 
-    def quiet(self) -> list[Request]:
+    def quiet(self) -> list[Frame]:
         """Give up the beginning of a frame whose rest has not come in time; return the whole frames behind it."""
         return [found for found in self._decoder.quiet() if not isinstance(found, Discarded)]
 

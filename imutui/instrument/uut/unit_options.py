@@ -1,22 +1,21 @@
 """Options of a virtual unit of the family, and its fields: in RAM, where they are in force, and in EEPROM."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from imutui.instrument import virtual_instrument
 from imutui.instrument.uut.fields import (
     BAUD_OF_CODE,
+    ORIENTATIONS,
     QUIET,
     RATE_OF_DIVIDER,
     RATE_OF_DIVIDER_LATER,
     Field,
-    Orientation,
     fits_line,
-    orientation_of,
 )
 from imutui.instrument.uut.frames import FIXED_LENGTHS
-from imutui.instrument.uut.messages import Memory, Version
+from imutui.instrument.uut.messages import Memory
 
 FieldValues: TypeAlias = tuple[tuple[int, int], ...]
 
@@ -37,11 +36,10 @@ IMU381ZA: FieldValues = (
 class UnitOptions(virtual_instrument.UnitOptions):
     """What differs from unit to unit."""
 
-    # text behind the serial number: model, part number, version of the firmware and more, with spaces between. Other
-    # programs need three words.
-    text: str = "IMU381ZA-200 VIRTUAL 1.0"
-    text_ends_with_zero: bool = True  # True if a zero byte follows it
-    version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))  # the answer to a request for VR
+    # text behind the serial number: model, part number, version of the firmware and more, with spaces between, and a
+    # zero where the unit ends it so; other programs need three words
+    text: str = "IMU381ZA-200 VIRTUAL 1.0\0"
+    version: tuple[int, ...] = (1, 0, 0, 0, 0)  # the answer to a request for VR
     # configuration fields in EEPROM at first, as number and value; a unit knows no others
     fields: FieldValues = IMU381ZA
     packet_types: tuple[bytes, ...] = (b"S1", b"S0")  # measurements that it has; the first is the usual one
@@ -83,7 +81,7 @@ class Configuration:
         self.baud = BAUD_OF_CODE[ram[Field.BAUD]]
         self.packet_type = ram[Field.PACKET_TYPE].to_bytes(2, "big")
         self.rate_hz = self._rates.get(ram[Field.RATE_DIVIDER], 0)
-        self.orientation = Orientation.of_field(ram[Field.ORIENTATION])
+        self.orientation = ORIENTATIONS[ram[Field.ORIENTATION]]
 
     def get(self, memory: Memory, ids: Iterable[int]) -> FieldValues:
         """Return fields by number, without those that it does not have."""
@@ -115,7 +113,7 @@ class Configuration:
             case Field.PACKET_TYPE:
                 return value.to_bytes(2, "big") in self._options.packet_types
             case Field.ORIENTATION:
-                return orientation_of(value) is not None
+                return value in ORIENTATIONS
         return True
 
     def _go_together(self, kept: dict[int, int]) -> bool:
