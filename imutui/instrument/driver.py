@@ -328,7 +328,6 @@ class Poller:
         again = sum(event == self._last for event in events)
         self.doubled += again
         self._unasked += sum(isinstance(event, self._packet) for event in events) - again
-        self._count_checks(events)
         requested_ns = time.monotonic_ns()
         self.unanswered = True
         found = exchange(
@@ -359,7 +358,7 @@ class Poller:
             if data:
                 came, since = True, time.monotonic()
             answer = answer or self._first(events, requested_ns)
-            said += self._count_checks(events)
+            said += sum(isinstance(event, self._checked) for event in events)
             # an answer that did not come with the others is lost, and so it is where only the packet came
             if said >= asked or (rested and (said or answer is not None)):
                 break
@@ -371,7 +370,3 @@ class Poller:
         arrived_ns = time.monotonic_ns()
         packets = (Answer(event, requested_ns, arrived_ns) for event in events if isinstance(event, self._packet))
         return next(packets, None)
-
-    def _count_checks(self, events: Sequence[Any]) -> int:
-        """Return how often the unit has answered the other question."""
-        return sum(isinstance(event, self._checked) for event in events)

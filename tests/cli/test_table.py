@@ -139,7 +139,7 @@ def test_an_axis_that_does_not_follow_ends_the_command() -> None:
 
 
 ASKED_FOR_DATA = {
-    names.IMU400CD: (crossbow.encode(crossbow.Command.SCALED_MODE), crossbow.encode(crossbow.Command.START_STREAM)),
+    names.IMU400CD: (crossbow.Command.SCALED_MODE, crossbow.Command.START_STREAM),
     names.IMU381: (messages.encode(Frame(b"SF", messages.pairs(((1, 1),)))),),
 }
 LSB_DPS = {names.IMU400CD: Scaling().rate_lsb_dps, names.IMU381: messages.SCALING.rate_lsb_dps}

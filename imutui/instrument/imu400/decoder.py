@@ -8,22 +8,16 @@ from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.frame_search import FrameDecoder, FrameForm, Judged, Rest, Rule, SumFrames, noise
 from imutui.instrument.imu400.crossbow import (
     HEADER,
-    LETTER_REPLY,
+    LETTER_REPLIES,
     PACKET_BYTES,
     SERIAL_BYTES,
     TICK_S,
-    AnyCommand,
-    AnyReply,
     Command,
     Mode,
     Packet,
-    Reply,
-    Version,
-    ZeroRateSensors,
     checksum,
     is_whole,
     packet_of,
-    serial_number_of,
 )
 
 # "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back show another.
@@ -36,10 +30,11 @@ _STEP_TOLERANCE = 0.02
 # The manual says "ASCII string"; units send 0xFF, text, checksum, of 26 bytes. A virtual unit's text may be longer.
 _VERSION_BYTES = 255
 
+_LETTER = LETTER_REPLIES[Command.SCALED_MODE]
 _SERIAL_NUMBER = FrameForm(HEADER, len(HEADER), SERIAL_BYTES, lambda head, rest: SERIAL_BYTES, is_whole)
 
 
-def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
+def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet | str]:
     """Return a decoder of data packets. It holds less than 36 bytes between feeds.
 
     `mode`: the unit's measurement mode.
@@ -49,23 +44,18 @@ def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
     return FrameDecoder(Crossbow(mode, streaming=streaming), due=not streaming)
 
 
-def reply_decoder(command: AnyCommand) -> FrameDecoder[AnyReply]:
-    """Return a decoder of the reply to a command; it discards the bytes before and behind the reply.
+def reply_decoder(command: bytes) -> FrameDecoder[str]:
+    """Return a decoder of the reply to a command, as text; it discards the bytes before and behind the reply.
 
     `command`: one that is answered by a letter, a serial number or a version.
-    Raises ValueError if the unit answers `command` with packets or not at all.
     """
-    rule: Rule[AnyReply]
-    if command is Command.SERIAL_NUMBER:
-        rule = SumFrames(_SERIAL_NUMBER, serial_number_of)
-    elif command is Command.VERSION:
+    rule: Rule[str]
+    if command == Command.SERIAL_NUMBER:
+        rule = SumFrames(_SERIAL_NUMBER, lambda frame: str(int.from_bytes(frame[1:-1], "big")))
+    elif command == Command.VERSION:
         rule = _VersionText()
-    elif isinstance(command, ZeroRateSensors):
-        rule = _Letter(Reply.RATES_ZEROED)
-    elif isinstance(command, Command) and command in LETTER_REPLY:
-        rule = _Letter(LETTER_REPLY[command])
     else:
-        raise ValueError(f"`command` must be one that is answered by a reply, not {command}")
+        rule = _Letter(LETTER_REPLIES[Command(command[:1])])
     return FrameDecoder(rule, due=True, once=True)
 
 
@@ -76,7 +66,8 @@ class Crossbow:
     counter follows the last packet's by one to six periods, or if another whole frame, or the reply that was asked for,
     stands right behind it. Where the line rests behind a frame with a right sum, it counts too.
 
-    A polled packet comes alone on a quiet line: its sum is enough.
+    A polled packet comes alone on a quiet line: its sum is enough. Where one could begin, the reply to
+    `Command.SCALED_MODE` may stand too.
     """
 
     def __init__(self, mode: Mode, *, streaming: bool) -> None:
@@ -89,6 +80,8 @@ class Crossbow:
 
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
         """Judge as `Rule.judge` does."""
+        if not self._streaming and held.startswith(_LETTER.encode(), at):
+            return Judged(1, True, _LETTER)
         if not held.startswith(HEADER, at):
             return noise(held, at, HEADER)
         # a unit replies between packets: a packet that began before its reply does not go on
@@ -152,13 +145,12 @@ class _Letter:
 
     answers = 0
 
-    def __init__(self, reply: Reply) -> None:
+    def __init__(self, reply: str) -> None:
         self._reply = reply
 
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
-        if held.startswith(self._reply.value, at):
-            return Judged(1, True, self._reply)
-        return noise(held, at, self._reply.value)
+        is_reply = held.startswith(self._reply.encode(), at)
+        return Judged(1, True, self._reply) if is_reply else noise(held, at, self._reply.encode())
 
     def missing(self, held: bytearray) -> int:
         return 1
@@ -183,7 +175,7 @@ class _VersionText:
         before, text = _version_text(reply)
         if text is None:
             return Judged(len(reply), spoiled=len(reply) if begin == at else 0)
-        self._found = Judged(len(reply) - before, True, Version(text))
+        self._found = Judged(len(reply) - before, True, text)
         return Judged(before) if before else self._found
 
     def missing(self, held: bytearray) -> int:

@@ -18,23 +18,18 @@ from imutui.instrument import virtual_instrument
 from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.counts import COUNT_LIMITS, triple
 from imutui.instrument.imu400.crossbow import (
-    LETTER_REPLY,
+    LETTER_REPLIES,
     PACKET_BYTES,
     POWER_UP_BAUD,
-    SET_MODE,
     TICK_S,
-    AnyCommand,
-    AnyReply,
     Command,
     CommandDecoder,
     Mode,
     Packet,
-    Reply,
-    SerialNumber,
-    Version,
-    ZeroRateSensors,
     encode,
+    framed,
     in_words,
+    serial_number_frame,
 )
 from imutui.instrument.imu400.scaling import VOLTS_SPAN, Scaling
 from imutui.instrument.transmitter import SAME_INSTANT_S, same_speed, transfer_s
@@ -75,7 +70,7 @@ class _Zeroing:
     count: int = 0
 
 
-class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
+class VirtualUnit(VirtualInstrument[Packet, bytes]):
     """An IMU400CD; see `VirtualInstrument`.
 
     `source`: its readings.
@@ -122,8 +117,8 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def baud(self) -> int:
         return self._baud
 
-    def receive(self, data: bytes, now: float, host_baud: int) -> list[AnyCommand]:
-        commands: list[AnyCommand] = []
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[bytes]:
+        commands: list[bytes] = []
         for byte in data:
             self._advance(now)
             commands += self._receive_byte(bytes([byte]), now, host_baud)
@@ -138,10 +133,10 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
 
     # ------------------------------------------------------------------------------------------------------- commands
 
-    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[AnyCommand]:
+    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[bytes]:
         if self._zeroing is not None:
             return []
-        measures = now <= self._measuring_until and byte == encode(Command.MEASURE_BAUD)
+        measures = now <= self._measuring_until and byte == Command.MEASURE_BAUD
         if not measures and not same_speed(self._baud, host_baud):
             return []
         commands = self._commands.feed(byte)
@@ -149,14 +144,14 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
             self._obey(command, now, host_baud)
         return commands
 
-    def _obey(self, command: AnyCommand, now: float, host_baud: int) -> None:
-        match command:
+    def _obey(self, command: bytes, now: float, host_baud: int) -> None:
+        match command[:1]:
             case Command.PING:
-                self._answer(Reply.PONG, now)
+                self._answer(command, now)
                 self._ping(now)
             case Command.SCALED_MODE | Command.VOLTAGE_MODE:
-                self._answer(LETTER_REPLY[command], now)
-                self._set_mode(Mode.SCALED if command is SET_MODE[Mode.SCALED] else Mode.VOLTAGE, now)
+                self._answer(command, now)
+                self._set_mode(Mode.SCALED if command == Command.SCALED_MODE else Mode.VOLTAGE, now)
             case Command.STOP_STREAM:
                 self.streaming = False
             case Command.START_STREAM:
@@ -165,22 +160,22 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
                 self.streaming = False
                 self._send_newest(now)
             case Command.SERIAL_NUMBER:
-                self._answer(SerialNumber(self.options.serial_number), now)
-            case Command.VERSION if self.options.version_plain_text:
-                self._line.send(self.options.version.encode("ascii"), now, self._baud)
+                self._line.send(serial_number_frame(self.options.serial_number), now, self._baud)
             case Command.VERSION:
-                self._answer(Version(self.options.version), now)
-            case ZeroRateSensors(argument):
-                self._zero(argument, now)
+                text = self.options.version.encode("ascii")
+                self._line.send(text if self.options.version_plain_text else framed(text), now, self._baud)
+            case Command.ZERO_RATES:
+                self._zero(command[1], now)
             case Command.REQUEST_BAUD:
-                self._answer(Reply.BAUD_READY, now)
+                self._answer(command, now)
                 self._measuring_until = now + _BAUD_PATIENCE_S
             case Command.MEASURE_BAUD:
                 self._measure_baud(now, host_baud)
         # "reply to an unknown byte: open; silence"
 
-    def _answer(self, reply: AnyReply, now: float) -> None:
-        self._line.send(encode(reply), now, self._baud)
+    def _answer(self, command: bytes, now: float) -> None:
+        """Answer a command with its letter."""
+        self._line.send(LETTER_REPLIES[Command(command)].encode("ascii"), now, self._baud)
 
     def _ping(self, now: float) -> None:
         if self.options.ping != "keeps":
@@ -203,7 +198,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         if measured is not None:
             self._measuring_until = -math.inf
             self._baud = measured
-            self._answer(Reply.BAUD_SET, now)
+            self._answer(Command.MEASURE_BAUD, now)
 
     def _start_stream(self, now: float) -> None:
         if self.streaming:
@@ -221,7 +216,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def _zero(self, argument: int, now: float) -> None:
         if argument == 0:
             self._zero_dps = np.zeros(3)
-            self._answer(Reply.RATES_ZEROED, now)
+            self._answer(Command.ZERO_RATES, now)
             return
         self._begin_loop(now)
         self._last_sample = self._loop.last_before(now)
@@ -270,7 +265,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
             self._zero_dps = zeroing.total_dps / zeroing.count
             self._last_sample = zeroing.next_sample - 1
             self._zeroing = None
-            self._answer(Reply.RATES_ZEROED, self._loop.instant(self._last_sample))
+            self._answer(Command.ZERO_RATES, self._loop.instant(self._last_sample))
 
     def _read(self, sample: int) -> Reading | None:
         """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
