@@ -154,30 +154,32 @@ def lateness(held: np.ndarray, output: Path, since_ns: float) -> list[str]:
 
 def screen(port: str, output: str, seconds: str, fps: str, name: str) -> None:
     """Show the acquisition and read another unit in a thread."""
+    from imutui.instrument.clock import Clock
     from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
-    from imutui.instrument.imu400.driver import Imu400cd
+    from imutui.instrument.imu400.driver import COUNTER, Imu400cd
     from imutui.instrument.port import Port
-    from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
+    from imutui.session.reader_thread import Reader, ReaderEvent
+    from imutui.session.stream import Block, Stamper
     from imutui.tui.app import ImutuiApp
     from imutui.tui.terminal.appearance import Appearance
 
-    arrived: list[PacketArrival] = []
+    arrived: list[Block] = []
 
     def take(event: ReaderEvent) -> None:
-        if isinstance(event, PacketArrival):
+        if isinstance(event, Block):
             arrived.append(event)
 
     with Port(port, POWER_UP_BAUD) as line:
         Imu400cd(line).open(POWER_UP_BAUD)
-        reader = Reader(Imu400cd(line), None, take)
+        reader = Reader(Imu400cd(line), Stamper(Clock(4.7e6, COUNTER)), None, take)
         reader.start()
         app = ImutuiApp(session.attach(name), appearance=Appearance(plot="scroll", fps=float(fps)))
         app.call_later(lambda: app.set_timer(float(seconds), lambda: app.exit(0)))
         app.run()
         reader.stop()
         reader.join(5.0)
-    rows = [(a.host_ns, *a.packet.rates, *a.packet.accels, a.packet.temperature, a.packet.ticks) for a in arrived]
-    np.save(output, np.array(rows, np.int64))
+    rows = np.concatenate([block.rows for block in arrived])
+    np.save(output, np.column_stack([rows["host_ns"], rows["counts"], rows["ticks"]]))
 
 
 def recording(client: Client) -> Path:
@@ -293,7 +295,7 @@ for port in ports:
     host = INSTRUMENTS[plan.instrument](Port(port, plan.baud), 133.0)
     engines.append(Engine(plan, host, host.open(plan.baud)))
     engines[-1].start()
-logs = [str(engine._acquisition.recorder.recording.writer.path) for engine in engines]
+logs = [str(engine._acquisition.recording.writer.path) for engine in engines]
 print(json.dumps([[os.getpid()], logs]), flush=True)
 sys.stdin.read()
 for engine in engines:

@@ -15,6 +15,7 @@ from rich.text import Text
 from imutui.cli.each_log import width
 from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say, say_if_not_kept
 from imutui.estimates import live_biases
+from imutui.logbook.log_time import Timebase
 from imutui.plain_text import in_line
 from imutui.report import replay_text
 from imutui.session import client
@@ -22,7 +23,6 @@ from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES, Snapshot
-from imutui.session.timebase import Timebase
 from imutui.tui.messages import lost, silence
 from imutui.verdict import rules, sources
 from imutui.verdict.rules import SITE_NOT_STATED

@@ -13,6 +13,7 @@ from imutui.jobs.check_times import Places
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.sample_check import SampleCheck
+from imutui.logbook.samples import SampleGroups
 from imutui.logbook.session_info import SessionInfo
 
 _LIMITS = (-32768, 32767)
@@ -25,10 +26,10 @@ class SamplesOfPackets:
     def __init__(self, known: Audit) -> None:
         info = known.info
         self._info = info if info is not None and info.sampling in ("stream", "polled") else None
-        self._groups: _Groups | None = None
+        self._groups: SampleGroups | None = None
         if self._info is not None:
             each = is_polled(known) or of_model(self._info.instrument).gives(self._info.rate_hz)
-            self._groups = _Groups(self._info, each=each)
+            self._groups = SampleGroups(self._info.rate_hz, each=each)
         self._made, self._samples, self._made_degc, self._degc = _Queue(), _Queue(), _Queue(), _Queue()
         self._last_number = -1
         self._off, self._degc_off = Places(), 0
@@ -46,7 +47,8 @@ class SamplesOfPackets:
         self._last_number = int(numbers[-1])
         # counts of temperature that are negative travel as words without a sign
         degc = part.packets["temperature"].astype(np.int16)
-        stamps, counts = self._groups.take(heads["publish_ns"], np.column_stack([part.packets["counts"], degc]))
+        counts = np.column_stack([part.packets["counts"], degc])
+        _, stamps, counts, _ = self._groups.take(heads["publish_ns"], counts, np.ones(len(counts), bool))
         self._made.put(stamps, counts[:, :6])
         self._made_degc.put(counts[:, 6])
         self._samples.put(part.samples.stamp_ns, part.samples.gyro, part.samples.accel)
@@ -116,34 +118,6 @@ def _pairs(made: _Queue, told: _Queue) -> tuple[list[np.ndarray], list[np.ndarra
     count = 0 if made.stopped else min(made.waiting, told.waiting)
     made.stopped = told.stopped = made.stopped or max(made.waiting, told.waiting) - count > _MOST_WAITING
     return made.get(count), told.get(count)
-
-
-class _Groups:
-    """Stamps (ns) and mean counts of the samples that packets make, as the recorder groups them."""
-
-    def __init__(self, info: SessionInfo, *, each: bool) -> None:
-        self._each = each
-        self._period_ns = 1e9 / info.rate_hz
-        self._begun_ns: int | None = None
-        self._number = 0
-        self._stamps, self._counts = np.empty(0, np.int64), np.empty((0, 7))
-
-    def take(self, stamps: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Those that more packets finish: the last period's sample would come with the first packet after it."""
-        if self._each or not stamps.size:
-            return stamps, counts
-        self._begun_ns = int(stamps[0]) if self._begun_ns is None else self._begun_ns
-        stamps, counts = np.concatenate([self._stamps, stamps]), np.concatenate([self._counts, counts])
-        since = ((stamps - self._begun_ns) / self._period_ns).astype(np.int64)
-        number = np.maximum(np.maximum.accumulate(since), self._number)
-        edges = np.flatnonzero(np.diff(number, prepend=-1))
-        sizes = np.diff(np.append(edges, number.size))
-        first = stamps[edges]
-        late = np.add.reduceat(stamps - np.repeat(first, sizes), edges)
-        mean = np.add.reduceat(counts, edges, axis=0) / sizes[:, None]
-        self._number = int(number[-1])
-        self._stamps, self._counts = stamps[edges[-1] :].copy(), counts[edges[-1] :].copy()
-        return (first + np.rint(late / sizes).astype(np.int64))[:-1], mean[:-1]
 
 
 class Health(LogHealth):

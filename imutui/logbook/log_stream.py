@@ -4,7 +4,6 @@ import errno
 import hashlib
 import io
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,25 +83,3 @@ def is_at(descriptor: int, path: Path) -> bool:
         return False
     except PermissionError:  # of a folder: it can't be looked into, and written to it is all the same
         return mine.st_nlink > 0
-
-
-@dataclass(frozen=True, slots=True)
-class Whereabouts:
-    """Where an open file is."""
-
-    path: Path | None  # a path that leads to it; None if none is known
-    has_name: bool  # whether it has a name on its disk, known or not; a file without one is gone when it is closed
-
-
-def find(descriptor: int, path: Path) -> Whereabouts:
-    """Where an open file is that was made at `path`. Raises OSError if its disk does not say."""
-    if is_at(descriptor, path):
-        return Whereabouts(path, True)
-    if not os.fstat(descriptor).st_nlink:
-        return Whereabouts(None, False)
-    # the kernel follows a file that is renamed; of a disk that was unmounted it knows the path from there
-    try:
-        now = Path(f"/proc/self/fd/{descriptor}").readlink()
-        return Whereabouts(now if is_at(descriptor, now) else None, True)
-    except OSError:
-        return Whereabouts(None, True)

@@ -6,6 +6,7 @@ number of spans of 10,000 days, to a day between 2000 and 2027: the time of day 
 """
 
 import time
+from dataclasses import dataclass
 
 _S_NS = 1_000_000_000
 _DAY_NS = 86_400 * _S_NS
@@ -14,6 +15,7 @@ LEAST_NS, MOST_NS = 60 * _S_NS, (2**31 - 1) * _S_NS
 _FROM_NS = 946_684_800 * _S_NS  # 2000-01-01
 _SPAN_NS = 10_000 * _DAY_NS
 _ROOM_NS = 366 * _DAY_NS
+_READINGS = 5
 
 
 def fitted_ns(utc_ns: int, room_ns: int = _ROOM_NS) -> int:
@@ -42,3 +44,39 @@ def why_fitted(utc_ns: int, room_ns: int = _ROOM_NS) -> str:
 
 def _date(utc_ns: int) -> str:
     return time.strftime("%Y-%m-%d", time.gmtime(utc_ns // _S_NS))
+
+
+@dataclass(frozen=True, slots=True)
+class Timebase:
+    """UTC derived from the monotonic clock: setting the system's clock during a run does not move stamps.
+
+    `moved_ns`: by how much the time of the start was moved into the range of logs.
+    """
+
+    utc_minus_monotonic_ns: int
+    moved_ns: int = 0
+
+    @classmethod
+    def now(cls) -> "Timebase":
+        """Take the time of the system's clock; one that stamps cannot hold is moved, see `fitted_ns`."""
+        clock_ns, now_ns = utc_minus_monotonic_ns(), time.monotonic_ns()
+        moved_ns = fitted_ns(clock_ns + now_ns) - (clock_ns + now_ns)
+        return cls(clock_ns + moved_ns, moved_ns)
+
+    def utc_ns(self, monotonic_ns: int) -> int:
+        """Return the UTC of a monotonic instant, ns."""
+        return monotonic_ns + self.utc_minus_monotonic_ns
+
+    def step_ns(self) -> int:
+        """Return by how much the system's clock was set since the start."""
+        return utc_minus_monotonic_ns() + self.moved_ns - self.utc_minus_monotonic_ns
+
+    def why_moved(self) -> str:
+        """Return what to report of a clock that stamps cannot hold; "" of any other."""
+        why = why_fitted(self.utc_ns(time.monotonic_ns()) - self.moved_ns) if self.moved_ns else ""
+        return why and f"the system's clock is wrong: {why}. Set it (`timedatectl set-time`) before the next recording"
+
+
+def utc_minus_monotonic_ns() -> int:
+    """System clock less monotonic clock; the least of a few readings, since this thread may be held up between two."""
+    return min(time.time_ns() - time.monotonic_ns() for _ in range(_READINGS))

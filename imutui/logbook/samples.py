@@ -38,6 +38,54 @@ def joined(parts: Sequence[Samples]) -> Samples:
     return Samples(*(np.concatenate([getattr(part, name) for part in (Samples(), *parts)]) for name in names))
 
 
+class SampleGroups:
+    """Joins packets to samples by time, not by number: 133.3 Hz is no multiple of most rates, and packets may be lost.
+
+    A period runs from a whole multiple of 1/rate after the first packet to the next one. Its sample is complete with
+    the first packet after it. A period without packets gives no sample.
+
+    `rate_hz`: samples a second.
+    `each`: whether each packet is a sample.
+    """
+
+    def __init__(self, rate_hz: float, *, each: bool) -> None:
+        self._each = each
+        self._period_ns = 1e9 / rate_hz
+        self._begun_ns: int | None = None
+        # of the period that is not over: its number, packets, first stamp, sum of stamps since then, sum of counts
+        self._number = self._size = self._first_ns = self._late_ns = 0
+        self._sum, self._valid = np.zeros(7), True
+
+    def take(
+        self, stamps: np.ndarray, counts: np.ndarray, valid: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Take packets: stamps (ns), shape (N,), counts, shape (N, 7), and whether each is a reading, shape (N,).
+
+        Returns the samples that they complete: which packet completes each, from 0, mean stamps (ns), mean counts, and
+          whether each of its packets is a reading.
+        """
+        if self._each or not stamps.size:
+            return np.arange(stamps.size), stamps, counts, valid
+        if self._begun_ns is None:
+            self._begun_ns = self._first_ns = int(stamps[0])
+        since = ((stamps - self._begun_ns) / self._period_ns).astype(np.int64)
+        number = np.maximum.accumulate(np.append(self._number, since))
+        # the packets of the period that is not over come first, as one row
+        edges = np.append(0, np.flatnonzero(number[1:] != number[:-1]) + 1)
+        first = np.append(self._first_ns, stamps)
+        late = first - np.repeat(first[edges], np.diff(np.append(edges, number.size)))
+        late[0] = self._late_ns
+        sizes = np.ones(number.size, np.int64)
+        sizes[0] = self._size
+        sizes, late = np.add.reduceat(sizes, edges), np.add.reduceat(late, edges)
+        sums = np.add.reduceat(np.vstack([self._sum, counts]), edges, axis=0)
+        valid = np.logical_and.reduceat(np.append(self._valid, valid), edges)
+        self._number, self._size, self._first_ns = int(number[-1]), int(sizes[-1]), int(first[edges[-1]])
+        self._late_ns, self._sum, self._valid = int(late[-1]), sums[-1], bool(valid[-1])
+        mean_late = np.rint(late[:-1] / sizes[:-1]).astype(np.int64)
+        return edges[1:] - 1, first[edges[:-1]] + mean_late, sums[:-1] / sizes[:-1, None], valid[:-1]
+
+
 class Held:
     """A quantity that keeps its value until another one comes: rows of it by stamp.
 

@@ -13,7 +13,6 @@ from mcap.writer import Writer
 
 import imutui
 from imutui.logbook import atomic_file, checksum_file, log_stream, log_time, schemas
-from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
 
@@ -156,20 +155,14 @@ class LogWriter:
         self.sha256 = self._raw_file.sha256()
         # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
         with contextlib.suppress(OSError):
-            if self._has_checksum and log_stream.is_at(self._file.fileno(), self.path):
+            if self._has_checksum and self.is_there():
                 checksum_file.write(self.path, self.sha256, self._mode)
         with contextlib.suppress(OSError):  # all of it is on the disk
             self._file.close()
 
-    def find(self) -> Whereabouts:
-        """Where the file is; raises OSError if its disk does not say."""
-        return log_stream.find(self._file.fileno(), self.path)
-
-    def give_up(self) -> None:
-        """Close the file as it is: its name or its disk has gone."""
-        self._broken = True
-        with contextlib.suppress(OSError):
-            self._file.close()
+    def is_there(self) -> bool:
+        """Return whether the path leads to this file still. Raises OSError if its disk does not answer."""
+        return log_stream.is_at(self._file.fileno(), self.path)
 
     def flush_file(self) -> None:
         """See the file's last bytes onto the disk."""

@@ -32,13 +32,13 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
 from imutui.session.acquisition import Acquisition
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import PATIENCE_S, Engine
 from imutui.session.ipc import NameTakenError
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import motion_of
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan, batch_of
 from imutui.session.preloaded import LOADING, PLAN_LIMIT
+from imutui.session.recording import DiskSpace, disk_message
 from imutui.session.requests import Reply, Request, StartReport
 from imutui.session.watches import FoxgloveFollower
 
@@ -83,7 +83,7 @@ def main(text: str) -> int:
     try:
         if plan.record:  # before the unit is touched
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
-            DiskGuard(plan.min_free_mb).refuse(folder)
+            DiskSpace(plan.min_free_mb).refuse(folder)
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, ipc.lock(plan.name))
             end_report.forget(plan.name)
@@ -272,7 +272,7 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "describe":
             note = requests.text_or_none(request, "note", NOTE_LIMIT)
             operator = requests.text_or_none(request, "operator", NAME_LIMIT)
-            call(lambda acquisition: acquisition.recorder.describe(note, operator))
+            call(lambda acquisition: acquisition.recording.describe(note, operator))
         case "configure":
             changes = requests.changes(request)
             call(lambda acquisition: acquisition.configure(changes))

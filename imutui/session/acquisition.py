@@ -1,52 +1,37 @@
-"""What an acquisition does with packets, requests and the passing of time.
+"""One acquisition: the consumers of its stream, in order, and the requests of viewers.
 
 Nothing here knows threads, processes or sockets: the engine's worker calls these methods, one after the other.
 """
 
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from filters import specification
 from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui.estimate_history import HistorySnapshot
-from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.channel_statistics import ChannelStatistics
+from imutui.plain_text import NOTE_LIMIT, one_line
+from imutui.session.channel_statistics import ChannelStatistics, RecentPackets
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.guidance import Guidance, describe
-from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import reconfigured
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.reader_thread import BLOCK_NS, PacketArrival, Reader, ZeroingFinished
-from imutui.session.recent_packets import RecentPackets
-from imutui.session.reconnection import LineLost, LineReturned, StillAway
-from imutui.session.recorder import Recorder
+from imutui.session.reader_thread import BLOCK_NS, Reader, ZeroingFinished
+from imutui.session.reconnection import LineLost
+from imutui.session.recording import Recording
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
-from imutui.session.timebase import Timebase
-from imutui.session.watches import (
-    ClockStepMonitor,
-    FoxgloveFollower,
-    GravityCheck,
-    LineWatch,
-    Moment,
-    News,
-    StatusWords,
-    gap_text,
-)
+from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Consumer, Event, Said, Second, Why
+from imutui.session.watches import ClockStepMonitor, EventLog, FoxgloveFollower, GravityCheck, LineWatch, StatusWords
 
 if TYPE_CHECKING:
-    from filters.health.finding import HealthEntry
     from imutui.logbook.results import RunDocument
 
 _LONGEST_WAIT_NS = 5_000_000_000
@@ -55,290 +40,176 @@ _LONGEST_WAIT_NS = 5_000_000_000
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
-    `clock` makes stamps of the unit's counter, `reader` carries out what must be said to the unit, `foxglove`
-    serves what is recorded, `table` is one under command. `observe` shows viewers what is public here.
-    Raises InputError if the filter could not run with what is asked; the message names it.
+    `reader` carries out what must be said to the unit, `foxglove` serves what is recorded, `table` is one under
+    command. `observe` shows viewers what is public here.
+    Raises InputError if the filter cannot run with the plan; the message names why.
     """
 
     def __init__(
         self,
         plan: Plan,
         info: SessionInfo,
-        clock: Clock,
         reader: Reader,
         lifecycle: Lifecycle,
         foxglove: FoxgloveFollower | None = None,
         table: CommandedTable | None = None,
     ) -> None:
-        self._clock = clock
-        self._unstamped: deque[PacketArrival] = deque()  # they wait until the clock is sure of when they were sampled
         self.reader = reader
         self.lifecycle = lifecycle
         self.started_ns = time.monotonic_ns()
         self.timebase = Timebase.now()
-        self.recorder = Recorder(plan, info, lifecycle, self.timebase)
-        self._instrument = INSTRUMENTS[plan.instrument]
-        scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
-        self.recent = RecentPackets(scaling)
-        self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument))
-        self.status = StatusWords(self._instrument)
-        self.guidance = Guidance(self.recorder, self.record, table)
-        self.zeroing: Future[str] | None = None  # what will be said of it, while packets pause for it
-        self._line_errors = (0, 0, 0)
-        self._last_stamp_ns = self.started_ns
+        self._instrument = instrument = INSTRUMENTS[plan.instrument]
+        scaling = instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
+        self.recording = Recording(plan, info, lifecycle, self.timebase, self.take)
+        self.recent = RecentPackets(scaling, self.started_ns)
+        self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument), self.started_ns)
+        self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(plan.rate_hz))
+        self.status = StatusWords(instrument)
+        self.guidance = Guidance(self.recording, self.record, table)
+        self.events = EventLog(self.timebase)
+        self.zeroing: Future[str] | None = None  # the answer to a request, while packets pause for it
         self._last_read_ns = 0
-        self.line = LineWatch(info, self.timebase, self._instrument.packets_hz(plan.rate_hz))
-        watches = self.line, self.status, GravityCheck(self._instrument), ClockStepMonitor(self.timebase)
-        self._news: list[Callable[[Moment], News]] = [watch.news for watch in watches]
-        if foxglove is not None:
-            self._news.append(foxglove.news)
-        self.loss_advice = LossAdvice(info.port, info.firmware)
-        self.health: list[HealthEntry] = []  # faults of the channels in the present run of samples
+        self._handled_ns: int | None = None  # when that was read which is being handled
+        self._last_said_ns = 0
+        # the file comes first: what the others say of an event is written behind it
+        self._consumers: list[Consumer] = [self.recording, self.recent, self._statistics, self.guidance]
+        self._consumers += [self.line, self.status, GravityCheck(instrument), ClockStepMonitor(self.timebase)]
+        self._consumers += [self.events] if foxglove is None else [foxglove, self.events]
 
-    # -- what comes from the reader -------------------------------------------------------------------------------
+    # -- the stream ---------------------------------------------------------------------------------------------------
 
-    def packets(self, arrivals: Sequence[PacketArrival]) -> None:
-        """Use packets, each as soon as its stamp is sure. Raises OSError if the disk is full."""
-        self._unstamped += arrivals
-        stamps = list[Stamp]()
-        for arrival in arrivals:
-            stamps += self._clock.take(
-                arrival.packet.ticks,
-                arrival.host_ns,
-                contiguous=arrival.contiguous,
-                quiet=arrival.quiet,
-                behind=arrival.behind,
-                requested_ns=arrival.requested_ns,
-            )
-        self._use(stamps)
+    def take(self, event: Event | ZeroingFinished) -> None:
+        """Hand an event to every consumer, and what each says of it, before the next one. Raises OSError."""
+        match event:
+            case Block():
+                self._take_block(event)
+            case ZeroingFinished():
+                self._zeroed(event)
+            case Said():
+                self._hand_out(self._stamped(event))
+            case _:
+                self._hand_out(event)
+        if isinstance(event, LineLost) and self.zeroing is not None:
+            self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
+            self.zeroing = None
+            self.take(Broke(Why.ZEROED))  # whether they are zeroed is not known
 
-    def held_packets(self, until_ns: int) -> None:
-        """Use packets that were held long enough for others to make their stamps sure. Raises OSError.
+    def _hand_out(self, event: Event) -> None:
+        for consumer in self._consumers:
+            for said in consumer.take(event):
+                self.take(said)
 
-        `until_ns`: until when packets that came were handed on; later ones may be on their way.
+    def _stamped(self, said: Said) -> Said:
+        """Return an event with its time: now, or when that was read which it is about.
+
+        Log time does not go back: later packets may have come meanwhile.
         """
-        if self._unstamped:
-            self._use(self._clock.due(until_ns))
+        at_ns = time.monotonic_ns() if self._handled_ns is None else self._handled_ns
+        self._last_said_ns = max(self._last_said_ns, at_ns)
+        return said._replace(text=one_line(said.text, NOTE_LIMIT), at_ns=self._last_said_ns)
 
-    def _use(self, stamps: list[Stamp]) -> None:
-        arrivals, events = [self._unstamped.popleft() for _ in stamps], self.recorder.events
-        first = 0
+    @contextmanager
+    def _handling(self, read_ns: int) -> Iterator[None]:
+        self._handled_ns = read_ns
         try:
-            # what was read while the worker was held up may be of after the end
-            while first < len(stamps) and not self.recorder.duration.has_all(arrivals[first].host_ns):
-                events.handled_ns = arrivals[first].host_ns
-                if self.recorder.begins_with_packet:
-                    self.line.begin_recording()
-                    self.recorder.begin_planned()
-                else:
-                    self.recorder.rotate_if_full(arrivals[first].host_ns)
-                last = self._together(arrivals, stamps, first)
-                self._use_block(arrivals[first:last], stamps[first:last])
-                first = last
+            yield
         finally:
-            events.handled_ns = None
+            self._handled_ns = None
 
-    def _together(self, arrivals: list[PacketArrival], stamps: list[Stamp], first: int) -> int:
-        """End of the packets of which nothing is to be told; one of which something is stands alone."""
-        is_first = self.recorder.pipeline.started_ns is None or not self.lifecycle.streaming.is_set()
-        if stamps[first].gap is not None or is_first or self.line.is_away:
-            return first + 1
-        full_ns = self.recorder.full_ns()
-        last = first + 1
-        while last < len(stamps) and stamps[last].gap is None and arrivals[last].host_ns < full_ns:
-            last += 1
-        return self.recorder.duration.until(stamps, first, last)
+    def _take_block(self, block: Block) -> None:
+        """Hand out packets, in parts where something happens between them: a file begins, or an event is written."""
+        recording = self.recording
+        # what was read while the worker was held up may be of after the end
+        while block.rows.size and not recording.duration.has_all(read_ns := int(block.rows["host_ns"][0])):
+            with self._handling(read_ns):
+                recording.make_room(read_ns)
+                is_first = recording.run.started_ns is None or not self.lifecycle.streaming.is_set()
+                alone = block.gap is not None or is_first or self.line.is_away
+                part, block = block.cut(1 if alone else recording.room(block.rows))
+                self._last_read_ns = int(part.rows["host_ns"][-1])
+                self._hand_out(part)
+                if not self.lifecycle.streaming.is_set():
+                    self.lifecycle.first_packet()
 
-    def _use_block(self, arrivals: list[PacketArrival], stamps: list[Stamp]) -> None:
-        pipeline, newest, stamp = self.recorder.pipeline, arrivals[-1], stamps[-1]
-        bad, discarded, doubled = self._line_errors
-        self._line_errors = newest.bad_checksums, newest.discarded_bytes, newest.doubled
-        pipeline.add_line_errors(
-            newest.bad_checksums - bad, newest.discarded_bytes - discarded, newest.doubled - doubled
-        )
-        lost = pipeline.counters.lost_packets
-        stamped = [(each.packet, at, each.host_ns) for each, at in zip(arrivals, stamps, strict=True)]
-        counts = pipeline.packets(stamped)
-        self.recorder.raise_defect()
-        lost = pipeline.counters.lost_packets - lost
-        for _, at, host_ns in stamped:
-            if lost or host_ns - at.monotonic_ns > HELD_UP_S * 1e9:
-                self.loss_advice.packet(lost, host_ns / 1e9, (host_ns - at.monotonic_ns) / 1e9)
-        self._last_stamp_ns, self._last_read_ns = stamp.monotonic_ns, newest.host_ns
-        t = (np.array([at.monotonic_ns for at in stamps]) - self.started_ns) / 1e9
-        self.recent.add(t, counts)
-        self.status.take(packet for packet, _, _ in stamped)
-        if stamp.gap is not None:
-            self._statistics.interrupt()
-        self._statistics.add(t, counts)
-        for each in arrivals:
-            if each.requested_ns is not None:
-                self.line.polled_rate.answered(each.requested_ns)
-        if not self.lifecycle.streaming.is_set():
-            self._first_packet()
-        back = self.line.back(stamp)
-        if back is not None or stamp.gap is not None:
-            self.event("gap", back or gap_text(stamp), WARNING)
-        self.recorder.duration.add(stamps[0].monotonic_ns)
-        self.recorder.duration.add(stamp.monotonic_ns)
-
-    def _first_packet(self) -> None:
-        info = self.recorder.info
-        self.lifecycle.first_packet()
-        self.event("acquisition", f"connected to {info.port}, first packet")
-        unsaid = not_said(info.serial_number, info.firmware)
-        if unsaid is not None:
-            self.event("acquisition", unsaid, WARNING)
-        plan = self.recorder.plan
-        if "baud" in plan.explicit and plan.baud != info.baud:
-            said = f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
-            self.event("acquisition", said, WARNING)
-        if plan.ends_unwatched_s is not None:
-            self.event("acquisition", f"a virtual unit: all ends {plan.ends_unwatched_s:g} s after the last viewer")
-
-    def poll_unanswered(self) -> None:
-        """Take note of a poll that was not answered."""
-        self.recorder.pipeline.poll_unanswered()
-        self._statistics.interrupt()
-        self.line.polled_rate.unanswered()
-
-    def zeroing_finished(self, event: ZeroingFinished) -> None:
+    def _zeroed(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
-        before = self.recent.mean()
-        self._use(self._clock.interrupt())
-        self.recent.interrupt()
-        self._statistics.interrupt()
-        self.line.polled_rate.interrupt()
-        self.recorder.begin_run()
+        before, patience_s = self.recent.mean(), self._instrument.zeroing_patience_s(event.argument)
+        said = event.in_words(None if before is None else before[:3], patience_s)
+        self.take(Broke(Why.ZEROED))
         pending, self.zeroing = self.zeroing, None
-        said = event.in_words(
-            None if before is None else before[:3], self._instrument.zeroing_patience_s(event.argument)
-        )
         self.event("acquisition", said, WARNING if event.seconds is None else INFORMATION)
         if pending is not None and event.seconds is None:
             pending.set_exception(InputError(said))
         elif pending is not None:
             pending.set_result(said)
 
-    def line_changed(self, event: LineLost | StillAway | LineReturned) -> None:
-        """The line is lost, something else is waited for, or the unit is back: packets on either side stand apart."""
-        match event:
-            case LineLost():
-                said: str | None = self.line.lost(event)
-                self.guidance.stop("the line to the unit is lost")
-                if self.zeroing is not None:
-                    self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
-                    self.zeroing = None
-                    self.recorder.begin_run()  # whether they are zeroed is not known
-            case StillAway():
-                said = self.line.still_away(event)
-            case LineReturned():
-                said = None  # with the first packet, which is next
-                self._use(self._clock.interrupt(lossy=True))
-                self.line.returned(event, self._last_stamp_ns)
-                self.recent.interrupt()
-                self._statistics.interrupt()
-        if said is not None:
-            self.event("acquisition", said, WARNING)
+    def event(self, name: str, text: str, level: int = INFORMATION) -> None:
+        """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
+        self.take(Said(name, text, level))
 
     def every_second(self) -> None:
-        """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
-        now = time.monotonic_ns()
-        self.recorder.events.handled_ns = written_ns = self._written_ns(now)
-        try:
-            self.recorder.pipeline.flush(written_ns)
-            if self.recorder.look_after_file(now):
+        """Have every consumer do what is due each second. Raises OSError."""
+        second = self._second(time.monotonic_ns())
+        with self._handling(second.written_ns):
+            self._hand_out(second)
+            if self.recording.is_out_of_space and self.recording.writer is not None:
                 self._end_recording()
-            self.guidance.look(now)
-            moment = self._moment(now)
-            if self.line.is_to_be_asked(moment):
+            if self.line.is_to_be_asked(second):
                 self.reader.ask_again()
-            for news in self._news:
-                for text, level in news(moment):
-                    self.event("acquisition", text, level)
-            self._look_at_health()
-            for name, text in self.recorder.pipeline.news():
-                self.event(name, text, WARNING if name == "cause" else INFORMATION)
-        finally:
-            self.recorder.events.handled_ns = None
-
-    def _look_at_health(self) -> None:
-        """Look for faults of the channels; each one is an event when it is found."""
-        known = {(entry["channel"], entry["kind"]) for entry in self.health}
-        self.health = self.recorder.pipeline.health()
-        for entry in self.health:
-            if (entry["channel"], entry["kind"]) not in known:
-                self.event("health", entry["said"], WARNING)
-
-    def _written_ns(self, now_ns: int) -> int:
-        """Return the time at which a message of now is written: packets that were read since are written behind it.
-
-        On a busy machine they wait for longer than a block.
-        """
-        longest_ns = BLOCK_NS if self.reader.last_packet_ns <= self._last_read_ns else _LONGEST_WAIT_NS
-        return self._last_read_ns if now_ns - self._last_read_ns < longest_ns else now_ns
+            for said in self.recording.run.news():
+                self.take(said)
 
     def look_at_table(self) -> None:
         """Write what a table under command measures, and command what comes next; raises OSError."""
         if self.guidance.table is not None:
-            now = time.monotonic_ns()
-            self.recorder.events.handled_ns = written_ns = self._written_ns(now)
-            try:
-                self.guidance.look_at_table(now, written_ns, lambda: not self._is_silent(now))
-            finally:
-                self.recorder.events.handled_ns = None
+            second = self._second(time.monotonic_ns())
+            is_silent = self.line.falls_silent(second)
+            with self._handling(second.written_ns):
+                self.guidance.look_at_table(second.now_ns, second.written_ns, lambda: not is_silent)
 
-    def _is_silent(self, now_ns: int) -> bool:
-        """Return True if the unit has been silent for so long that a table is stopped."""
-        return self.line.falls_silent(self._moment(now_ns))
-
-    def _moment(self, now_ns: int) -> Moment:
-        silent_s = (now_ns - self.reader.last_packet_ns) / 1e9
-        expected = self.zeroing is not None or not self.lifecycle.streaming.is_set()
-        recorder, mean = self.recorder, self.recent.mean()
-        accels_g = None if mean is None else mean[3:6] / 1e3
-        return Moment(silent_s, expected, accels_g, recorder.info, recorder.motion)
+    def _second(self, now_ns: int) -> Second:
+        """Return what there is to look at now."""
+        recording, mean = self.recording, self.recent.mean()
+        # packets that were read since are written behind a message of now: on a busy machine they wait longer
+        longest_ns = BLOCK_NS if self.reader.last_packet_ns <= self._last_read_ns else _LONGEST_WAIT_NS
+        return Second(
+            now_ns,
+            self._last_read_ns if now_ns - self._last_read_ns < longest_ns else now_ns,
+            (now_ns - self.reader.last_packet_ns) / 1e9,
+            self.zeroing is not None or not self.lifecycle.streaming.is_set(),
+            None if mean is None else mean[3:6] / 1e3,
+            recording.info,
+            recording.motion,
+        )
 
     def why_over(self, now_ns: int) -> str | None:
-        """That the end has come without anybody's asking, in words; None if it has not."""
-        return self.recorder.why_over(now_ns) or self.guidance.why_over()
+        """Return that the end has come without a request, in words; None if it has not."""
+        return self.recording.why_over(now_ns) or self.guidance.why_over()
 
     def look_back(self) -> None:
-        """Take note, before the file is finished, of what must be said at the end; raises OSError."""
-        # as it was when the end was asked for: since then the unit was told to be quiet
+        """Say, before the file is finished, what must be said at the end; raises OSError."""
+        # as it was when the end was asked for: the unit has been stopped since
         asked_ns = self.lifecycle.stopping_since_ns
-        then = None if asked_ns is None else self._moment(asked_ns)
-        for finding, is_said in self.line.at_the_end(time.monotonic_ns(), then):
-            self.recorder.find(finding["exit_code"], finding["text"], is_said=is_said)
+        asked = None if asked_ns is None else self._second(asked_ns)
+        for finding, is_said in self.line.at_the_end(time.monotonic_ns(), asked):
+            self.recording.find(finding["exit_code"], finding["text"], is_said=is_said)
         if self.lifecycle.ended_by:
             self.event("acquisition", f"ended by {self.lifecycle.ended_by}")
 
-    def use_held(self) -> None:
-        """Use the packets that still wait for others to make their stamps sure; none comes any more. Raises OSError."""
-        self._use(self._clock.release())
-
-    def finish(self) -> None:
-        """Finish the file, if there is one. Raises OSError."""
-        self.recorder.finish()
-
-    def finish_bare(self) -> None:
-        """Finish a file that `finish` could not, without the filter's result. Raises OSError."""
-        self.recorder.finish_bare()
-
     def abandon_zeroing(self, message: str) -> None:
-        """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
+        """Answer a request to zero the rate sensors, which is not carried out any more."""
         if self.zeroing is not None:
             self.zeroing.set_exception(InputError(message))
 
     # -- what viewers ask for -------------------------------------------------------------------------------------
 
     def history(self, wish: HistoryWish) -> HistorySnapshot:
-        """The past of the present run of samples, as far as a viewer lacks it."""
-        pipeline = self.recorder.pipeline
-        return pipeline.history.piece(pipeline.first_stamp_ns or 0, wish)
+        """Return the past of the present run of samples, as far as a viewer lacks it."""
+        run = self.recording.run
+        return run.history.piece(run.first_stamp_ns or 0, wish)
 
     def channel_statistics(self, channel: int) -> StatisticsSnapshot:
-        """Allan deviation, spectrum and histogram of a channel; InputError if there is no such channel."""
+        """Return Allan deviation, spectrum and histogram of a channel; InputError if there is no such channel."""
         return self._statistics.snapshot(channel, self._since_start_s())
 
     def begin_statistics(self) -> None:
@@ -351,11 +222,11 @@ class Acquisition:
     def mark(self, text: str, who: str = "") -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
 
-        `who`: who made it, which an event of its own says; readers take the mark's text as it is.
+        `who`: who made it, for an event of its own; readers take the mark's text as it is.
 
         Raises InputError if nothing is being recorded.
         """
-        if self.recorder.recording is None:
+        if self.recording.writer is None:
             raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
@@ -375,13 +246,11 @@ class Acquisition:
         Raises InputError if something is being recorded, the unit is zeroing, or the disk does not take it.
         """
         self._refuse_while_zeroing()
-        if self.recorder.recording is not None:
-            raise InputError(f"already recording to {self.recorder.recording.writer.path}")
-        self.recorder.record(wish)
+        if self.recording.writer is not None:
+            raise InputError(f"already recording to {self.recording.writer.path}")
+        path = self.recording.record(wish)
         self.guidance.forget()
-        self.line.begin_recording()
-        assert self.recorder.recording is not None
-        return str(self.recorder.recording.writer.path)
+        return str(path)
 
     def stop_recording(self, who: str = "") -> "RunDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
@@ -391,12 +260,11 @@ class Acquisition:
         Raises InputError if nothing is being recorded, or the file is lost.
         Raises OSError if the disk does not take the end.
         """
-        recording = self.recorder.recording
-        if recording is not None and who:
+        if self.recording.writer is not None and who:
             self.event("acquisition", f"recording ended by {who}")
         result = self._end_recording()
-        if recording is not None and recording.vanished is not None and not result["finished"]:
-            raise InputError(recording.vanished.words)
+        if self.recording.lost:
+            raise InputError(self.recording.lost)
         return result
 
     def configure(self, changes: FilterChanges) -> None:
@@ -405,26 +273,26 @@ class Acquisition:
         Raises InputError if something is being recorded, the unit is zeroing, or the filter could not run with them.
         """
         self._refuse_while_zeroing()
-        recorder = self.recorder
-        if recorder.recording is not None:
+        recording = self.recording
+        if recording.writer is not None:
             raise InputError("finish the recording first: r. A file has one reference and one set of effects")
-        recorder.configure(*reconfigured(recorder.plan, recorder.info, changes))
+        recording.configure(*reconfigured(recording.plan, recording.info, changes))
         self.guidance.forget()
-        plan = recorder.plan
+        plan = recording.plan
         source = plan.reference_file[0]
         said = f"reference {plan.reference}{f' from {source}' if source else ''}"
         said += ", with effects" if plan.effects else ", without effects"
-        off = plan.filter != "none" and recorder.info.filter == "none"
+        off = plan.filter != "none" and recording.info.filter == "none"
         said += ": recorded without the filter, to be traced afterwards" if off else ": the filter begins anew"
         self.event("acquisition", said)
 
     def begin_zeroing(self, argument: int) -> "Future[str]":
-        """Have the unit zero its rate sensors; returns what will say what came of it.
+        """Have the unit zero its rate sensors; returns a future of what came of it, in words.
 
         Raises InputError if something is being recorded, it is zeroing already, or the acquisition is ending.
         """
         self._refuse_while_zeroing()
-        if self.recorder.recording is not None:
+        if self.recording.writer is not None:
             raise InputError("finish the recording first: r. Zeroing would put a step into the file")
         if self.lifecycle.state != "running":
             raise InputError(f"the acquisition is {self.lifecycle.state}; zero the rate sensors while it runs")
@@ -436,17 +304,11 @@ class Acquisition:
         return self.zeroing
 
     def profile(self) -> ProfileDescription | None:
-        """The profile that the reference comes from, if it comes from one."""
-        recorder = self.recorder
-        if not isinstance(recorder.motion, Profile):
+        """Return the profile that the reference comes from, if it comes from one."""
+        recording = self.recording
+        if not isinstance(recording.motion, Profile):
             return None
-        return describe(recorder.motion, *recorder.plan.reference_file)
-
-    # -- one after the other --------------------------------------------------------------------------------------
-
-    def event(self, name: str, text: str, level: int = INFORMATION) -> None:
-        """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        self.recorder.event(name, text, level)
+        return describe(recording.motion, *recording.plan.reference_file)
 
     def _refuse_while_zeroing(self) -> None:
         if self.zeroing is not None:
@@ -454,7 +316,6 @@ class Acquisition:
 
     def _end_recording(self) -> "RunDocument":
         """Finish the recording; the acquisition goes on without one."""
-        self._use(self._clock.release())
-        result = self.recorder.end_recording()
+        result = self.recording.end()
         self.guidance.recording_ended(time.monotonic_ns())
         return result

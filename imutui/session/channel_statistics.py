@@ -1,7 +1,7 @@
-"""Allan deviation, spectrum and histogram of every channel over all packets, for viewers that ask.
+"""Numbers of every channel for viewers: of the last packets, and Allan deviation, spectrum, histogram over all of them.
 
 Memory is bounded and a packet costs a few microseconds: packets are worked out by the block. Counts and instrument axes
-as they came, without the filter. What a bump means is left to whoever looks.
+as they came, without the filter.
 
 The spectrum is Welch's, in bounded memory: segments of several lengths at once, each with a Hann window and half
 overlapped, so that it is there after seconds and becomes finer as the stream grows.
@@ -13,6 +13,7 @@ P. D. Welch, "The use of fast Fourier transform for the estimation of power spec
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,16 @@ from filters.errors import InputError
 from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.specification import IMU400CD_200, ImuSpec
 from imutui.instrument.counts import Scaling
-from imutui.session.snapshot import AllanSnapshot, HistogramSnapshot, SpectrumSnapshot, StatisticsSnapshot
+from imutui.session.reconnection import LineReturned
+from imutui.session.snapshot import (
+    AllanSnapshot,
+    ChannelSnapshot,
+    HistogramSnapshot,
+    SeriesSnapshot,
+    SpectrumSnapshot,
+    StatisticsSnapshot,
+)
+from imutui.session.stream import Block, Broke, Event, Said, Why
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -130,6 +140,100 @@ def _independent(segments: int, bins: Floats) -> Floats:
 
 NAMES = (*CHANNELS, "T")
 UNITS = ("deg/s", "deg/s", "deg/s", "mg", "mg", "mg", "degC")
+STATISTICS_S = 10.0
+_SERIES_S = 30.0
+_CAPACITY = 8192
+_MAX_ROWS = 4000
+
+
+class RecentPackets:
+    """Keeps the last minute of packets, with the time of each since `started_ns`, monotonic.
+
+    Statistics over a gap or an unanswered poll are those of one unit. They begin anew once it was zeroed or away.
+    """
+
+    def __init__(self, scaling: Scaling, started_ns: int = 0) -> None:
+        self._scaling = scaling
+        self._started_ns = started_ns
+        self._t = np.zeros(_CAPACITY)
+        self._counts = np.zeros((_CAPACITY, 7), int)
+        self.count = 0
+        self._interrupted_at = 0
+        self._interrupted = False
+
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Take an event of the stream."""
+        match event:
+            case Block():
+                self.add((event.rows["stamp_ns"] - self._started_ns) / 1e9, event.rows["counts"])
+            case Broke(Why.ZEROED) | LineReturned():
+                self._interrupted = True
+        return ()
+
+    def _recent(self) -> np.ndarray:
+        """Return the places of the last 10 s of packets, as far as they belong together."""
+        slots = self._last(self.count - self._interrupted_at)
+        return slots[self._t[slots] >= self._t[slots[-1]] - STATISTICS_S] if slots.size else slots
+
+    def add(self, t: np.ndarray, counts: np.ndarray) -> None:
+        """Add packets: seconds since the start at which each was sampled, (N,), and its readings, (N, 7)."""
+        if self._interrupted:
+            self._interrupted_at, self._interrupted = self.count, False
+        slots = np.arange(self.count, self.count + t.size)[-_CAPACITY:] % _CAPACITY
+        self._t[slots], self._counts[slots] = t[-_CAPACITY:], counts[-_CAPACITY:]
+        self.count += t.size
+
+    def _last(self, n: int) -> np.ndarray:
+        return np.arange(self.count - min(n, self.count, _CAPACITY), self.count) % _CAPACITY
+
+    def _values(self, slots: np.ndarray) -> np.ndarray:
+        counts, values = self._counts[slots], np.empty((slots.size, 7))
+        values[:, :3] = self._scaling.rates_dps(counts[:, :3])
+        values[:, 3:6] = self._scaling.accels_g(counts[:, 3:6]) * 1e3
+        values[:, 6] = self._scaling.temperature_degc(counts[:, 6])
+        return values
+
+    def channels(self) -> list[ChannelSnapshot]:
+        """Return newest counts and value of each channel, and mean, sd, least and largest over the last 10 s."""
+        recent = self._values(self._recent())
+        if not len(recent):
+            return []
+        mean = recent.mean(axis=0)
+        sd = recent.std(axis=0, ddof=1) if len(recent) > 1 else np.full(7, np.nan)
+        low, high, newest = recent.min(axis=0), recent.max(axis=0), self._counts[(self.count - 1) % _CAPACITY]
+        return [
+            {
+                "name": name,
+                "counts": int(newest[i]),
+                "value": float(recent[-1, i]),
+                "unit": unit,
+                "mean": float(mean[i]),
+                "sd": float(sd[i]) if np.isfinite(sd[i]) else None,
+                "min": float(low[i]),
+                "max": float(high[i]),
+            }
+            for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+        ]
+
+    def mean(self) -> np.ndarray | None:
+        """Return the mean of each channel over the last 10 s, in `UNITS`, shape (7,); None without packets."""
+        recent = self._values(self._recent())
+        return np.asarray(recent.mean(axis=0)) if len(recent) else None
+
+    def rate_hz(self) -> float | None:
+        """Return packets a second over the last 10 s."""
+        t = self._t[self._recent()]
+        return float((t.size - 1) / (t[-1] - t[0])) if t.size > 2 else None
+
+    def series(self, since: int) -> SeriesSnapshot:
+        """Return packets from number `since` on, at most the last 30 s."""
+        slots = self._last(min(self.count - max(since, 0), _MAX_ROWS))
+        if slots.size:
+            slots = slots[self._t[slots] >= self._t[slots[-1]] - _SERIES_S]
+        rows = np.round(self._values(slots), 5)
+        return {"next": self.count, "t": np.round(self._t[slots], 4).tolist(), "values": rows.tolist()}
+
+
 MOST_BINS = 64
 _BLOCK = 256
 _WORDS, _ZERO = 1 << 16, 1 << 15
@@ -138,10 +242,14 @@ _DIGITS = 6
 
 
 class ChannelStatistics:
-    """Statistics of seven channels since they were begun; their noise is compared with `spec`."""
+    """Statistics of seven channels since they were begun; their noise is compared with `spec`.
 
-    def __init__(self, scaling: Scaling, spec: ImuSpec = IMU400CD_200) -> None:
+    `started_ns`: when the acquisition started, monotonic, from which times are counted.
+    """
+
+    def __init__(self, scaling: Scaling, spec: ImuSpec = IMU400CD_200, started_ns: int = 0) -> None:
         self._spec = spec
+        self._started_ns = started_ns
         rate, accel = float(scaling.rates_dps(1)), float(scaling.accels_g(1)) * 1e3
         zero = float(scaling.temperature_degc(0))
         self._scale = (*(rate,) * 3, *(accel,) * 3, float(scaling.temperature_degc(1)) - zero)
@@ -158,15 +266,26 @@ class ChannelStatistics:
         self._seconds = 0.0
         self._last: float | None = None
 
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Take an event of the stream: no statistics reach over a break of any kind."""
+        match event:
+            case Block():
+                if event.gap is not None:
+                    self.interrupt()
+                self.add((event.rows["stamp_ns"] - self._started_ns) / 1e9, event.rows["counts"])
+            case Broke() | LineReturned():
+                self.interrupt()
+        return ()
+
     def interrupt(self) -> None:
-        """Take note of a gap: the next packet does not follow the one before."""
+        """Take the next packet as one that does not follow the one before."""
         self._work_out()
         self._allan.interrupt()
         self._spectrum.interrupt()
         self._last = None
 
     def add(self, t: Floats, counts: Integers) -> None:
-        """Take packets: seconds since start at which each was sampled, (N,), and its readings, (N, 7)."""
+        """Add packets: seconds since the start at which each was sampled, (N,), and its readings, (N, 7)."""
         if self._last is None:
             self._stretches += 1
             self._last = float(t[0])

@@ -30,7 +30,7 @@ _SUFFIX = ".ended"
 
 
 class EndReport(TypedDict):
-    """The end of the acquisition process `pid`; `utc` as in a snapshot, `ended_by` in words, empty if nobody asked."""
+    """The end of the acquisition process `pid`; `utc` as in a snapshot, `ended_by` in words, empty if unknown."""
 
     version: int
     pid: int
@@ -98,7 +98,7 @@ def missing_folders(plan: Plan) -> list[Path]:
 
 
 def end_unbegun(process: "subprocess.Popen[Any] | Forked", missing: list[Path]) -> None:
-    """End a process that nobody was told of: asked to, it leaves unit and file in order, else it is killed.
+    """End a process whose start was not reported: it is asked to leave unit and file in order, else killed.
 
     `missing` are folders that were not there before it.
     """

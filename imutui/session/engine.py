@@ -23,20 +23,12 @@ from imutui.instrument.transmitter import transfer_s
 from imutui.session import lifecycle, live_filter
 from imutui.session.acquisition import Acquisition
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.event_log import ERROR
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.reader_thread import (
-    LeftOtherwise,
-    PacketArrival,
-    PollUnanswered,
-    Reader,
-    ReaderEvent,
-    ReaderFailed,
-    ZeroingFinished,
-)
-from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
+from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent, ReaderFailed
+from imutui.session.reconnection import KnownUnit, LineLost
+from imutui.session.stream import ERROR, Stamper
 from imutui.session.watches import FoxgloveFollower
 
 if TYPE_CHECKING:
@@ -89,38 +81,38 @@ class Engine:
         self._queue: queue.SimpleQueue[ReaderEvent | QueuedCall] = queue.SimpleQueue()
         polled = plan.sampling == "polled"
         known = KnownUnit(identity, port.baud, instrument.power_up_bauds, returns=plan.port != VIRTUAL_PORT)
-        self._reader = Reader(host, plan.rate_hz if polled else None, self._queue.put, known)
         clock = Clock(
             transfer_s(instrument.packet_bytes, port.baud) * 1e9,
             host.counter,
             polled=polled,
             period_ns=1e9 / host.stream_hz if host.stream_hz else 0.0,
         )
+        self._reader = Reader(host, Stamper(clock), plan.rate_hz if polled else None, self._queue.put, known)
         info = session_info(plan, port, identity, "" if table is None else table.identity)
         self._table = table
         self._looped_s = math.inf  # when the second thread last looked for something to do
         if table is not None:
             table.lives = lambda: time.monotonic() - self._looped_s < _HANGS_S
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, foxglove, table)
+        self._acquisition = Acquisition(plan, info, self._reader, self.lifecycle, foxglove, table)
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 
     @property
     def result(self) -> "RunDocument | None":
-        """Result of the last recording; to be asked for after the end."""
-        return self._acquisition.recorder.result
+        """Result of the last recording, after the end."""
+        return self._acquisition.recording.result
 
     @property
     def ended_by_itself(self) -> bool:
-        """Whether nobody asked for the end: its duration was over, or its disk nearly full."""
+        """Whether the end came without a request: its duration was over, or its disk nearly full."""
         return self._duration_over
 
     @property
     def exit_code(self) -> int:
-        """Of the process; to be asked for after the end.
+        """Exit code of the process, after the end.
 
-        Whoever asks for an end (`imutui stop`, SIGTERM) gets it, hence 0 however the unit was then; nobody was there to
-        be told when the duration was over, so that the findings of such an end are in the code.
+        An end that was asked for (`imutui stop`, SIGTERM) has 0 whatever the unit did, since the findings are in its
+        reply. An end that came without a request has the code of its worst finding.
         """
         codes = [finding["exit_code"] for finding in self.lifecycle.findings] if self._duration_over else []
         return self.lifecycle.exit_code or max(codes, default=0)
@@ -200,12 +192,12 @@ class Engine:
     # -- worker ---------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
-        acquisition = self._acquisition
+        acquisition, recording = self._acquisition, self._acquisition.recording
         try:
             self._guard(self._loop)
             if self.lifecycle.exit_code == lifecycle.OWN_ERROR and self.lifecycle.error is not None:
                 self._guard(lambda: acquisition.event("acquisition", self.lifecycle.error or "", ERROR))
-            for step in (acquisition.look_back, acquisition.use_held, acquisition.finish, acquisition.finish_bare):
+            for step in (acquisition.look_back, recording.finish, recording.finish_bare):
                 if self.lifecycle.exit_code != lifecycle.DISK:
                     self._guard(step)
         finally:
@@ -217,11 +209,11 @@ class Engine:
             acquisition.abandon_zeroing(self.lifecycle.error or "the acquisition ended before the unit was done")
 
     def _guard(self, step: Callable[[], None]) -> None:
-        """Do a step of the work; an exception ends the acquisition as failed, and the file is finished all the same."""
+        """Do a step of the work; an exception ends the acquisition as failed, and its file is finished."""
         try:
             step()
         except OSError as error:
-            self._fail(lifecycle.DISK, self._acquisition.recorder.disk_message(error), error)
+            self._fail(lifecycle.DISK, self._acquisition.recording.disk_message(error), error)
         except Exception as error:  # noqa: BLE001 - a viewer must not take this for a good end
             self.lifecycle.defect(error)
             self._end_reading()
@@ -232,10 +224,8 @@ class Engine:
         while self._reader.is_alive() or not self._queue.empty():
             self._looped_s = time.monotonic()
             try:
-                handed_on_ns = self._reader.handed_on_ns()  # before the queue is looked at, which then has all of it
                 with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
-                    self._handle_all(self._queue.get(timeout=max(0.0, min(_LOOK_S, next_second - time.monotonic()))))
-                self._acquisition.held_packets(handed_on_ns)
+                    self._handle(self._queue.get(timeout=max(0.0, min(_LOOK_S, next_second - time.monotonic()))))
                 self._acquisition.look_at_table()
                 late_s = time.monotonic() - next_second
                 # what came before is written before: log time does not go back
@@ -243,7 +233,7 @@ class Engine:
                     self._acquisition.every_second()
                     next_second += max(1.0, math.ceil(late_s))
             except OSError as error:
-                self._acquisition.recorder.disk_failed(error)
+                self._acquisition.recording.disk_failed(error)
             if self.lifecycle.exit_code and not self._reader.stopping.is_set():  # another thread has failed
                 self._end_reading()
             over = None if self._duration_over else self._acquisition.why_over(time.monotonic_ns())
@@ -251,50 +241,29 @@ class Engine:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
                 self.request_stop(over)
 
-    def _handle_all(self, item: ReaderEvent | QueuedCall) -> None:
-        """Handle an item; of packets, all that are there."""
-        arrivals, after = list[PacketArrival](), None
-        while isinstance(item, PacketArrival):
-            arrivals.append(item)
-            if self._queue.empty():
-                break
-            item = self._queue.get()
-        else:
-            after = item
-        try:
-            if arrivals:
-                self._acquisition.packets(arrivals)
-        finally:
-            if after is not None:
-                self._handle(after)
-
     def _handle(self, item: ReaderEvent | QueuedCall) -> None:
         match item:
-            case PollUnanswered():
-                self._acquisition.poll_unanswered()
-            case ZeroingFinished():
-                self._acquisition.zeroing_finished(item)
             case LineLost() if item.final:
                 self._fail(lifecycle.INSTRUMENT, item.message)
                 self._acquisition.event("acquisition", item.message, ERROR)
-            case LineLost() | StillAway() | LineReturned():
-                self._acquisition.line_changed(item)
             case LeftOtherwise():
                 # the next host will see that the unit is not as it was found
-                self._acquisition.recorder.find(lifecycle.FINDINGS, item.message)
+                self._acquisition.recording.find(lifecycle.FINDINGS, item.message)
             case ReaderFailed(error):
                 raise error
             case QueuedCall():
                 self._carry_out(item)
+            case _:
+                self._acquisition.take(item)
 
     def _carry_out(self, call: QueuedCall) -> None:
         if not call.future.set_running_or_notify_cancel():
-            return  # the viewer was told that it is not done
+            return  # its viewer has ceased to wait
         try:
             call.future.set_result(call.function(self._acquisition))
-        except Exception as error:  # a bad request is its sender's trouble, not the recording's
+        except Exception as error:  # a bad request concerns its sender only
             call.future.set_exception(error)
-            if isinstance(error, OSError):  # but a disk that takes no more is everybody's
+            if isinstance(error, OSError):  # but a full disk concerns the recording
                 raise
 
     def _answer_late_calls(self) -> None:

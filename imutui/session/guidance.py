@@ -6,7 +6,7 @@ marks the filter joins the profile to the log, see `filters.motion.reference.Tab
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from filters.errors import InputError
@@ -15,10 +15,11 @@ from filters.motion.segments import Dwell, Rate, Segment, Sine
 from imutui.logbook import reference_file
 from imutui.session import lifecycle
 from imutui.session.commanded_table import CommandedTable
-from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.plan import RecordingWish
-from imutui.session.recorder import Recorder
+from imutui.session.reconnection import LineLost
+from imutui.session.recording import Recording
 from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescription
+from imutui.session.stream import INFORMATION, WARNING, Event, Said, Second
 
 _TABLE = "table"  # events of the table under command
 _SAY_SO = "the table would move by itself: say that it may (yes, or --yes-move) when nobody is near it"
@@ -187,7 +188,7 @@ class Guidance:
     """
 
     def __init__(
-        self, recorder: Recorder, record: Callable[[RecordingWish], str], table: CommandedTable | None = None
+        self, recorder: Recording, record: Callable[[RecordingWish], str], table: CommandedTable | None = None
     ) -> None:
         self.guide: Guide | None = None
         self.table = table
@@ -207,7 +208,7 @@ class Guidance:
         `may_move`: somebody has said that a table under command may move.
         Raises InputError if that cannot be done now; the message says what next.
         """
-        recording = self._recorder.recording is not None
+        recording = self._recorder.writer is not None
         if what == "begin":
             self._begin(wish, recording=recording, may_move=may_move)
         elif self.guide is None:
@@ -244,8 +245,15 @@ class Guidance:
         if mark is not None:
             self._recorder.event("mark", mark)
 
-    def look(self, now_ns: int) -> None:
-        """Have the guide go on, and write its marks; raises OSError."""
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Have the guide go on each second, and stop the table where the line is lost. Raises OSError."""
+        if isinstance(event, LineLost):
+            self.stop("the line to the unit is lost")
+        elif isinstance(event, Second):
+            self._look(event.now_ns)
+        return ()
+
+    def _look(self, now_ns: int) -> None:
         if self.guide is not None:
             self._mark(self.guide.look(now_ns))
 
@@ -255,12 +263,12 @@ class Guidance:
         if table is None:
             return
         self._log_ns = max(self._log_ns, log_ns)
-        recorder.pipeline.table_states(table.take(now_ns), self._log_ns)
+        recorder.run.table_states(table.take(now_ns), self._log_ns)
         if table.moves and not unit_is_there():
             self.stop("the unit has fallen silent")
         for text, is_warning in table.news():
             recorder.event(_TABLE, text, WARNING if is_warning else INFORMATION)
-        if self._is_planned and recorder.recording is not None:
+        if self._is_planned and recorder.writer is not None:
             self._is_planned = False
             try:
                 self.do("begin", RecordingWish(), may_move=True)
@@ -272,7 +280,7 @@ class Guidance:
             self._mark(guide.cancel(now_ns))
             why = f"the table was stopped in segment {guide.segment + 1}: {table.why_failed}"
             recorder.find(lifecycle.INSTRUMENT, why)
-        self.look(now_ns)
+        self._look(now_ns)
         if guide is not None and guide.state == "done" and self._leaves_when_done:
             self._leaves_when_done = False
             table.leave()

@@ -34,33 +34,33 @@ class Lifecycle:
         self.cause: BaseException | None = None  # the exception that made it fail, if one did
         self.findings: list[EndFinding] = []  # what must be said at the end of one that did not fail
         self.stopping_since_ns: int | None = None  # when the end was first asked for, monotonic
-        self.ended_by = ""  # who or what asked first, in words; empty if nobody did, or did not say
+        self.ended_by = ""  # who or what asked first, in words; empty if unknown
         self.terminated = False  # by a signal, as a shutdown sends it: it is waited for some seconds only
         self.streaming = threading.Event()  # the first packet has come
         self.ended = threading.Event()  # nothing more will happen
 
     def first_packet(self) -> None:
-        """The first packet has been used; a viewer may be told that the acquisition runs."""
+        """The first packet has been used: the acquisition runs."""
         self.state = "running" if self.state == "connecting" else self.state
         self.streaming.set()
 
     def stop(self, by: str) -> None:
-        """Take note that the end is asked for, and by whom; what failed or ended before stays so."""
+        """Begin the end, and keep who asked first; what failed or ended before stays so."""
         if self.stopping_since_ns is None:
             self.stopping_since_ns = time.monotonic_ns()
             self.ended_by = by
         self.state = "stopping" if self.state in ("connecting", "running") else self.state
 
     def fail(self, exit_code: int, error: str, cause: BaseException | None = None) -> None:
-        """Have the acquisition end as failed; only the first reason is kept, since later ones follow from it."""
+        """End the acquisition as failed; only the first reason is kept, since later ones follow from it."""
         if not self.exit_code:
             self.exit_code, self.error, self.cause = exit_code, error, cause
 
     def defect(self, error: BaseException) -> None:
-        """Have the acquisition end as failed by an exception that no code expects; the report of it is written.
+        """End the acquisition as failed by an exception that no code expects, and write the report of it.
 
-        The worker of the engine looks at `exit_code` several times a second, and then finishes the file. Every thread
-        of the process may call this.
+        The engine's worker looks at `exit_code` several times a second, and then finishes the file. Any thread of the
+        process may call this.
         """
         self.fail(OWN_ERROR, f"{defects.told(error)} {_FILE_IS_FINISHED}", error)
 

@@ -1,7 +1,7 @@
-"""The filter of a run of samples: they wait while its code is being loaded or compiled, then all go through in order.
+"""The filter of a run: samples wait while its code is loaded or compiled, then all go through in order.
 
-What the filter needs (compiler, compiled step, statistics) takes seconds to load, the first time on a machine much
-longer to compile. It is loaded in a thread after the first packet is on the disk; nothing here imports it before.
+Compiler, compiled step and statistics take seconds to load, and much longer to compile the first time on a machine.
+They are loaded in a thread once the first packet is on the disk; nothing here imports them before.
 """
 
 import gc
@@ -22,6 +22,7 @@ from filters.motion.reference import Trajectory
 from imutui import compile_cache, defects
 from imutui.estimate_history import EstimateHistory, HistorySnapshot
 from imutui.logbook import reader
+from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.plan import HistoryWish
 
@@ -34,10 +35,9 @@ PIECE_ROWS = 100  # rows in a piece; about a millisecond of writing
 
 
 class RunHistory:
-    """Estimates and temperature of one run, for viewers; one that attaches late sees all of it.
+    """Estimates and temperature of one run, for viewers; one that attaches late gets all of it, in bounded memory.
 
-    Memory is bounded, not the time that is told of. It is sent in pieces, since whoever writes a long reply would keep
-    the reader of the port from its stamps.
+    It is sent in pieces: a long reply would keep the reader of the port from its stamps.
     """
 
     def __init__(self) -> None:
@@ -45,11 +45,11 @@ class RunHistory:
         self.temperature = EstimateHistory(1)  # degC
 
     def add_temperature(self, t: np.ndarray, degc: np.ndarray) -> None:
-        """Take the temperatures of samples, `t` s since the first one, shapes (N,)."""
+        """Add the temperatures of samples, `t` s since the first one, shapes (N,)."""
         self.temperature.add_all(t, degc[:, None], np.zeros((t.size, 1)))
 
     def piece(self, run: int, wish: HistoryWish) -> HistorySnapshot:
-        """What a viewer that has `wish` lacks of this run, as far as one reply has room for it."""
+        """Return what a viewer that has `wish` lacks of this run, as far as one reply has room for it."""
         known = wish if wish.run == run else HistoryWish()
         estimates = self.estimates.rows(known.estimates_s, PIECE_ROWS)
         temperature = self.temperature.rows(known.temperature_s, PIECE_ROWS)
@@ -61,25 +61,24 @@ ESTIMATE_PERIOD_S = 0.1
 
 
 class Preparation:
-    """Loading, or the first time on a machine compiling, of the filter's step; in a thread, once a process.
+    """Loads the filter's step, or compiles it the first time on a machine; in a thread, once a process.
 
-    For `effects` the step for their states is prepared too, which is one of its own. The other one is as well: effects
-    need not add any state.
+    With `effects` the step for their states is prepared beside the plain one: effects need not add any state.
     """
 
     def __init__(self, *, effects: bool) -> None:
-        self.ready = threading.Event()  # the step can be used, or will say itself why not
+        self.ready = threading.Event()  # the step can be used, or raises the reason why it cannot
         self._effects = effects
         self._begun_at: float | None = None
 
     def begin(self) -> None:
-        """Begin, if that has not been done."""
+        """Begin, once."""
         if self._begun_at is None:
             self._begun_at = time.monotonic()
             threading.Thread(target=self._run, name="compiler", daemon=True).start()
 
     def seconds(self) -> float:
-        """Since it began; 0 before it does."""
+        """Return the time since it began; 0 before."""
         return 0.0 if self._begun_at is None else time.monotonic() - self._begun_at
 
     def _run(self) -> None:
@@ -90,9 +89,9 @@ class Preparation:
             for effects in (False, True)[: 1 + self._effects]:
                 runner.warm_up(effects=effects)
         finally:
-            # if that failed, the first step will say why
+            # if that failed, the first step raises the reason
             self.ready.set()
-            # a search through all that was loaded for garbage would make the reader late
+            # a search for garbage through all that was loaded would make the reader late
             gc.freeze()
             compile_cache.release()
 
@@ -113,7 +112,7 @@ _NOTHING = Readings(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
 
 
 class LiveFilter:
-    """The estimator of one run of samples, and what keeps it from stopping a recording.
+    """Runs the estimator of one run of samples; a failure of it does not stop a recording.
 
     `motion` is what the reference needs, `effects` makes the effects that join the filter, `history` takes the biases.
     Raises InputError if the settings cannot be.
@@ -136,31 +135,30 @@ class LiveFilter:
         self.preparation = PLAIN if effects is None else WITH_EFFECTS
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
-        self._said = 0  # changes of causes that were told
+        self._said = 0  # changes of causes that were reported
         self._waiting: list[Readings] = []
         self._marks: list[tuple[int, str]] = []
 
     def mark(self, stamp_ns: int, text: str) -> None:
-        """Take an operator's mark; it reaches the estimator before the samples that come after it."""
+        """Take a mark of the operator; it reaches the estimator before the samples that come after it."""
         self._marks.append((stamp_ns, text))
 
-    def samples(
-        self, stamps_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, degc: np.ndarray
-    ) -> Iterator[tuple[int, bytes]]:
-        """Take samples and their temperatures, (N,), (N, 3), (N, 3), (N,); yield stamps and messages of estimates."""
-        if self.failure is not None or not stamps_ns.size:
+    def samples(self, samples: Samples) -> Iterator[tuple[int, bytes]]:
+        """Take samples, all of them valid; yield stamps and messages of estimates."""
+        if self.failure is not None or not len(samples):
             return
         if self._first_ns is None:
-            self._first_ns = int(stamps_ns[0])
-            # not before: while the instrument is being asked who it is, nothing may delay the answers
+            self._first_ns = int(samples.stamp_ns[0])
+            # not before: nothing may delay the answers of an instrument that is being identified
             self.preparation.begin()
-        self._waiting.append(Readings(reader.seconds_since(stamps_ns, self._first_ns), gyro, accel, degc))
-        self.waiting += stamps_ns.size
+        t = reader.seconds_since(samples.stamp_ns, self._first_ns)
+        self._waiting.append(Readings(t, samples.gyro, samples.accel, samples.degc))
+        self.waiting += len(samples)
         if self.preparation.ready.is_set():
             yield from self._use(last=False)
 
     def memory(self) -> str:
-        """What the effects remember of temperature, for the file that follows; "" if there is nothing to go on from."""
+        """Return what the effects remember of temperature, for the file that follows; "" if nothing."""
         effects = None if self.estimator is None or self.failure is not None else self.estimator.effects
         if effects is None:
             return ""
@@ -169,7 +167,7 @@ class LiveFilter:
         return effects.memory() if isinstance(effects, CausalEffects) else ""
 
     def news(self) -> Iterator[tuple[str, str]]:
-        """Causes that show in the residual and those that are withdrawn: names and texts of their events, each once."""
+        """Yield names and texts of events of new and withdrawn causes in the residual."""
         watch = None if self.estimator is None else self.estimator.watch
         if watch is not None and len(watch.changes) > self._said:
             from imutui.logbook import departures
@@ -179,7 +177,7 @@ class LiveFilter:
                 yield name, departures.event_text(departures.cause_field(one, self.info))
 
     def leave_out_unless_ready(self, patience_s: float) -> None:
-        """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""
+        """Give up the estimates if the step is not ready by then; a replay will make them."""
         if self._first_ns is not None and not self.preparation.ready.wait(patience_s):
             self.failure = self.failure or (
                 "the acquisition was ended before the filter was compiled, as it is the first time on a machine:"
@@ -187,7 +185,7 @@ class LiveFilter:
             )
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
-        """Use all that still waits; yield as `sample`."""
+        """Filter all samples that still wait; yield as `samples` does."""
         if self.failure is None and self._first_ns is not None:
             self.preparation.ready.wait()
             yield from self._use(last=True)
@@ -204,12 +202,12 @@ class LiveFilter:
                 yield from self._messages(estimator, rows)
         except InputError as error:
             self.failure = f"the filter stopped, recording goes on: {error}"
-        except Exception as error:  # noqa: BLE001 - the recorder raises it once the file has the packets
+        except Exception as error:  # noqa: BLE001 - the recording raises it once the file has the packets
             self.failure, self.defect = f"the filter stopped: {defects.told(error)}", error
         self.seconds += time.perf_counter() - started
 
     def _begun(self) -> "Estimator":
-        """The estimator, made if it is the first time, with all marks so far."""
+        """Return the estimator, made the first time, with all marks so far."""
         from filters.kalman.runner import Estimator
 
         assert self._first_ns is not None

@@ -9,12 +9,11 @@ from imutui.estimates import FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.session import requests
 from imutui.session.acquisition import Acquisition
-from imutui.session.disk_space import DiskGuard
+from imutui.session.channel_statistics import STATISTICS_S
 from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
 from imutui.session.plan import batch_of
-from imutui.session.recent_packets import STATISTICS_S
-from imutui.session.recorder import Recorder
+from imutui.session.recording import Recording
 from imutui.session.snapshot import NO_SERIES, RecordingSnapshot, Snapshot
 
 if TYPE_CHECKING:
@@ -26,12 +25,12 @@ _MOST_CAUSES = 20
 
 
 def snapshot(of: Acquisition, since: int) -> Snapshot:
-    """Everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    """Return everything a screen shows; `since` is the number of the first packet wanted in `series`."""
     if since < NO_SERIES:
         of.reader.be_watched()
-    now, recorder, stands = time.monotonic_ns(), of.recorder, of.lifecycle
-    plan, info, pipeline, recording = recorder.plan, recorder.info, recorder.pipeline, recorder.recording
-    counters, away, zeroing = pipeline.counters, of.line.snapshot(now), of.zeroing is not None
+    now, recording, stands = time.monotonic_ns(), of.recording, of.lifecycle
+    plan, info, run = recording.plan, recording.info, recording.run
+    counters, away, zeroing = run.counters, of.line.snapshot(now), of.zeroing is not None
     return {
         "name": plan.name,
         "batch": batch_of(plan.name),
@@ -52,7 +51,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "rate_hz": info.rate_hz,
         "sampling": info.sampling,
         # nothing comes from a unit that is away
-        "measured_hz": None if away else pipeline.rate.hz(),
+        "measured_hz": None if away else run.rate.hz(),
         "packet_hz": None if away else of.recent.rate_hz(),
         "packets": counters.packets,
         "lost_packets": counters.lost_packets,
@@ -60,56 +59,56 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
         "doubled_packets": counters.doubled_packets,
-        "advice": {"losses": of.loss_advice.brief, "silence": line_advice.of_silence(info.port, info.firmware)},
+        "advice": {"losses": of.line.loss_advice.brief, "silence": line_advice.of_silence(info.port, info.firmware)},
         "status": of.status.newest,
         "silent_s": 0.0 if zeroing else (now - of.reader.last_packet_ns) / 1e9,
         "zeroing": zeroing,
         "reconnecting": away,
         "since_start_s": (now - of.started_ns) / 1e9,
         "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(of.timebase.utc_ns(now) / 1e9)),
-        "recording": _recording(recorder, now),
+        "recording": _recording(recording, now),
         "logs": plan.logs,
         "operator": info.operator,
         "place": plan.place,
         "table": plan.table,
-        "note": plan.note if recording is None else recording.info.note,
+        "note": plan.note if recording.writer is None else recording.file_info.note,
         "next_note": plan.note,
         "rotate_minutes": plan.rotate_minutes,
         "rotate_mb": plan.rotate_mb,
-        "free_bytes": recorder.free_bytes(now),
-        "min_free_bytes": DiskGuard(plan.min_free_mb).min_free_bytes,
-        "marks": recorder.events.marks(pipeline.started_ns),
+        "free_bytes": recording.free_bytes(now),
+        "min_free_bytes": recording.space.min_free_bytes,
+        "marks": of.events.marks(run.started_ns),
         "reference": {
             "name": plan.reference,
             "file": plan.reference_file[0],
-            "profile": isinstance(recorder.motion, Profile),
+            "profile": isinstance(recording.motion, Profile),
         },
         "effects": list(effect_labels(plan.effects)),
-        "guide": of.guidance.snapshot(now, pipeline.started_ns),
+        "guide": of.guidance.snapshot(now, run.started_ns),
         "controller": None if of.guidance.table is None else of.guidance.table.snapshot(investigates=plan.needs_viewer),
         "channels": of.recent.channels(),
         "statistics_s": STATISTICS_S,
-        "health": of.health,
-        "filter": None if pipeline.filter is None else _filter(pipeline.filter, of.health),
-        "events": recorder.events.events(),
+        "health": run.health,
+        "filter": None if run.filter is None else _filter(run.filter, run.health),
+        "events": of.events.events(),
         "series": of.recent.series(since),
     }
 
 
-def _recording(recorder: Recorder, now_ns: int) -> RecordingSnapshot | None:
-    recording, pipeline = recorder.recording, recorder.pipeline
-    if recording is None:
+def _recording(recording: Recording, now_ns: int) -> RecordingSnapshot | None:
+    writer, run, space = recording.writer, recording.run, recording.space
+    if writer is None:
         return None
-    started, flushed = pipeline.started_ns, pipeline.flushed_ns
+    started, flushed = run.started_ns, run.flushed_ns
     return {
-        "path": str(recording.writer.path),
-        "bytes": recording.writer.size,
+        "path": str(writer.path),
+        "bytes": writer.size,
         "seconds": (now_ns - started) / 1e9 if started is not None else 0.0,
-        "samples": pipeline.samples,
+        "samples": run.samples,
         "flush_age_s": (now_ns - flushed) / 1e9 if flushed is not None else None,
-        "marks": pipeline.marks,
-        "bytes_per_s": recording.guard.bytes_per_s(),
-        "to_full_s": recording.guard.seconds_left(recorder.free_bytes(now_ns)),
+        "marks": run.marks,
+        "bytes_per_s": space.bytes_per_s(),
+        "to_full_s": space.seconds_left(recording.free_bytes(now_ns)),
         "part": recording.part,
     }
 

@@ -1,8 +1,8 @@
 """The recording before this one of the same acquisition and unit: what a new file says of it.
 
 After a crash, or when the computer was started anew, an acquisition goes on in a new file. That file names the one
-before, whether that was finished, and what has happened since. It does not say that both are of one power-on: whether
-the unit kept its power meanwhile nobody knows (`imutui.logbook.power_on` is for what is known).
+before, whether that was finished, and what has happened since. It does not say that both are of one power-on, since
+the unit may have lost its power meanwhile (`imutui.logbook.power_on` is for what is known).
 """
 
 import contextlib
@@ -32,7 +32,7 @@ class PreviousLog:
     path: Path
     log_id: str
     finished: bool  # whether that has its end
-    last_s: float  # its last sample, or when it was last written to if it does not tell, Unix time, s
+    last_s: float  # its last sample, or if unknown when it was last written to, Unix time, s
     # "process" if this computer has run on since, "computer" if that was started anew, "" if it is not known
     restart: str
 
@@ -54,7 +54,7 @@ class PreviousLog:
 
 
 def boot_id() -> str:
-    """Id of this run of the computer, from power-up to power-down; "" if it does not tell."""
+    """Return the id of this run of the computer, from power-up to power-down; "" if unknown."""
     try:
         return _BOOT_ID.read_text().strip()
     except OSError:
@@ -62,9 +62,9 @@ def boot_id() -> str:
 
 
 def find(folder: Path, info: SessionInfo, *, finished_too: bool) -> PreviousLog | None:
-    """The last recording in a folder of the same acquisition, unit and computer as the one that is to begin.
+    """Return the last recording in a folder of the same acquisition, unit and computer as the one that begins.
 
-    None if there is none, or if it was finished and is nothing to be told of (`finished_too`).
+    None if there is none, or if it was finished, unless `finished_too`.
     """
     for path in _newest(folder):
         try:
@@ -78,8 +78,8 @@ def find(folder: Path, info: SessionInfo, *, finished_too: bool) -> PreviousLog 
     return None
 
 
-def told(info: SessionInfo, previous: PreviousLog | None) -> SessionInfo:
-    """Metadata of a recording that takes up after that one, or after none that is known."""
+def naming(info: SessionInfo, previous: PreviousLog | None) -> SessionInfo:
+    """Return metadata that name the recording before, or that none is known."""
     if previous is None:
         return replace(info, previous="", previous_id="", previous_end="", restart="")
     end = summary.FINISHED if previous.finished else summary.UNFINISHED
@@ -89,7 +89,7 @@ def told(info: SessionInfo, previous: PreviousLog | None) -> SessionInfo:
 
 
 def _newest(folder: Path) -> Iterator[Path]:
-    """Logs of a folder, the one written to last first; not all, lest a folder of thousands hold up the recording."""
+    """Yield the newest logs of a folder, the last one first: a folder of thousands would hold up the recording."""
     stamped = list[tuple[int, Path]]()
     with contextlib.suppress(OSError):  # a share that went away; the recorder will say so
         for path in folder.glob(f"*{_SUFFIX}"):
@@ -111,5 +111,5 @@ def _previous(found: summary.Summary, info: SessionInfo) -> PreviousLog:
     known = booted and info.boot_id
     restart = (PROCESS if booted == info.boot_id else COMPUTER) if known else ""
     last_s = found.modified if found.started_ns is None else found.started_ns / 1e9 + (found.seconds or 0.0)
-    finished = found.state == summary.FINISHED  # one that is damaged has no summary to tell its end by
+    finished = found.state == summary.FINISHED  # one that is damaged has no summary
     return PreviousLog(found.path, found.session.get("log_id", ""), finished, last_s, restart)

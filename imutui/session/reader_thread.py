@@ -1,6 +1,6 @@
-"""The thread that owns the port: it reads, decodes and stamps, and carries out what must be said to the unit meanwhile.
+"""The thread that owns the port: it reads, decodes and stamps packets, and sends the unit its commands meanwhile.
 
-Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late. Where the line is lost or the
+Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late. When the line is lost or the
 unit falls silent it finds the same unit again.
 """
 
@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,35 +22,12 @@ from imutui.instrument.frame_search import Discarded
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
+from imutui.session.stream import Block, Broke, PacketArrival, Stamper, Why
 
 BLOCK_NS = 500_000_000
-"""A stream's packets are handed on by so long a time of them, unless somebody looks at them."""
+"""Length of a block of a stream that no viewer looks at."""
 _WATCHED_BLOCK_NS, _WATCHED_NS = 25_000_000, 2_000_000_000
 _SCATTER_NS = 154_508_497
-
-
-class PacketArrival(NamedTuple):
-    """A packet as it was read."""
-
-    packet: DataPacket
-    host_ns: int  # when its last byte was read, monotonic
-    # contiguous, quiet: whether it followed the packet before byte by byte; whether the line was found without a byte
-    # in between
-    contiguous: bool
-    quiet: bool
-    behind: bool  # whether more had arrived already when it was read
-    # bad_checksums, discarded_bytes, doubled: of the line so far; the last are packets that came a second time
-    bad_checksums: int
-    discarded_bytes: int
-    requested_ns: int | None = None  # when it was asked for; None if it came by itself
-    doubled: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class PollUnanswered:
-    """A poll whose answer certainly does not come any more."""
-
-    host_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +45,7 @@ class ZeroingFinished:
     seconds: float | None  # until the unit said that it is done; None if it did not
 
     def in_words(self, before: np.ndarray | None, patience_s: float) -> str:
-        """What came of it, within `patience_s`; `before` is what all channels read before."""
+        """Return the outcome in words; `before` is what all channels read before, `patience_s` the longest wait."""
         if self.seconds is None:
             return (
                 f"the unit did not say within {patience_s:.0f} s that its rate sensors are zeroed (argument"
@@ -92,20 +68,21 @@ class LeftOtherwise:
 
 
 _LineEvent = LineLost | StillAway | LineReturned
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
+ReaderEvent = Block | Broke | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
 
 
 class Reader:
-    """Reads packets until told to stop.
+    """Reads packets until it is stopped.
 
     `host` is of a unit that is identified, set up, and sends nothing by itself; it is polled `poll_hz` times a second,
-    or streams. `emit` takes what happens, in the reader's thread. `known` is the unit to find again after the first
-    packet; without it all ends when the line is lost.
+    or streams. `stamper` makes blocks of its packets. `emit` takes what happens, in the reader's thread. `known` is the
+    unit to find again after the first packet; without it all ends when the line is lost.
     """
 
     def __init__(
         self,
         host: Driver,
+        stamper: Stamper,
         poll_hz: float | None,
         emit: Callable[[ReaderEvent], None],
         known: KnownUnit | None = None,
@@ -113,6 +90,7 @@ class Reader:
         self.stopping = threading.Event()
         self.last_packet_ns = time.monotonic_ns()  # when it was read, or the last pause of packets was over
         self._host, self._port = host, host.port
+        self._stamper = stamper
         self._poll_hz = poll_hz
         self._emit = emit
         self._known = known
@@ -127,7 +105,6 @@ class Reader:
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._follows = self._quiet = False  # of the next packet of a stream, see `PacketArrival`
         self._watched_until_ns = 0
-        self._decoded_ns: int | None = None  # of a stream: until when all that came is decoded
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._counted = (0, 0)
@@ -144,25 +121,25 @@ class Reader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Have it end soon; safe from any thread and signal."""
+        """End soon; safe from any thread and signal."""
         self.stopping.set()
         self._wake.set()
 
     def is_alive(self) -> bool:
-        """Whether it may still hand something on: no more once it is stopped while it has no line."""
+        """Return whether it may still emit something: no more once it is stopped while it has no line."""
         return self._thread.is_alive() and (self._has_line or not self.stopping.is_set())
 
     def join(self, timeout: float) -> None:
-        """Wait until it has ended, for so many seconds at most."""
+        """Wait until it has ended, `timeout` seconds at most."""
         self._thread.join(timeout)
 
     def zero(self, argument: int) -> None:
-        """Have it zero the rate sensors; `ZeroingFinished` comes of it, unless the line goes away or it is stopped."""
+        """Zero the rate sensors; emits `ZeroingFinished`, unless the line goes away or it is stopped."""
         self._zero_requests.put(argument)
         self._wake.set()
 
     def ask_again(self) -> None:
-        """Have it ask the unit, if that has long been silent, who it is, and set it up as at the beginning."""
+        """Ask a unit that has long been silent who it is, and set it up as at the beginning."""
         self._silent.set()
         self._wake.set()
 
@@ -195,7 +172,7 @@ class Reader:
             self._emit(LeftOtherwise(said))
 
     def _acquire(self) -> None:
-        """Take packets until it is stopped, or until the line was lost and the unit found again."""
+        """Take packets until it is stopped, or the line was lost and the unit found again."""
         try:
             if self._poll_hz is not None:
                 self._poll(self._poll_hz)
@@ -215,7 +192,7 @@ class Reader:
             self._find_again(streams=self._poll_hz is None)
 
     def _lose(self, message: str, *, final: bool = False) -> None:
-        """Say that the unit is away; if that is final, be stopped."""
+        """Emit that the unit is away; stop if that is final."""
         self._has_line = False
         # what was asked of the unit that went away is not asked of it when it is back
         while not self._zero_requests.empty():
@@ -258,20 +235,20 @@ class Reader:
             if not isinstance(event, Discarded) and not self._repeated.take(event, host_ns, contiguous=contiguous):
                 self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
             contiguous = not isinstance(event, Discarded)
+        self._release()
         self._count(decoder)
 
     def _stream(self) -> None:
         """Let the unit stream until there is something else to do.
 
-        What comes is stamped at once and decoded by the block: a thread that is woken for each packet, and does no more
-        than read it, takes a fraction of the time.
+        The time of each read is taken at once, and packets are decoded by the block: a thread that only reads when it
+        is woken takes a fraction of the time.
         """
         decoder = self._host.packets()
         self._host.start()
         amid = AmidStream(self._host, decoder, self._known)
         reads, due_ns = list[tuple[int, bytes]](), 0
         self._follows = self._quiet = False
-        self._decoded_ns = time.monotonic_ns()
         try:
             while not self._wake.is_set():
                 data = self._port.take()
@@ -284,30 +261,35 @@ class Reader:
                 reads, due_ns = [], self.next_block_ns(host_ns)
                 if not data:
                     self._pause(host_ns, decoder, amid)
-                self._decoded_ns = host_ns
+                self._stamper.due(host_ns)
+                self._emit_blocks()
         finally:
             self._decode(reads, decoder)
-            self._decoded_ns = None
+            self._release()
         self._count(decoder)
 
-    def handed_on_ns(self) -> int:
-        """Until when all that came is decoded, and among what was emitted before this was asked; monotonic, ns."""
-        decoded_ns = self._decoded_ns
-        return time.monotonic_ns() if decoded_ns is None else decoded_ns
+    def _emit_blocks(self) -> None:
+        for block in self._stamper.blocks():
+            self._emit(block)
+
+    def _release(self) -> None:
+        """Hand on the packets that wait: none comes for a while that could make their stamps sure."""
+        self._stamper.release()
+        self._emit_blocks()
 
     def next_block_ns(self, now_ns: int) -> int:
-        """When what comes from now on is decoded. Of several processes each has instants of its own."""
+        """Return when what comes from now on is decoded; each of several processes has instants of its own."""
         if now_ns < self._watched_until_ns:
             return now_ns + _WATCHED_BLOCK_NS
         phase = os.getpid() * _SCATTER_NS
         return now_ns + BLOCK_NS - (now_ns - phase) % BLOCK_NS
 
     def be_watched(self) -> None:
-        """Hand packets on soon, for the next seconds: somebody looks at them as they come."""
+        """Emit short blocks for the next seconds: a viewer looks at packets as they come."""
         self._watched_until_ns = time.monotonic_ns() + _WATCHED_NS
 
     def _pause(self, host_ns: int, decoder: PacketStream, amid: AmidStream) -> None:
-        """Nothing came for a moment."""
+        """Handle a moment in which nothing came."""
         self._quiet = True
         if self._last is not None and amid.has_stopped(host_ns, self.last_packet_ns):
             self._sends = False
@@ -355,7 +337,7 @@ class Reader:
                 answer = poller.poll()
             finally:
                 if poller.unanswered:
-                    self._emit(PollUnanswered(time.monotonic_ns()))
+                    self._emit(Broke(Why.UNANSWERED))
                 self._repeated.count += poller.doubled
                 poller.doubled = 0
             # a unit that is asked more often than it measures gives the same reading again
@@ -381,6 +363,7 @@ class Reader:
             self._set_up_soon()
             return
         if self._found is not None:
+            self._stamper.interrupt(lossy=True)
             self._emit(LineReturned(self._found))
             self._found = None
         self.last_packet_ns, self._last = host_ns, packet
@@ -390,7 +373,11 @@ class Reader:
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
         doubled = self._repeated.count
-        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled))
+        self._stamper.take(
+            PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled)
+        )
+        if requested_ns is not None:
+            self._emit_blocks()
 
     def _is_as_after_power_up(self, packet: DataPacket, in_time_ns: int | None) -> bool:
         """Whether a unit that streams forgot how it was set up; only one that is known can be set up again."""
@@ -435,10 +422,14 @@ class Reader:
         seconds = self._host.zero(argument, self.stopping.is_set)
         if seconds is None and not self.stopping.is_set():
             # said at once: what follows may take minutes
-            self._emit(ZeroingFinished(argument, None))
-        # a unit that still averages is deaf; and nobody says whether it remembers its mode
+            self._zeroed(argument, None)
+        # a unit that still averages is deaf, and it may have forgotten its mode
         while not self.stopping.is_set() and not self._host.set_up():
             self._host.stop()
         self.last_packet_ns = time.monotonic_ns()
         if seconds is not None:
-            self._emit(ZeroingFinished(argument, seconds))
+            self._zeroed(argument, seconds)
+
+    def _zeroed(self, argument: int, seconds: float | None) -> None:
+        self._stamper.interrupt()
+        self._emit(ZeroingFinished(argument, seconds))

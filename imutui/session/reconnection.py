@@ -17,7 +17,7 @@ _REFUSED_S = 1.0
 _PING_S = 0.5
 _HEAR_S = 2.0
 _FEW, _MANY = 16, 4096
-# who knows who used it meanwhile: other speeds are tried now and then
+# another program may have used it meanwhile: other speeds are tried now and then
 _ALL_SPEEDS_EVERY = 8
 
 _LEAST_SILENCE_S = 5.0
@@ -39,7 +39,7 @@ class KnownUnit:
     returns: bool = True  # whether its line may come back once it is lost: not that of a virtual unit of our own
 
     def in_words(self) -> str:
-        """How the unit is told from others."""
+        """Return how the unit is identified."""
         number = self.identity.serial_number
         return f"the unit with serial number {number}" if number else "the same unit"
 
@@ -73,14 +73,14 @@ class DifferentUnitError(InstrumentError):
 
 
 def ask_again_after_s(poll_hz: float | None) -> float:
-    """Seconds without a packet after which the unit is asked who it is, as one that was reset has to be."""
+    """Return after how many seconds without a packet the unit is asked who it is, as after a reset."""
     return max(_LEAST_SILENCE_S, _SILENT_PERIODS / poll_hz if poll_hz else 0.0)
 
 
 class AmidStream:
     """Finds out soon whether a unit that was to stream has stopped, without stopping one whose line is held up.
 
-    It is asked what it answers and sends on. One that answers twice, and sends no packet before, between and after, was
+    It asks what a streaming unit answers. A unit that answers twice, and sends no packet before, between and after, was
     reset; a line that is held up brings packets with the answers, or nothing. A unit that is not known is not asked.
     """
 
@@ -141,7 +141,7 @@ def ask_silent(host: Driver, known: KnownUnit, stopping: threading.Event) -> byt
 
 
 def _hear(port: Port) -> bytes:
-    """What comes within half a second, and all that follows it without a pause."""
+    """Return what comes within half a second, and all that follows it without a pause."""
     began, heard = time.monotonic(), b""
     while not heard and time.monotonic() - began < _PING_S:
         heard = port.read(_FEW)
@@ -153,16 +153,16 @@ def _hear(port: Port) -> bytes:
 
 
 def find_again(
-    host: Driver, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
+    host: Driver, known: KnownUnit, stopping: threading.Event, emit: Callable[[StillAway], None], *, streams: bool
 ) -> tuple[Identity, str] | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
-    The host's port is opened anew if it was closed, or its name leads to another device by now. `tell` is told what is
-    being waited for, whenever that has changed; `streams`: whether the unit sends by itself, if it kept its power.
+    The host's port is opened anew if it was closed, or its name leads to another device by now. `emit` takes what is
+    waited for, whenever that changes; `streams`: whether the unit sends by itself, if it kept its power.
     Returns what the unit says of itself and, in words, how it was found; None if `stopping` ended the wait.
     """
     port = host.port
-    told: StillAway | None = None
+    emitted: StillAway | None = None
     streams = streams and not host.streams_from_power_up
     kept_power, unanswered = False, 0
     while not stopping.is_set():
@@ -179,15 +179,15 @@ def find_again(
             port.close()
             away = StillAway(f"{port.lasting_name} to work: {_first_sentence(error)}", refused=False)
         except DifferentUnitError as error:
-            # closed meanwhile: whoever means that unit may have it
+            # closed meanwhile: another program may want that unit
             port.close()
             pause, away = _REFUSED_S, StillAway(str(error), refused=True)
         except InstrumentError:
             unanswered += 1
             away = StillAway(f"the unit to answer at {port.lasting_name}", refused=False)
-        if away != told:
-            tell(away)
-            told = away
+        if away != emitted:
+            emit(away)
+            emitted = away
         stopping.wait(pause)
     return None
 
@@ -204,12 +204,12 @@ def _set_up(host: Driver, known: KnownUnit, *, thorough: bool) -> Identity:
 
 
 def refusal(known: Identity, found: Identity) -> str | None:
-    """Why a unit is not taken for the one that is known, in words; None if it is the same."""
+    """Return why a unit is not the one that is known, in words; None if it is the same."""
     if known.serial_number:
         if not found.serial_number:
             return "a unit that does not say its serial number"
         return f"another unit, {_number(found)}" if found.serial_number != known.serial_number else None
-    # one that did not say its number at first may do so now; it is told by the port's name and its version
+    # one that did not say its number at first may do so now; the port's name and its version identify it
     if known.version and found.version != known.version:
         return f'another unit, version "{found.version}"' if found.version else "a unit that does not say its version"
     return None

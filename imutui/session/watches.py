@@ -1,17 +1,13 @@
-"""What is looked at once a second: each watch has a method `news`, and `acquisition` has the list of them.
-
-A watch takes packets, or judges an end, by methods of its own; the one of the line, which may be away, silent or slower
-than asked, has the most to say.
-"""
+"""Watches: consumers of the stream that report on unit, line, clock and gravity, and one that keeps the reports."""
 
 import math
 import os
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,55 +17,47 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.motion.segments import Dwell
 from imutui.command_line import command
-from imutui.instrument.clock import Gap, Stamp
-from imutui.instrument.counts import DataPacket
+from imutui.instrument.clock import Gap
 from imutui.instrument.driver import Driver
 from imutui.logbook import line_advice
+from imutui.logbook.line_advice import HELD_UP_S, LossAdvice
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.origin_gate import url
 from imutui.session import lifecycle, reconnection
-from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.identity import not_said
 from imutui.session.plan import Plan
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
-from imutui.session.snapshot import ReconnectingSnapshot
-from imutui.session.timebase import Timebase
+from imutui.session.snapshot import EventLine, MarkLine, ReconnectingSnapshot
+from imutui.session.stream import INFORMATION, WARNING, Began, Block, Broke, Event, Said, Second, Why
 
 _MOST_TOLD = 20
 _NICENESS, _END_S = 5, 3.0  # of a process that serves: the acquisition comes first
 _STEP_NS = 100_000_000
-# cos 37 degrees: whoever is further off does not lie along that axis at all
+# cos 37 degrees: a unit that is further off does not lie along that axis
 _ALONG = 0.8
 _TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
-News: TypeAlias = Iterable[tuple[str, int]]  # sentences with the levels of their events
+_EVENTS, _MARKS = 20, 50
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """What there is to look at."""
-
-    silent_s: float  # since the last packet
-    expected: bool  # whether no packet is expected now
-    accels_g: npt.NDArray[np.float64] | None  # what the accelerometers read, instrument axes; None before they did
-    # info, motion: as they are in force
-    info: SessionInfo
-    motion: Profile | Trajectory | None
+def _said(text: str, level: int = WARNING) -> Said:
+    return Said("acquisition", text, level)
 
 
 class FoxgloveFollower:
     """The process `imutui foxglove`, which reads the logs of an acquisition as they grow and serves them.
 
-    The acquisition starts it, reports its end and hands nothing to it: a crash of it, or of the library in it, costs
-    viewers their stream and nothing else.
+    The acquisition starts it, reports its end and hands nothing to it: a crash of it costs viewers their stream only.
     """
 
     def __init__(self, plan: Plan) -> None:
         line = ("foxglove", "--name", plan.name, "--host", plan.foxglove_host, "--port", str(plan.foxglove_port))
         at = url(plan.foxglove_host, plan.foxglove_port)
         self._again = command(*line)
-        self._unsaid = [(f"what is recorded is served to Foxglove at {at}", INFORMATION)]
+        self._unsaid = [_said(f"what is recorded is served to Foxglove at {at}", INFORMATION)]
         self._ended = False
         # stderr is the acquisition's own: its messages go into that log
         self._process = subprocess.Popen(
@@ -77,18 +65,18 @@ class FoxgloveFollower:
         )
         os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS)
 
-    def news(self, moment: Moment, /) -> News:
-        """Where it serves, once packets come, and that it has ended by itself, each once."""
-        if moment.expected:
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Say where it serves, once packets come, and that it has ended by itself, each once."""
+        if not isinstance(event, Second) or event.pauses:
             return []
         said, self._unsaid = self._unsaid, []
         if not self._ended and self._process.poll() is not None:
             self._ended = True
-            said.append((f"Foxglove is served no more, the recording goes on; `{self._again}` serves again", WARNING))
+            said.append(_said(f"Foxglove is served no more, the recording goes on; `{self._again}` serves again"))
         return said
 
     def close(self) -> None:
-        """Have it serve what the last file holds, and end."""
+        """Have it serve the rest of the last file, and end."""
         self._process.terminate()
         try:
             self._process.wait(_END_S)
@@ -98,7 +86,7 @@ class FoxgloveFollower:
 
 
 class StatusWords:
-    """What a unit's packets say of the unit itself: told, and never a reason to drop readings."""
+    """Status words of the unit's packets: each is said once, and none is a reason to drop readings."""
 
     def __init__(self, instrument: type[Driver]) -> None:
         self._instrument = instrument
@@ -106,29 +94,25 @@ class StatusWords:
         self._new = list[int]()
         self._seen = {0}
 
-    def take(self, packets: Iterable[DataPacket]) -> None:
-        """Take packets."""
-        for packet in packets:
-            if packet.details is None:
-                return
-            if packet.details.status == self._newest:
-                continue
-            self._newest = packet.details.status
-            if self._newest not in self._seen and len(self._seen) <= _MOST_TOLD:
-                self._seen.add(self._newest)
-                self._new.append(self._newest)
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Take the words of packets; say, each second, which came for the first time."""
+        if isinstance(event, Block):
+            words = event.rows["status"].tolist()
+            for word in dict.fromkeys(words):
+                if word not in self._seen and len(self._seen) <= _MOST_TOLD:
+                    self._seen.add(word)
+                    self._new.append(word)
+            self._newest = words[-1]
+        elif isinstance(event, Second):
+            new, self._new = self._new, []
+            for word in new:
+                said = self._instrument.status_in_words(word)
+                yield _said(f"the unit's status word (BIT) is {said}; readings count whatever it says")
 
     @property
     def newest(self) -> str:
         """The newest packet's word and what it means; "" if no bit is set, or packets have none."""
         return self._instrument.status_in_words(self._newest) if self._newest else ""
-
-    def news(self, _: Moment, /) -> News:
-        """Words that came for the first time, each once."""
-        new, self._new = self._new, []
-        for word in new:
-            said = self._instrument.status_in_words(word)
-            yield f"the unit's status word (BIT) is {said}; readings count whatever it says", WARNING
 
 
 class ClockStepMonitor:
@@ -139,35 +123,38 @@ class ClockStepMonitor:
         self._known_ns = 0
         self._why_moved = timebase.why_moved()
 
-    def news(self, moment: Moment, /) -> News:
-        """Yield once that the clock is wrong, and by how much it was set since the last look, from 0.1 s on."""
-        if self._why_moved and not moment.expected:  # not before the first packet: there is no file yet
-            yield self._why_moved, WARNING
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Say once that the clock is wrong, and each second by how much it was set, from 0.1 s on."""
+        if not isinstance(event, Second):
+            return
+        if self._why_moved and not event.pauses:  # not before the first packet: there is no file yet
+            yield _said(self._why_moved)
             self._why_moved = ""
         step = self._timebase.step_ns() - self._known_ns
         if abs(step) > _STEP_NS:
             self._known_ns += step
-            yield f"the system clock stepped by {step / 1e9:+.3f} s; stamps are not affected", WARNING
+            yield _said(f"the system clock stepped by {step / 1e9:+.3f} s; stamps are not affected")
 
 
 class GravityCheck:
     """Looks once, after the first second, whether gravity reads where it should on a table that begins level.
 
-    Only of an instrument that turns its own axes something is said: of others the filter's alarms say enough.
+    It judges only an instrument that can turn its own axes: of others the filter's alarms say enough.
     """
 
     def __init__(self, instrument: type[Driver]) -> None:
-        self._to_be_looked_at = instrument.turns_axes
+        self._is_due = instrument.turns_axes
 
-    def news(self, moment: Moment, /) -> News:
-        """What is unexpected of the first readings."""
-        info = moment.info
-        if moment.accels_g is None or not self._to_be_looked_at or not _begins_level(info.reference, moment.motion):
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Say what is unexpected of the first readings."""
+        if not isinstance(event, Second) or not self._is_due or event.accels_g is None:
             return
-        self._to_be_looked_at = False
-        said = unexpected_gravity(moment.accels_g, info.axes(), info.own_mount)
-        if said is not None:
-            yield said, WARNING
+        info = event.info
+        if _begins_level(info.reference, event.motion):
+            self._is_due = False
+            said = unexpected_gravity(event.accels_g, info.axes(), info.own_mount)
+            if said is not None:
+                yield _said(said)
 
 
 def _begins_level(reference: str, motion: Profile | Trajectory | None) -> bool:
@@ -179,12 +166,12 @@ def _begins_level(reference: str, motion: Profile | Trajectory | None) -> bool:
 
 
 def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mount: str = "") -> str | None:
-    """What to say of a unit that should lie level and reads as if it did not; None of one that reads as it should.
+    """Return what to say of a unit that should lie level and reads as if it did not; None if it reads as it should.
 
-    Of one that lies on a side, and whose own configuration does not explain it, nothing is said: it may be a tilt that
-    is meant. `accels_g` is what the accelerometers read at rest, instrument axes and sign, shape (3,); `axes` leads to
-    body axes, of which Z points down, as the operator says that the unit is mounted; `own_mount` has the axes of its
-    case in those of its packets, as its own configuration has them, "" if it does not say.
+    A unit on its side, which its own configuration does not explain, may be tilted on purpose: None.
+    `accels_g` is what the accelerometers read at rest, instrument axes and sign, shape (3,); `axes` leads to body axes,
+    of which Z points down, as the operator states the mounting; `own_mount` has the axes of the unit's case in those of
+    its packets, as its own configuration has them, "" if unknown.
     """
     z = float(axes.accel_to_body(accels_g)[2])
     if z < -_ALONG:
@@ -227,98 +214,133 @@ _SILENT_PERIODS = 3.0
 class LineWatch:
     """Follows one acquisition's line; `stream_hz` packets a second at most come of a unit that streams."""
 
-    def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
-        self._info = info
+    def __init__(self, plan: Plan, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
+        self._plan, self._info = plan, info
         self._timebase = timebase
         polled_hz = info.rate_hz if info.sampling == "polled" else None
         self._rate_hz = polled_hz or stream_hz  # packets that would have come while the unit was away
         self._silence_s = max(_SILENCE_S, _SILENT_PERIODS / polled_hz if polled_hz else 0.0)
         self._ask_again_s = reconnection.ask_again_after_s(polled_hz)
         self._is_silent = False
-        self.polled_rate = PolledRate(info.rate_hz)  # of requests, answered or not, and of pauses between them
+        self._polled_rate = PolledRate(info.rate_hz)  # of requests, answered or not, and of pauses between them
         self._rate_said = False
+        self.loss_advice = LossAdvice(info.port, info.firmware)
+        self._last_stamp_ns: int | None = None  # of the newest packet, monotonic
         self._away_since_ns: int | None = None  # when the last packet was read; None while the unit is there
         self._waits_for = ""
         self._refused: set[str] = set()
         self._found = ""
 
-    def begin_recording(self) -> None:
-        """Judge the rate of polling anew."""
-        self.polled_rate, self._rate_said = PolledRate(self._info.rate_hz), False
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Take an event of the stream; says when the unit goes, comes back, falls silent or loses packets."""
+        match event:
+            case Block():
+                yield from self._packets(event)
+            case Broke(Why.UNANSWERED):
+                self._polled_rate.unanswered()
+            case Broke():
+                self._polled_rate.interrupt()
+            case Began(recording=True):  # the rate of polling is judged anew
+                self._polled_rate, self._rate_said = PolledRate(self._info.rate_hz), False
+            case LineLost():
+                if self._away_since_ns is None:
+                    self._away_since_ns = event.since_ns
+                    self._refused.clear()
+                self._waits_for = "the same unit to come back"
+                yield _said(f"{event.message} The acquisition goes on and waits for the same unit.")
+            case StillAway():
+                self._waits_for = event.waits_for
+                if event.refused and event.waits_for not in self._refused:
+                    self._refused.add(event.waits_for)
+                    yield _said(f"refused: {event.waits_for}")
+            case LineReturned():  # its first packet follows, with which more can be said
+                self._away_since_ns, self._found = self._last_stamp_ns, event.found
+                self._polled_rate.interrupt()
+            case Second():
+                yield from self._news(event)
 
-    # -- the unit goes, and comes back ----------------------------------------------------------------------------
+    # -- packets, and a unit that comes back --------------------------------------------------------------------------
+
+    def _packets(self, block: Block) -> Iterator[Said]:
+        rows, gap = block.rows, block.gap
+        for requested_ns in filter(None, rows["requested_ns"].tolist()):
+            self._polled_rate.answered(requested_ns)
+        lost = 0 if gap is None else gap.lost_min
+        for read_ns, late_ns in zip(
+            rows["host_ns"].tolist(), (rows["host_ns"] - rows["stamp_ns"]).tolist(), strict=True
+        ):
+            if lost or late_ns > HELD_UP_S * 1e9:
+                self.loss_advice.packet(lost, read_ns / 1e9, late_ns / 1e9)
+            lost = 0
+        if self._last_stamp_ns is None:
+            yield from self._connected()
+        self._last_stamp_ns = int(rows["stamp_ns"][-1])
+        said = self._back(block) or (gap_text(gap, int(rows["uncertainty_ns"][0])) if gap is not None else "")
+        if said:
+            yield Said("gap", said, WARNING)
+
+    def _connected(self) -> Iterator[Said]:
+        plan, info = self._plan, self._info
+        yield _said(f"connected to {info.port}, first packet", INFORMATION)
+        unsaid = not_said(info.serial_number, info.firmware)
+        if unsaid is not None:
+            yield _said(unsaid)
+        if "baud" in plan.explicit and plan.baud != info.baud:
+            yield _said(
+                f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
+            )
+        if plan.ends_unwatched_s is not None:
+            yield _said(f"a virtual unit: all ends {plan.ends_unwatched_s:g} s after the last viewer", INFORMATION)
 
     @property
     def is_away(self) -> bool:
         """Whether the unit is waited for."""
         return self._away_since_ns is not None
 
-    def lost(self, event: LineLost) -> str:
-        """The line is lost; returns what to say."""
-        if self._away_since_ns is None:
-            self._away_since_ns = event.since_ns
-            self._refused.clear()
-        self._waits_for = "the same unit to come back"
-        return f"{event.message} The acquisition goes on and waits for the same unit."
-
-    def still_away(self, event: StillAway) -> str | None:
-        """Something else is waited for; returns what to say, once of each unit that is refused."""
-        self._waits_for = event.waits_for
-        if not event.refused or event.waits_for in self._refused:
-            return None
-        self._refused.add(event.waits_for)
-        return f"refused: {event.waits_for}"
-
-    def returned(self, event: LineReturned, before_ns: int) -> None:
-        """The unit is back; its first packet is awaited to say more. `before_ns` is the last stamp before."""
-        self._away_since_ns = before_ns
-        self._found = event.found
-        self.polled_rate.interrupt()
-
-    def back(self, stamp: Stamp) -> str | None:
-        """A packet has come; returns what to say if it is the first one after the unit was away."""
+    def _back(self, block: Block) -> str:
+        """Return what to say of the first packet after the unit was away; "" of any other."""
         if not self._found or self._away_since_ns is None:
-            return None
+            return ""
         before_ns, found = self._away_since_ns, self._found
         self._away_since_ns, self._found = None, ""
-        if stamp.gap is None:
-            seconds = (stamp.monotonic_ns - before_ns) / 1e9
-            stamp = replace(stamp, gap=Gap(seconds, 0, math.floor(seconds * self._rate_hz * _FASTEST)))
-        between = f"{self._utc(before_ns)} to {self._utc(stamp.monotonic_ns)} UTC"
-        return f"{gap_text(stamp)}, {between}; the unit is back: {found}"
+        stamp_ns, uncertainty_ns = (int(block.rows[name][0]) for name in ("stamp_ns", "uncertainty_ns"))
+        seconds = (stamp_ns - before_ns) / 1e9
+        gap = block.gap or Gap(seconds, 0, math.floor(seconds * self._rate_hz * _FASTEST))
+        between = f"{self._utc(before_ns)} to {self._utc(stamp_ns)} UTC"
+        return f"{gap_text(gap, uncertainty_ns)}, {between}; the unit is back: {found}"
 
     def snapshot(self, now_ns: int) -> ReconnectingSnapshot | None:
-        """What is waited for, for viewers; None while the unit is there."""
+        """Return what is waited for, for viewers; None while the unit is there."""
         if self._away_since_ns is None:
             return None
         return {"seconds": (now_ns - self._away_since_ns) / 1e9, "waits_for": self._waits_for}
 
-    # -- what is said of it ---------------------------------------------------------------------------------------
+    # -- silence ------------------------------------------------------------------------------------------------------
 
-    def is_to_be_asked(self, moment: Moment) -> bool:
-        """Whether the unit has been silent for so long that it has to be asked who it is."""
-        return moment.silent_s > self._ask_again_s and not moment.expected and not self.is_away
+    def is_to_be_asked(self, second: Second) -> bool:
+        """Return whether the unit has been silent for so long that it has to be asked who it is."""
+        return second.silent_s > self._ask_again_s and not second.pauses and not self.is_away
 
-    def news(self, moment: Moment, /) -> News:
-        """That the unit fell silent or speaks again, and, once, that it is polled more slowly than asked."""
-        silent = self.falls_silent(moment)
+    def _news(self, second: Second) -> Iterator[Said]:
+        """Say that the unit fell silent or speaks again, and, once, that it is polled more slowly than asked."""
+        silent = self.falls_silent(second)
         if not self.is_away and silent != self._is_silent:
             self._is_silent = silent
             if silent:
-                yield f"no packets for {moment.silent_s:.1f} s: {self._advice()}", WARNING
+                yield _said(f"no packets for {second.silent_s:.1f} s: {self._advice()}")
             else:
-                yield "packets again", INFORMATION
-        slow = self.polled_rate.finding()
+                yield _said("packets again", INFORMATION)
+        slow = self._polled_rate.finding()
         if slow is not None and not self._rate_said:
             self._rate_said = True
-            yield slow, WARNING
+            yield _said(slow)
 
-    def at_the_end(self, now_ns: int, moment: Moment | None) -> Iterator[tuple[EndFinding, bool]]:
-        """What must be said when the acquisition ends, and whether that has been said before.
+    def at_the_end(self, now_ns: int, asked: Second | None) -> Iterator[tuple[EndFinding, bool]]:
+        """Yield what must be said when the acquisition ends, and whether that has been said before.
 
-        `moment` is as it was when the end was asked for; None if that is not to be judged.
+        `asked` is as it was when the end was asked for; None if that is not to be judged.
         """
-        slow = self.polled_rate.finding()
+        slow = self._polled_rate.finding()
         if slow is not None:
             yield {"exit_code": lifecycle.FINDINGS, "text": slow}, self._rate_said
         if self._away_since_ns is not None:
@@ -327,18 +349,18 @@ class LineWatch:
                 f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
                 f" {self._waits_for}. What came is recorded and the file is finished."
             )
-        elif moment is not None and self.falls_silent(moment):
+        elif asked is not None and self.falls_silent(asked):
             text = (
-                f"the unit was silent at the end: its last packet came {moment.silent_s:.1f} s before. What came is"
+                f"the unit was silent at the end: its last packet came {asked.silent_s:.1f} s before. What came is"
                 f" recorded and the file is finished. Before the next one: {self._advice()}"
             )
         else:
             return
         yield {"exit_code": lifecycle.INSTRUMENT, "text": text}, False
 
-    def falls_silent(self, moment: Moment) -> bool:
-        """Whether the unit sends nothing though it should."""
-        return moment.silent_s > self._silence_s and not moment.expected
+    def falls_silent(self, second: Second) -> bool:
+        """Return whether the unit sends nothing though it should."""
+        return second.silent_s > self._silence_s and not second.pauses
 
     def _advice(self) -> str:
         return line_advice.of_silence(self._info.port, self._info.firmware)
@@ -348,14 +370,46 @@ class LineWatch:
         return f"{time.strftime('%H:%M:%S', time.gmtime(utc_ns // 1_000_000_000))}.{utc_ns // 1_000_000 % 1000:03d}"
 
 
-def gap_text(stamp: Stamp) -> str:
-    """Words for the gap before a stamp's packet, with its bounds for programs; "" if there is none."""
-    gap = stamp.gap
-    if gap is None:
-        return ""
+def gap_text(gap: Gap, uncertainty_ns: int) -> str:
+    """Return words for a gap, with its bounds for programs; `uncertainty_ns` is of the stamp behind it."""
     if gap.lost_min == gap.lost_max:
         what = f"{gap.lost_max} packet{'' if gap.lost_max == 1 else 's'} lost in {gap.seconds:.4f} s"
     else:
         what = f"no packets for {gap.seconds:.4f} s; between {gap.lost_min} and {gap.lost_max} were lost"
-    bounds = f"lost_min={gap.lost_min} lost_max={gap.lost_max} uncertainty_ms={stamp.uncertainty_ns / 1e6:.3f}"
+    bounds = f"lost_min={gap.lost_min} lost_max={gap.lost_max} uncertainty_ms={uncertainty_ns / 1e6:.3f}"
     return f"{what} ({bounds})"
+
+
+class EventLog:
+    """Keeps the last 20 events and the last 50 marks for viewers; the file has all of them."""
+
+    def __init__(self, timebase: Timebase) -> None:
+        self._timebase = timebase
+        self._events: deque[EventLine] = deque(maxlen=_EVENTS)
+        # a mark's time is None if it belongs to an earlier run of samples than the present one
+        self._marks: deque[tuple[int | None, str, str]] = deque(maxlen=_MARKS)
+
+    def take(self, event: Event, /) -> Iterable[Said]:
+        """Take an event of the stream."""
+        match event:
+            case Said(name, text):
+                utc = time.strftime("%H:%M:%S", time.gmtime(self._timebase.utc_ns(event.at_ns) / 1e9))
+                self._events.append({"utc": utc, "name": name, "text": text})
+                if name in ("mark", "remark"):
+                    self._marks.append((event.at_ns, utc, text))
+            case Began():
+                kept = () if event.recording else [(None, utc, text) for _, utc, text in self._marks]
+                self._marks = deque(kept, _MARKS)
+        return ()
+
+    def events(self) -> list[EventLine]:
+        """Return events for viewers, oldest first."""
+        return list(self._events)
+
+    def marks(self, started_ns: int | None) -> list[MarkLine]:
+        """Return marks for viewers, oldest first, with times since `started_ns`, when the present run began."""
+        return [{"t": _seconds(at_ns, started_ns), "utc": utc, "text": text} for at_ns, utc, text in self._marks]
+
+
+def _seconds(at_ns: int | None, started_ns: int | None) -> float | None:
+    return None if at_ns is None or started_ns is None else max(0.0, (at_ns - started_ns) / 1e9)

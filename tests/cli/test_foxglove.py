@@ -124,7 +124,8 @@ def growing(tmp_path: Path) -> Iterator[Growing]:
     made = Growing(tmp_path / "a.mcap")
     made.add()
     yield made
-    made.log.give_up()
+    if made.log.sha256 is None:
+        made.log.finish({}, START)
 
 
 def in_file(path: Path) -> list[Message]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.blocks import block_of
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader
 from mcap.records import Message
@@ -20,13 +21,13 @@ from imutui.instrument.uut.messages import PacketS1
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import audit, schemas
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.mcap_format import records
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.recording import finish_file
-from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.timebase import Timebase
+from imutui.session.run import Run
+from imutui.session.stream import Said
 
 START = 1_795_257_000_000_000_000
 LOOP_NS = {"imu400cd": 7_500_000, "imu381": 10_000_000}
@@ -62,7 +63,7 @@ def recorded(
     writer = LogWriter(
         path, info, "x = 1\n", START, raw_type=schemas.raw_type(details=instrument.status_names is not None)
     )
-    pipeline = SamplePipeline(info, Timebase(START), writer, instrument=instrument)
+    run = Run(info, Timebase(START), writer, instrument=instrument)
     rng = np.random.default_rng(8)
     loop_ns = LOOP_NS[instrument.name]
     dropped, second = 0, 1
@@ -78,13 +79,13 @@ def recorded(
         # what comes while the computer is held up is read at once when it goes on
         read = 299 * loop_ns if held_up and 100 <= k < 300 else instant
         stamp = Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None)
-        pipeline.packets([(packet, stamp, read + 2_000_000)])
+        run.take(block_of(packet, stamp, read + 2_000_000))
         dropped = 0
         if instant >= second * 1_000_000_000:
-            pipeline.flush(instant + 2_000_000)
+            run.flush(instant + 2_000_000)
             second += 1
-    pipeline.event("mark", "here", SECONDS * 1_000_000_000)
-    assert finish_file(writer, pipeline, SECONDS * 1_000_000_000)["finished"]
+    run.take(Said("mark", "here", at_ns=SECONDS * 1_000_000_000))
+    assert run.finish(SECONDS * 1_000_000_000)["finished"]
     return path
 
 

@@ -12,14 +12,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import unit_time
 from helpers import ros_messages
-from helpers.acquisitions import replayed, untimed
+from helpers.acquisitions import replayed, unread, untimed
+from helpers.blocks import block_of
 from helpers.commands import imutui, imutui_json, imutui_process
 from helpers.documents import dwell, effect, effects_toml, profile_toml, state, toml
 from helpers.places import own_places
@@ -27,9 +27,11 @@ from helpers.processes import LIMIT_S, wait_until
 from helpers.tap import packets_of
 from helpers.units import virtual
 
+from imutui.instrument.clock import Stamp
+from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.logbook import reader
+from imutui.logbook.session_info import SessionInfo
 from imutui.session import client, ipc
-from imutui.session.acquisition import Acquisition
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
 from imutui.verdict import sources
@@ -543,10 +545,12 @@ def test_status_tells_room_parts_reference_and_guide(start: Start) -> None:
     connection.stop()
 
 
-def test_an_event_is_written_behind_packets_that_still_wait() -> None:
+def test_an_event_is_written_behind_packets_that_still_wait(tmp_path: Path) -> None:
     """On a busy machine they wait for longer than a block; without any that wait, a second after the last is now."""
     second = 10**9
+    acquisition = unread(Plan("virtual", filter="none", logs=str(tmp_path)), SessionInfo(filter="none"))
+    packet = Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0)
+    acquisition.take(block_of(packet, Stamp(10 * second, False), 10 * second))
     for read_s, now_s, written_s in ((10.0, 10.2, 10.0), (10.0, 12.0, 12.0), (11.9, 12.0, 10.0), (11.9, 16.0, 16.0)):
-        reading = SimpleNamespace(last_packet_ns=round(read_s * second))
-        acquisition: Any = SimpleNamespace(_last_read_ns=10 * second, reader=reading)
-        assert Acquisition._written_ns(acquisition, round(now_s * second)) == round(written_s * second)
+        acquisition.reader.last_packet_ns = round(read_s * second)
+        assert acquisition._second(round(now_s * second)).written_ns == round(written_s * second)

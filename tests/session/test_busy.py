@@ -71,17 +71,17 @@ def test_what_was_refused_because_the_worker_is_busy_is_not_done_later(home: Pat
 def test_what_is_being_done_when_patience_ends_is_said_to_be_finished_later(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from imutui.session.recorder import Recorder
+    from imutui.session.recording import Recording
 
-    begun, go_on, end = threading.Event(), threading.Event(), Recorder.end_recording
+    begun, go_on, end = threading.Event(), threading.Event(), Recording.end
 
-    def slowly(recorder: Recorder) -> Any:
+    def slowly(recording: Recording) -> Any:
         begun.set()
         assert go_on.wait(LIMIT_S)
-        return end(recorder)
+        return end(recording)
 
     with acquiring(home) as run:
-        monkeypatch.setattr(Recorder, "end_recording", slowly)
+        monkeypatch.setattr(Recording, "end", slowly)
         with ThreadPoolExecutor(1) as pool:
             asked = pool.submit(ask, run, ask="stop_recording", patience_s=1.0)
             assert begun.wait(LIMIT_S)

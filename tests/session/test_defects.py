@@ -20,7 +20,7 @@ from imutui.logbook import reader
 from imutui.session import client, end_report, lifecycle
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.run import Run
 
 REPORTED = "a defect of imutui, and not of what it was given: ValueError: zero-size array"
 
@@ -42,8 +42,8 @@ def broken(*_: object, **__: object) -> Any:
     ("place", "filter_name"),
     [
         ((FrameDecoder, "feed"), "none"),
-        ((SamplePipeline, "packets"), "none"),
-        ((SamplePipeline, "flush"), "none"),
+        ((Run, "_take_block"), "none"),
+        ((Run, "flush"), "none"),
         ((ChannelStatistics, "add"), "none"),
         ((runner, "rows"), "spkf"),
     ],

@@ -13,6 +13,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from imutui.logbook import reader, schemas
+from imutui.logbook.samples import Samples
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter, metadata
 from imutui.session.live_filter import LiveFilter
@@ -30,7 +31,7 @@ def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def fed(live: LiveFilter, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> Iterator[tuple[int, bytes]]:
     """What a sample of unknown temperature gives."""
-    return live.samples(np.array([stamp_ns]), gyro[None], accel[None], np.array([np.nan]))
+    return live.samples(Samples(np.array([stamp_ns]), gyro[None], accel[None], np.ones(1, bool), np.array([np.nan])))
 
 
 def prepared() -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from helpers.blocks import Arrivals
 from helpers.commands import imutui
 from helpers.fake_devices import packet
 from helpers.faulty_lines import FaultyLine, LineFault
@@ -19,9 +20,10 @@ from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from filters.imu import LOOP_HZ
+from imutui.instrument.clock import Clock
 from imutui.instrument.driver import Answer, Poller
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
-from imutui.instrument.imu400.driver import Imu400cd
+from imutui.instrument.imu400.driver import COUNTER, Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.virtual_instrument import Reading
@@ -29,7 +31,8 @@ from imutui.jobs.check import check
 from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
-from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
+from imutui.session.reader_thread import Reader
+from imutui.session.stream import Broke, PacketArrival, Why
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
@@ -73,7 +76,7 @@ class Polled:
 
     @property
     def lost(self) -> int:
-        return sum(isinstance(event, PollUnanswered) for event in self.events)
+        return sum(event == Broke(Why.UNANSWERED) for event in self.events)
 
     @property
     def silent(self) -> bool:
@@ -100,7 +103,8 @@ def polling(
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
         Imu400cd(port).open(None)
         polled = Polled(unit, port)
-        reader = Reader(Imu400cd(port), hz, polled.events.append)
+        clock = Clock(4.7e6, COUNTER, polled=True)
+        reader = Reader(Imu400cd(port), Arrivals(clock, polled.events.append), hz, polled.events.append)
         reader.start()
         try:
             yield polled

@@ -1,21 +1,20 @@
-"""The reader over a pseudo-terminal: until when all is handed on, and a unit that zeroes its rate sensors."""
+"""The reader over a pseudo-terminal: blocks of stamped packets, and a unit that zeroes its rate sensors."""
 
 import queue
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from helpers.processes import wait_until
 from helpers.units import Still, served
 
-from imutui.instrument.clock import Clock, Stamp
+from imutui.instrument.clock import Clock
 from imutui.instrument.imu400 import driver
 from imutui.instrument.imu400.driver import COUNTER, Imu400cd
 from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
-from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
+from imutui.session.reader_thread import LineLost, Reader, ReaderEvent, ZeroingFinished
+from imutui.session.stream import Block, Broke, Stamper
 
 
 @contextmanager
@@ -24,7 +23,8 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
     items: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
     with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
         Imu400cd(port).open(38400)
-        reader = Reader(Imu400cd(port), poll_hz, items.put)
+        clock = Clock(4.7e6, COUNTER, polled=poll_hz is not None)
+        reader = Reader(Imu400cd(port), Stamper(clock), poll_hz, items.put)
         reader.start()
         try:
             yield reader, items
@@ -34,40 +34,42 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
                 items.get(timeout=10.0) if not items.empty() else None
 
 
-def packets(items: "queue.SimpleQueue[ReaderEvent]", n: int) -> list[PacketArrival]:
-    """The next packets; nothing else may come."""
-    found = []
-    while len(found) < n:
+def packets(items: "queue.SimpleQueue[ReaderEvent]", n: int) -> list[Block]:
+    """The next blocks with so many packets; nothing else may come."""
+    found = list[Block]()
+    while sum(len(block.rows) for block in found) < n:
         item = items.get(timeout=20.0)
-        if not isinstance(item, PollUnanswered):  # a loaded machine may be late for a poll
-            assert isinstance(item, PacketArrival)
+        if not isinstance(item, Broke):  # a loaded machine may be late for a poll
+            assert isinstance(item, Block)
             found.append(item)
     return found
 
 
-def test_what_came_until_it_says_so_is_handed_on_before_it_does() -> None:
-    """Else packets that are held after a pause are judged as if nothing had come since: a block is on its way."""
+def rows(blocks: list[Block]) -> np.ndarray:
+    """The packets of some blocks."""
+    return np.concatenate([block.rows for block in blocks])
+
+
+def test_a_block_is_of_half_a_second_and_shorter_while_it_is_watched() -> None:
     with reading(UnitOptions(), None) as (reader, items):
-        packets(items, 20)  # the first ones wait for those that vouch for them
-        for _ in range(6):
-            # in the midst of a block, which is on its way
-            wait_until(lambda: time.monotonic_ns() - reader.handed_on_ns() > 100_000_000)
-            until_ns = reader.handed_on_ns()
-            while not items.empty():
-                items.get()
-            (after,) = packets(items, 1)
-            assert after.host_ns >= until_ns
+        packets(items, 70)  # the first ones wait for those that vouch for them
+        unwatched = packets(items, 150)
+        reader.be_watched()
+        packets(items, 70)
+        watched = packets(items, 20)
+    assert max(len(block.rows) for block in unwatched) > 30
+    assert min(len(block.rows) for block in watched) < 15
 
 
-def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[PacketArrival], ZeroingFinished]:
+def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[Block], ZeroingFinished]:
     """Packets up to the zeroing, and how that went."""
-    before: list[PacketArrival] = []
+    before: list[Block] = []
     while True:
         item = items.get(timeout=60.0)
         assert not isinstance(item, LineLost)
         if isinstance(item, ZeroingFinished):
             return before, item
-        if isinstance(item, PacketArrival):
+        if isinstance(item, Block):
             before.append(item)
 
 
@@ -75,7 +77,7 @@ def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[PacketAr
 def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float | None) -> None:
     with reading(UnitOptions(), poll_hz) as (reader, items):
         first = packets(items, 30)
-        assert np.all(np.abs([a.packet.rates for a in first]) > 10)
+        assert np.all(np.abs(rows(first)["counts"][:, :3]) > 10)
         reader.zero(20)
         rest, done = until_zeroed(items)
         after = packets(items, 60)
@@ -83,17 +85,11 @@ def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float
     # ten samples of 7.5 ms for each unit of the argument
     assert done.seconds is not None
     assert done.seconds > 1.3
-    assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
-    assert (after[-1].bad_checksums, after[-1].discarded_bytes) == (0, 0)
-    clock = Clock(4.7e6, COUNTER, polled=poll_hz is not None)
-    stamps: list[Stamp] = []
-    for arrivals in (first + rest, after):
-        for a in arrivals:
-            stamps += clock.take(a.packet.ticks, a.host_ns, contiguous=a.contiguous, quiet=a.quiet)
-        stamps += clock.interrupt()
-    assert len(stamps) == len(first + rest + after)
-    assert not any(stamp.gap for stamp in stamps)
-    assert np.all(np.diff([stamp.monotonic_ns for stamp in stamps]) > 0)
+    assert np.all(np.abs(rows(after)["counts"][:, :3]) <= 1)
+    blocks = [*first, *rest, *after]
+    assert sum(block.bad_checksums + block.discarded_bytes for block in blocks) == 0
+    assert not any(block.gap for block in blocks)
+    assert np.all(np.diff(rows(blocks)["stamp_ns"]) > 0)
 
 
 def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +101,7 @@ def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(m
         _, gone = until_zeroed(items)
         after = packets(items, 10)
     assert gone.seconds is None
-    assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
+    assert np.all(np.abs(rows(after)["counts"][:, :3]) <= 1)
     assert "power it off and on" in gone.in_words(None, 1.5)
 
 
@@ -117,7 +113,7 @@ def test_zero_erases_the_stored_zero_at_once() -> None:
             _, done = until_zeroed(items)
             assert done.seconds is not None
         after = packets(items, 5)
-    assert np.all(np.abs([a.packet.rates for a in after]) > 10)
+    assert np.all(np.abs(rows(after)["counts"][:, :3]) > 10)
 
 
 def test_the_wait_is_as_long_as_the_slowest_document_says() -> None:

@@ -6,12 +6,14 @@ import sys
 import time
 from collections.abc import Collection
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.acquisitions import acquiring, untimed
+from helpers.acquisitions import acquiring, unread, untimed
+from helpers.blocks import Stamped, block_of, blocks_of
 from helpers.documents import effect, effects_toml, state
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
@@ -22,15 +24,14 @@ from imutui.jobs.info import brief, info
 from imutui.jobs.replay import replay
 from imutui.logbook import effects_file, reader, schemas
 from imutui.logbook.effects_file import EffectsDocument
+from imutui.logbook.log_time import Timebase
 from imutui.logbook.reading import Reading
+from imutui.logbook.samples import SampleGroups
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import engine, live_filter, recorder
-from imutui.session.lifecycle import Lifecycle
-from imutui.session.plan import Plan
-from imutui.session.recording import Recording, finish_file
-from imutui.session.sample_pipeline import Averager, Sample, SamplePipeline, Stamped
-from imutui.session.timebase import Timebase
+from imutui.session import engine, live_filter, recording
+from imutui.session.plan import Plan, RecordingWish
+from imutui.session.run import Run
 
 START = 1_795_257_000_000_000_000
 FILE = effects_toml(effect("thermal_lin", "gy", state("k", "rad/s/K", 1e-3, 1e-3))).encode()
@@ -70,7 +71,7 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
     )
     writer = LogWriter(path, info, "", START)
     writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, FILE, START)
-    pipeline = SamplePipeline(info, Timebase(START), writer, None, effects_file.maker(FILE, info))
+    run = Run(info, Timebase(START), writer, None, effects_file.maker(FILE, info))
     rng = np.random.default_rng(3)
     for k in range(2000):
         counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
@@ -78,9 +79,9 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
             counts[0] = 32767  # at the limit: no reading, but a temperature
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k // 20 + int(rng.integers(3)), k)
         stamp = Stamp(k * 7_518_797, False)
-        pipeline.packets([(packet, stamp, stamp.monotonic_ns + 2_000_000)])
-    document = finish_file(writer, pipeline, 2000 * 7_518_797)
-    assert document["alarms"] == pipeline.filter.estimator.alarms()  # type: ignore[union-attr]
+        run.take(block_of(packet, stamp, stamp.monotonic_ns + 2_000_000))
+    document = run.finish(2000 * 7_518_797)
+    assert document["alarms"] == run.filter.estimator.alarms()  # type: ignore[union-attr]
     return document
 
 
@@ -92,11 +93,11 @@ def test_a_count_at_its_limit_is_no_reading_of_its_own_sample(
 ) -> None:
     info = SessionInfo(filter="none", sampling=sampling, rate_hz=rate_hz)
     writer = LogWriter(tmp_path / "a.mcap", info, "", START)
-    pipeline = SamplePipeline(info, Timebase(START), writer)
+    run = Run(info, Timebase(START), writer)
     for k in range(5):
         packet = Packet(Mode.SCALED, (32767 if k == 2 else 0, 0, 0), (0, 0, 5461), 1550, k)
-        pipeline.packets([(packet, Stamp(k * 7_518_797, False), k * 7_518_797)])
-    finish_file(writer, pipeline, 5 * 7_518_797)
+        run.take(block_of(packet, Stamp(k * 7_518_797, False), k * 7_518_797))
+    run.finish(5 * 7_518_797)
     assert "".join(str(int(one)) for one in reader.read(tmp_path / "a.mcap").samples.valid) == valid
 
 
@@ -104,7 +105,7 @@ def messages_of(path: Path, rate_hz: float, size: int) -> list[tuple[str, int, i
     """All of a log whose packets came in blocks of a size, with losses and readings at the limit among them."""
     info = SessionInfo(rate_hz=rate_hz)
     writer = LogWriter(path, info, "", START)
-    pipeline = SamplePipeline(info, Timebase(START), writer)
+    run = Run(info, Timebase(START), writer)
     rng, block = np.random.default_rng(3), list[Stamped]()
     for k in range(600):
         counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
@@ -113,11 +114,12 @@ def messages_of(path: Path, rate_hz: float, size: int) -> list[tuple[str, int, i
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k % 7, -k % 65536)
         block.append((packet, stamp, stamp.monotonic_ns + 2_000_000))
         if len(block) == size:
-            pipeline.packets(block)
+            for part in blocks_of(block):
+                run.take(part)
             block = []
-    if block:
-        pipeline.packets(block)
-    finish_file(writer, pipeline, 600 * 7_518_797)
+    for part in blocks_of(block):
+        run.take(part)
+    run.finish(600 * 7_518_797)
     with path.open("rb") as stream:
         found = NonSeekingReader(stream).iter_messages(log_time_order=False)
         messages = [(c.topic, m.log_time, m.publish_time, m.sequence, m.data) for _, c, m in found]
@@ -156,16 +158,17 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
 
 def test_note_and_operator_of_a_file_that_is_written_can_be_changed(tmp_path: Path) -> None:
     plan = Plan("none", filter="none", logs=str(tmp_path), operator="Ada", min_free_mb=0.0)
-    made = recorder.Recorder(plan, SessionInfo(filter="none", operator="Ada"), Lifecycle(), Timebase(START))
+    acquisition = unread(plan, SessionInfo(filter="none", operator="Ada"))
+    made = acquisition.recording
     with pytest.raises(ValueError, match="nothing is being recorded"):
         made.describe("warm", None)
-    made.begin("", tmp_path / "a.mcap")
+    path = made.record(RecordingWish())
     made.describe("warm", None)
     made.describe(None, "Bo")
-    made.pipeline.flush(time.monotonic_ns())
-    assert (brief(tmp_path / "a.mcap").state, info(tmp_path / "a.mcap")["note"]) == ("being written", "warm")
-    made.end_recording()
-    told = info(tmp_path / "a.mcap")
+    acquisition.every_second()
+    assert (brief(path).state, info(path)["note"]) == ("being written", "warm")
+    made.end()
+    told = info(path)
     assert (told["note"], told["operator"], made.plan.operator, made.plan.note) == ("warm", "Bo", "Bo", "")
     assert [e["text"] for e in told["events"]][1:] == ["note: warm (before: none)", "operator: Bo (before: Ada)"]
 
@@ -193,12 +196,12 @@ def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
 def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What has been read by the deadline was sent: the unit is not called silent because its file is not begun yet."""
 
-    def slow(*arguments: Any) -> Recording:
+    def slow(*arguments: Any, **options: Any) -> LogWriter:
         time.sleep(0.6)
-        return Recording(*arguments)
+        return LogWriter(*arguments, **options)
 
     monkeypatch.setattr(engine, "_FIRST_PACKET_S", 0.3)
-    monkeypatch.setattr(recorder, "Recording", slow)
+    monkeypatch.setattr(recording, "LogWriter", slow)
     with acquiring(home) as run:
         assert run.seen()["state"] == "running"
 
@@ -208,35 +211,40 @@ def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monke
 PERIOD_NS = 7_500_000
 
 
-def feed(averager: Averager, n: int, drop: Collection[int] = ()) -> list[Sample]:
-    """Packets at 133.3 Hz whose counts are their number."""
-    out = []
-    for k in range(n):
-        if k not in drop:
-            sample = averager.add(k * PERIOD_NS, (k, k, k, k, k, k, 1000 + k))
-            if sample is not None:
-                out.append(sample)
-    return out
+def feed(rate_hz: float, n: int, drop: Collection[int] = (), size: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and counts of the samples of packets at 133.3 Hz, whose counts are their number, in blocks of a size."""
+    groups = SampleGroups(rate_hz, each=False)
+    numbers = np.array([k for k in range(n) if k not in drop])
+    made = []
+    for first in range(0, numbers.size, size):
+        block = numbers[first : first + size]
+        counts = np.column_stack([block] * 6 + [1000 + block]).astype(float)
+        made.append(groups.take(block * PERIOD_NS, counts, np.ones(block.size, bool)))
+    return np.concatenate([stamps for _, stamps, _, _ in made]), np.concatenate([counts for _, _, counts, _ in made])
 
 
 @pytest.mark.parametrize("rate", [0.1, 1.0, 20.0, 50.0, 100.0, 120.0])
-def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> None:
+@pytest.mark.parametrize("size", [1, 67])
+def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float, size: int) -> None:
     n = int(40e9 / PERIOD_NS)
-    samples = feed(Averager(rate), n)
-    assert abs(len(samples) - 40 * rate) <= 2
-    assert n - sum(s.packets for s in samples) <= 134 / rate
+    stamps, _ = feed(rate, n, size=size)
+    assert abs(len(stamps) - 40 * rate) <= 2
+    # a sample is at the mean instant of its packets, which are all that begin in its period
+    begins = np.ceil(np.arange(len(stamps) + 1) * 1e9 / rate / PERIOD_NS)
+    means = [np.mean(np.arange(a, b)) for a, b in pairwise(begins)] if rate < 100.0 else stamps / PERIOD_NS
+    assert np.allclose(stamps / PERIOD_NS, means)
 
 
 def test_a_sample_is_the_mean_of_its_packets_at_their_mean_instant() -> None:
-    for sample in feed(Averager(20.0), 500):
-        assert np.allclose(sample.counts, sample.stamp_ns / PERIOD_NS)
-        assert sample.temperature == pytest.approx(1000 + sample.stamp_ns / PERIOD_NS)
+    stamps, counts = feed(20.0, 500)
+    assert np.allclose(counts[:, :6], stamps[:, None] / PERIOD_NS)
+    assert np.allclose(counts[:, 6], 1000 + stamps / PERIOD_NS)
 
 
 def test_a_period_without_packets_gives_no_sample() -> None:
-    whole, holed = feed(Averager(20.0), 200), feed(Averager(20.0), 200, drop=set(range(40, 80)))
+    (whole, _), (holed, _) = feed(20.0, 200, size=7), feed(20.0, 200, drop=set(range(40, 80)), size=7)
     assert len(whole) - len(holed) == 6
-    assert whole[-1].stamp_ns == holed[-1].stamp_ns
+    assert whole[-1] == holed[-1]
 
 
 # What is loaded before the first packet is on the disk, and what is not
@@ -272,8 +280,8 @@ def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
     monkeypatch.setattr(unprepared, "begin", lambda: on_disk.append(packets_in(path)))
     monkeypatch.setattr(live_filter, "PLAIN", unprepared)
     info = SessionInfo(sampling="polled", rate_hz=20.0)
-    pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
-    pipeline.packets([(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000)])
+    run = Run(info, Timebase(START), LogWriter(path, info, "", START))
+    run.take(block_of(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000))
     assert on_disk == [1]
-    assert pipeline.filter is not None
-    assert pipeline.filter.estimator is None
+    assert run.filter is not None
+    assert run.filter.estimator is None

@@ -135,6 +135,6 @@ def test_a_link_that_leads_nowhere_and_a_pipe_hide_no_log(tmp_path: Path) -> Non
 
 def test_what_was_before_a_recording_is_not_said_of_its_later_files() -> None:
     previous = PreviousLog(Path("a.mcap"), "old", False, 0.0, "process")
-    told = previous_log.told(NOW, previous)
+    told = previous_log.naming(NOW, previous)
     assert (told.previous, told.previous_end) == ("a.mcap", "unfinished")
-    assert previous_log.told(told, None) == NOW
+    assert previous_log.naming(told, None) == NOW

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.acquisitions import untimed
+from helpers.acquisitions import unread, untimed
+from helpers.blocks import Stamped, blocks_of
 from helpers.documents import effect, effects_toml, state
 
 from imutui.instrument.clock import Stamp
@@ -19,12 +20,8 @@ from imutui.logbook import effects_file, reader
 from imutui.logbook.reading import Reading
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
-from imutui.session.disk_space import DiskGuard, FreeSpace
-from imutui.session.metadata import effects_of
-from imutui.session.plan import Plan
-from imutui.session.recording import Recording, is_full
-from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.timebase import Timebase
+from imutui.session.plan import Plan, RecordingWish
+from imutui.session.recording import DiskSpace, Recording
 from imutui.verdict import sources
 
 S = 1_000_000_000
@@ -48,17 +45,28 @@ REMEMBERING = effects_toml(
         (1e-6, 1e-6, 0.9, 10**9, False),
     ],
 )
-def test_a_file_is_full_by_time_or_by_size(minutes: float, mb: float, seconds: float, size: int, full: bool) -> None:
-    assert is_full(Plan("virtual", rotate_minutes=minutes, rotate_mb=mb), seconds, size) is full
+def test_a_file_is_full_by_time_or_by_size(
+    tmp_path: Path, minutes: float, mb: float, seconds: float, size: int, full: bool
+) -> None:
+    plan = Plan("virtual", filter="none", rotate_minutes=minutes, rotate_mb=mb, logs=str(tmp_path), min_free_mb=0.0)
+    recording = unread(plan, SessionInfo()).recording
+    recording.record(RecordingWish())
+    recording.run.started_ns = 0
+    assert recording._is_full(round(seconds * S), size) is full
+    recording.end()
 
 
 def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> None:
-    recording = Recording(Plan("virtual", min_free_mb=0.0), SessionInfo(), "", tmp_path / "a.mcap")
-    assert recording.next_path() == tmp_path / "a_p2.mcap"
-    (tmp_path / "a_p2.mcap").touch()
-    assert recording.next_path() == tmp_path / "a_p2_2.mcap"
-    recording.part = 2
-    assert recording.next_path() == tmp_path / "a_p3.mcap"
+    recording = unread(Plan("virtual", filter="none", logs=str(tmp_path), min_free_mb=0.0), SessionInfo()).recording
+    first = recording.record(RecordingWish())
+    for part, name in enumerate(("p2", "p3_2"), 2):
+        if part == 3:
+            first.with_name(f"{first.stem}_p3.mcap").touch()
+        recording._go_on()
+        assert recording.writer is not None
+        assert recording.writer.path == first.with_name(f"{first.stem}_{name}.mcap")
+        assert recording.part == part
+    recording.end()
 
 
 @pytest.mark.parametrize("limits", [{"rotate_minutes": -1.0}, {"rotate_mb": float("nan")}, {"rotate_mb": float("inf")}])
@@ -75,7 +83,7 @@ def test_a_reference_told_from_one_logs_start_keeps_the_recording_in_one_file() 
 
 
 def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
-    room = FreeSpace()
+    room = DiskSpace(0.0)
     missing = tmp_path / "logs" / "deep"
     free = room.free_bytes(missing, 5 * S)
     assert free is not None
@@ -88,7 +96,7 @@ def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
 
 
 def test_the_rate_of_growth_is_told_through_all_files() -> None:
-    growth = DiskGuard(0.0)
+    growth = DiskSpace(0.0)
     for second in range(10):
         growth.add_size(second * S, 1000 * second)
         assert growth.bytes_per_s() is None
@@ -102,14 +110,18 @@ def test_the_rate_of_growth_is_told_through_all_files() -> None:
 # ------------------------------------------------------------------------------------- what goes on from file to file
 
 
-def feed(pipeline: SamplePipeline, first: int, last: int) -> None:
+def feed(recording: Recording, first: int, last: int) -> None:
     """Packets at 133 Hz of a unit that warms by 20 K in a minute, and cools."""
+    packets = list[Stamped]()
     for k in range(first, last):
         counts = [int(x) for x in NOISE[k] * 40 + [0, 0, 0, 0, 0, 5461]]
         warmth = 350.0 * np.sin(k / 2500.0)
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
         stamp = Stamp(k * 7_518_797, False)
-        pipeline.packets([(packet, stamp, stamp.monotonic_ns + 2_000_000)])
+        packets.append((packet, stamp, stamp.monotonic_ns + 2_000_000))
+    for k in range(0, len(packets), 67):
+        (block,) = blocks_of(packets[k : k + 67])
+        recording.take(block)
 
 
 def recorded(
@@ -118,18 +130,16 @@ def recorded(
     """A recording that goes on in another file at each end, as the acquisition has it: files and live results."""
     live_filter.PLAIN.begin()
     live_filter.WITH_EFFECTS.begin()
-    plan = Plan("virtual", logs=str(folder), rotate_minutes=1.0, effects=effects)
+    plan = Plan("virtual", logs=str(folder), rotate_minutes=1.0, effects=effects, filter=filter_name, min_free_mb=0.0)
     info = SessionInfo(rate_hz=20.0, filter=filter_name, effects_sha256=effects_file.digest(effects.encode()))
-    recording = Recording(plan, info, "", folder / "a.mcap")
-    made, first = [], 0
-    for number, end in enumerate(ends):
-        if number:
-            recording.next_file()
-        maker = effects_of(plan, recording.info)
-        pipeline = SamplePipeline(recording.info, Timebase(START), recording.writer, None, maker)
-        feed(pipeline, first, end)
-        path = recording.writer.path
-        made.append((path, recording.finish_file(pipeline, end * 7_518_797)))
+    recording = unread(plan, info).recording
+    recording._begin("", folder / "a.mcap")
+    made, first = list[tuple[Path, dict[str, Any]]](), 0
+    for end in ends:
+        feed(recording, first, end)
+        recording._go_on() if end != ends[-1] else recording.end()
+        assert recording.result is not None
+        made.append((Path(recording.result["log"]), dict(recording.result)))
         first = end
     return made
 

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.blocks import block_of
 from helpers.commands import imutui, imutui_json
 from helpers.units import Still, served
 
 from filters.imu import AxisMap, format_mount, parse_mount
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
+from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.fields import Field, Orientation
@@ -20,7 +22,8 @@ from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.watches import GravityCheck, Moment, StatusWords, unexpected_gravity
+from imutui.session.stream import Block, Second
+from imutui.session.watches import GravityCheck, StatusWords, unexpected_gravity
 
 OVER = Orientation(signs=(1, -1, -1))
 
@@ -81,12 +84,12 @@ def dwelling(outer: float, align: str = "none") -> Profile:
 def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile | None, is_told: bool) -> None:
     info = SessionInfo(accel_sign=1, reference="level" if motion is None else "profile", own_mount=OVER.mount)
     upside_down = np.array([0.0, 0.0, 1.0])
-    before, then = (Moment(0.0, False, accels_g, info, motion) for accels_g in (None, upside_down))
+    before, then = (Second(0, 0, 0.0, False, accels_g, info, motion) for accels_g in (None, upside_down))
     watch = GravityCheck(INSTRUMENTS["imu381"])
-    assert list(watch.news(before)) == []
-    assert bool(list(watch.news(then))) is is_told
-    assert list(watch.news(then)) == []
-    assert list(GravityCheck(INSTRUMENTS["imu400cd"]).news(then)) == []
+    assert list(watch.take(before)) == []
+    assert bool(list(watch.take(then))) is is_told
+    assert list(watch.take(then)) == []
+    assert list(GravityCheck(INSTRUMENTS["imu400cd"]).take(then)) == []
 
 
 def test_what_a_unit_is_configured_as_is_in_its_log(home: Path) -> None:
@@ -111,32 +114,32 @@ def test_what_a_unit_is_configured_as_is_in_its_log(home: Path) -> None:
 
 # Status words of packets: each told once, the newest shown, and nothing of units whose packets have none
 
-NOW = Moment(0.0, False, None, SessionInfo(), None)
+NOW = Second(0, 0, 0.0, False, None, SessionInfo(), None)
 
 
-def packet(word: int) -> PacketS1:
+def packet(word: int) -> Block:
     """A packet of an IMU381 with a status word."""
-    return PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, word)
+    return block_of(PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, word), Stamp(0, False), 0)
 
 
 def test_a_word_is_told_when_it_is_new_and_shown_while_it_is_the_newest() -> None:
     words = StatusWords(INSTRUMENTS["imu381"])
     for word in (0, 0x1000, 0, 0x1000, 0x0021):
-        words.take([packet(word)])
-    assert [text.partition(";")[0] for text, _ in words.news(NOW)] == [
+        assert list(words.take(packet(word))) == []
+    assert [said.text.partition(";")[0] for said in words.take(NOW)] == [
         "the unit's status word (BIT) is 0x1000 (sensor status)",
         "the unit's status word (BIT) is 0x0021 (master fail, reserved 5)",
     ]
     assert words.newest == "0x0021 (master fail, reserved 5)"
-    assert list(words.news(NOW)) == []
-    words.take([packet(0)])
+    assert list(words.take(NOW)) == []
+    list(words.take(packet(0)))
     assert words.newest == ""
     for word in range(1000):
-        words.take([packet(word)])
-    assert len(list(words.news(NOW))) < 20
+        list(words.take(packet(word)))
+    assert len(list(words.take(NOW))) < 20
 
 
 def test_packets_without_a_status_word_say_nothing() -> None:
     words = StatusWords(INSTRUMENTS["imu400cd"])
-    words.take([Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0)])  # type: ignore[arg-type]
-    assert (words.newest, list(words.news(NOW))) == ("", [])
+    list(words.take(block_of(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, False), 0)))
+    assert (words.newest, list(words.take(NOW))) == ("", [])

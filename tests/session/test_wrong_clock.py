@@ -64,7 +64,7 @@ def test_a_clock_that_is_set_wrong_during_a_recording_ends_nothing(
     with acquiring(home) as run:
         monkeypatch.setattr(time, "time_ns", lambda: clock() - begun + round(seconds * 1e9))
         run.record()
-        run.engine.call(lambda acquisition: acquisition.recorder._rotate(acquisition.recorder.recording))
+        run.engine.call(lambda acquisition: acquisition.recording._go_on())
         run.record()
         _, log = run.content()
         monkeypatch.undo()

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.blocks import Arrivals
 from helpers.faulty_lines import FaultyLine, LineFault
 from helpers.paths import ROOT
 from helpers.processes import wait_until
@@ -30,8 +31,9 @@ from imutui.instrument.uut.messages import Fields, FieldsSet, GetFields, Memory,
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
-from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
+from imutui.session.reader_thread import Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned
+from imutui.session.stream import Block, PacketArrival, Stamper
 
 DATA = ROOT.parent / "shared" / "data"
 STREAM, DECODED = DATA / "aceinna_imu381_scale1.raw", DATA / "aceinna_imu381_s1_static.npz"
@@ -48,10 +50,9 @@ def still(options: UnitOptions | None = None) -> Iterator[str]:
 
 def acquired(host: Imu381, poll_hz: float | None, enough: Callable[[int], bool]) -> list[PacketArrival]:
     """Packets that a reader gets until they are enough."""
-    events: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
-    reader = Reader(host, poll_hz, events.put)
+    events, found = queue.SimpleQueue[ReaderEvent](), list[PacketArrival]()
+    reader = Reader(host, Arrivals(clock_of(host, poll_hz), found.append), poll_hz, events.put)
     reader.start()
-    found: list[PacketArrival] = []
     until = time.monotonic() + 60.0
     try:
         # asked again without an event: what the unit has sent is written down after the host has it
@@ -59,12 +60,16 @@ def acquired(host: Imu381, poll_hz: float | None, enough: Callable[[int], bool])
             assert time.monotonic() < until, f"{len(found)} packets, and they are not enough"
             with suppress(queue.Empty):
                 event = events.get(timeout=0.2)
-                assert isinstance(event, PacketArrival), event
-                found.append(event)
+                assert isinstance(event, Block), event
     finally:
         reader.stop()
         reader.join(10.0)
     return found
+
+
+def clock_of(host: Imu381, poll_hz: float | None) -> Clock:
+    """A clock of its packets."""
+    return Clock(transfer_s(31, 115200) * 1e9, host.counter, polled=poll_hz is not None)
 
 
 def stamped(clock: Clock, arrivals: list[PacketArrival]) -> list[Stamp]:
@@ -226,7 +231,7 @@ def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() 
     options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
     with served(VirtualUnit(stream, options)) as name, Port(name, 115200) as port:
         host = Imu381(port, 20.0)
-        reader = Reader(host, None, events.put, KnownUnit(host.open(None), port.baud))
+        reader = Reader(host, Stamper(clock_of(host, None)), None, events.put, KnownUnit(host.open(None), port.baud))
         reader.start()
         reader.join(20.0)
         lost = events.get(timeout=1.0)
@@ -325,7 +330,7 @@ def test_losses_are_reported(losing: range) -> None:
 
 
 def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
-    options, events = UnitOptions(), queue.SimpleQueue[ReaderEvent]()
+    options, events, ticks = UnitOptions(), queue.SimpleQueue[ReaderEvent](), list[int]()
     reset = FaultyLine((LineFault(1.0, "reset"),))
     with (
         served(VirtualUnit(Still(), options), line=reset) as name,
@@ -333,23 +338,20 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
     ):
         host = Imu381(port, 20.0)
         known = KnownUnit(host.open(None), port.baud, Imu381.power_up_bauds)
-        reader = Reader(host, None, events.put, known)
+        stamper = Arrivals(clock_of(host, None), lambda arrival: ticks.append(arrival.packet.ticks))
+        reader = Reader(host, stamper, None, events.put, known)
         reader.start()
         try:
             seen: list[ReaderEvent] = []
             while not any(isinstance(event, LineReturned) for event in seen):
                 seen.append(events.get(timeout=10.0))
-            ticks = [event.packet.ticks for event in (events.get(timeout=10.0) for _ in range(4)) if is_packet(event)]
+            ticks.clear()
+            wait_until(lambda: len(ticks) >= 4)
         finally:
             reader.stop()
             reader.join(10.0)
     assert any(isinstance(event, LineLost) and "as after power-up" in event.message for event in seen)
     assert set((np.diff(ticks) % 65536).tolist()) <= {3276, 3277}
-
-
-def is_packet(event: ReaderEvent) -> TypeGuard[PacketArrival]:
-    """Whether a packet was read."""
-    return isinstance(event, PacketArrival)
 
 
 def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> None:

@@ -20,8 +20,11 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.results import TIMINGS
+from imutui.logbook.session_info import SessionInfo
 from imutui.session import lifecycle, observe
+from imutui.session.acquisition import Acquisition
 from imutui.session.engine import Engine
+from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES
 
@@ -84,6 +87,20 @@ class Running:
     def findings(self) -> list[str]:
         assert {finding["exit_code"] for finding in self.engine.lifecycle.findings} <= {lifecycle.DISK}
         return [finding["text"] for finding in self.engine.lifecycle.findings]
+
+
+class _NoReader:
+    """Stands where an acquisition has its reader, and reads nothing."""
+
+    last_packet_ns = 0
+
+    def ask_again(self) -> None:
+        """Nothing is asked."""
+
+
+def unread(plan: Plan, info: SessionInfo) -> Acquisition:
+    """An acquisition without threads, to which a test hands what it takes."""
+    return Acquisition(plan, info, _NoReader(), Lifecycle())  # type: ignore[arg-type]
 
 
 @contextmanager

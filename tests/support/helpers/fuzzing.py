@@ -27,7 +27,6 @@ from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
 from imutui.instrument.imu400.crossbow import Command, CommandDecoder, Mode, Packet, encode
 from imutui.instrument.imu400.decoder import packet_decoder, reply_decoder
-from imutui.instrument.imu400.driver import COUNTER
 from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
 from imutui.logbook import effects_file, import_reference, reference_file
 from imutui.logbook.importing import recording as recordings
@@ -382,7 +381,6 @@ class _Engine:
     """An acquisition without threads: what is asked is done at once, as its worker does it."""
 
     def __init__(self, folder: Path) -> None:
-        from imutui.instrument.clock import Clock
         from imutui.session.acquisition import Acquisition
         from imutui.session.lifecycle import Lifecycle
         from imutui.session.plan import Plan
@@ -391,7 +389,7 @@ class _Engine:
         self.lifecycle.first_packet()
         plan = Plan("virtual", rate_hz=20.0, logs=str(folder))
         session = SessionInfo(rate_hz=20.0, kind="simulated", serial_number="7")
-        self.acquisition = Acquisition(plan, session, Clock(1.0, COUNTER), _Unit(), self.lifecycle)  # type: ignore[arg-type]
+        self.acquisition = Acquisition(plan, session, _Unit(), self.lifecycle)  # type: ignore[arg-type]
         # nobody is waited for
         self.lifecycle.ended.set()
 
@@ -421,7 +419,7 @@ def _take_request(path: Path) -> None:
         json.dumps(reply)
         if not reply["ok"] and "a defect of imutui" in reply["error"]:
             raise AssertionError(reply["error"])
-    engine.acquisition.finish()
+    engine.acquisition.recording.finish()
     if {path for path in folder.rglob("*") if not path.is_relative_to(logs)} != before:
         raise AssertionError("a request wrote outside of the folder of logs")
     shutil.rmtree(logs, ignore_errors=True)

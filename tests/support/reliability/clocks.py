@@ -17,10 +17,10 @@ from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.port import Port
 from imutui.jobs.replay import replay
-from imutui.logbook import reader, schemas
+from imutui.logbook import log_time, reader, schemas
 from imutui.logbook.reading import Reading
 from imutui.logbook.results import TIMINGS
-from imutui.session import observe, timebase
+from imutui.session import observe
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
 from reliability.setting import PERIOD_S
@@ -39,7 +39,7 @@ def clock_set(folder: Path, steps_s: tuple[float, ...]) -> ClockSet:
     """Set the clock by these steps, one after the other, while an acquisition in this process records."""
     offset = [0]
     clock = SimpleNamespace(monotonic_ns=time.monotonic_ns, time_ns=lambda: time.time_ns() + offset[0])
-    with patch.object(timebase, "time", clock), served(VirtualUnit(Still())) as path, Port(path, POWER_UP_BAUD) as port:
+    with patch.object(log_time, "time", clock), served(VirtualUnit(Still())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, logs=str(folder / "logs"), record=True, filter="none")
         host = Imu400cd(port)
         engine = Engine(plan, host, host.open(plan.baud))

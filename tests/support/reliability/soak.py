@@ -25,7 +25,7 @@ from imutui.session import live_filter, observe
 from imutui.session.acquisition import Acquisition
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import Plan
-from imutui.session.reader_thread import PacketArrival
+from imutui.session.stream import PacketArrival, Stamper
 from reliability.setting import PERIOD_S
 
 _KINDS = 4096
@@ -83,17 +83,19 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
         acquisition = Acquisition(
             plan,
             SessionInfo(rate_hz=plan.rate_hz, sampling=plan.sampling, filter=plan.filter, kind="simulated"),
-            Clock(float(_TRANSFER_NS), COUNTER, polled=False),
             reader,  # type: ignore[arg-type]
             Lifecycle(),
         )
+        stamper = Stamper(Clock(float(_TRANSFER_NS), COUNTER))
         began_ns, began_s = clock.now_ns, time.process_time()
         next_second = next_report = 0.0
         for k in range(round(seconds / PERIOD_S)):
             at = k * PERIOD_S
             clock.now_ns = began_ns + round(at * 1e9) + _TRANSFER_NS
             reader.last_packet_ns = clock.now_ns
-            acquisition.packets([_arrival(packets[k % _KINDS], k, clock.now_ns)])
+            stamper.take(_arrival(packets[k % _KINDS], k, clock.now_ns))
+            for block in stamper.blocks():
+                acquisition.take(block)
             if at >= next_second:
                 acquisition.every_second()
                 observe.snapshot(acquisition, 2**62)
@@ -101,7 +103,7 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
             if at >= next_report + every_s:
                 next_report += every_s
                 yield _taken(next_report, folder, time.process_time() - began_s)
-        acquisition.finish()
+        acquisition.recording.finish()
 
 
 def _packets() -> list[tuple[tuple[int, int, int], tuple[int, int, int], int]]:
