@@ -31,13 +31,6 @@ _SCATTER_NS = 154_508_497
 
 
 @dataclass(frozen=True, slots=True)
-class ReaderFailed:
-    """The reader ended by an exception that no code expects; it hands nothing on after this."""
-
-    error: Exception
-
-
-@dataclass(frozen=True, slots=True)
 class ZeroingFinished:
     """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between."""
 
@@ -67,8 +60,8 @@ class LeftOtherwise:
     message: str
 
 
-_LineEvent = LineLost | StillAway | LineReturned
-ReaderEvent = Block | Broke | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
+ReaderEvent = Block | Broke | ZeroingFinished | LineLost | StillAway | LineReturned | LeftOtherwise | Exception
+"""What a reader emits; after an exception, which no code expects, nothing more."""
 
 
 class Reader:
@@ -147,7 +140,7 @@ class Reader:
         try:
             self._acquire_until_stopped()
         except Exception as error:  # noqa: BLE001 - the worker ends the acquisition, and its file, as failed
-            self._emit(ReaderFailed(error))
+            self._emit(error)
         finally:
             self.stopping.set()
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.acquisitions import unread
 from helpers.blocks import block_of, blocks_of
-from imutui.instrument.imu400.driver import COUNTER
 
 from imutui.instrument.clock import Clock, Gap, Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
+from imutui.instrument.imu400.driver import COUNTER
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.acquisition import Acquisition
