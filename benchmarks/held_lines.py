@@ -21,7 +21,7 @@ from imutui.instrument.imu400.driver import COUNTER
 COUNTERS = {"52 ms": COUNTER, "a second": CounterSpec(1e9 / SPAN, 1e-3, +1)}
 KINDS = {
     "host": ("host",), "line": ("line",), "losses": ("lose",), "pauses": ("pause",), "silences": ("silence",),
-    "all": ("host", "line", "lose", "pause", "silence"),
+    "all": ("host", "line", "lose", "pause", "silence"), "busy host": ("line", "pause", "silence", "busy"),
 }  # fmt: skip
 
 
@@ -36,6 +36,9 @@ def held_up(counter: CounterSpec, kinds: tuple[str, ...], seconds: float, seed: 
     if rng.random() < 0.3:
         made.bursts(0.016)
     begin, at_s = float(made.due[0]), 3.0
+    if "busy" in kinds:
+        starts = begin + np.cumsum(rng.exponential(0.2, int(5.0 * seconds)))
+        made.stalls += [(start, start + float(rng.uniform(0.01, 0.12))) for start in starts.tolist()]
     while at_s < seconds - 4.0:
         first, size_s = int(np.searchsorted(made.due, begin + at_s)), float(rng.uniform(0.03, 2.5))
         match str(rng.choice(kinds)):

@@ -36,8 +36,8 @@ class UnitOnTheLine:
     line: Line | None = None  # what happens on the wire
     seed: int = 0  # of the time counter's start
     personality: Personality = field(default_factory=Personality)  # what the unit is like
-    # makes readings that nobody asks for, up to a time of theirs, s: those of a long rest at once take longer than a
-    # host waits; None where they take next to nothing
+    # makes the readings of a rest, up to a time of theirs, s: all at once would take longer than a host waits; None
+    # where they take next to no time
     keep_up: Callable[[float], None] | None = None
 
     def text(self, usual: str) -> str:

@@ -147,10 +147,11 @@ class Clock:
         packet = _Packet(arrival, step, contiguous, quiet, behind, follows)
         if not self._held:
             return self._go_on(packet, soon=soon)
-        if soon or not self._opened:
+        if soon or not self._opened or (follows and not quiet):
             return self._hold(packet)
-        # a backlog is that of a line that was held up again
-        return self._settle(caught_up=quiet and self._in_step(self._held)) + self._go_on(packet, soon=soon)
+        # packets that follow, and a backlog, are those of a host or a line that was held up, and is again
+        caught_up = self._in_step(self._held) and not self._held[0].follows
+        return self._settle(caught_up=caught_up) + self._go_on(packet, soon=soon)
 
     def due(self, now_ns: int) -> list[Stamp]:
         """Return the stamps of packets that were held while nothing came behind them that could make them sure."""
@@ -197,10 +198,9 @@ class Clock:
         # a backlog takes no time: the packets behind it show how late it was
         if len(self._held) < _FEWEST or (packet.behind and len(self._held) < _MOST_HELD):
             return []
-        if packet.arrival_ns - self._since_ns >= self._opening_ns:
-            return self._settle(caught_up=True)
+        is_steady = packet.arrival_ns - self._since_ns >= self._opening_ns
         too_long = packet.arrival_ns - self._held[0].arrival_ns > self._longest_hold_ns or packet.behind
-        return self._settle(caught_up=False) if too_long else []
+        return self._settle(caught_up=True) if is_steady or too_long else []
 
     def _is_in_time(self, late: float) -> bool:
         return late < SPAN * self.tick_ns - _SLACK_NS

@@ -41,7 +41,7 @@ class PortInfo:
 
 
 def available() -> list[PortInfo]:
-    """Serial ports of this machine, those with a stable id first."""
+    """Return the serial ports of this machine, those with a stable id first."""
     from serial.tools import list_ports
 
     by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.glob("*"))}
@@ -54,7 +54,7 @@ class Port:
 
     `name`: path, name under /dev/serial/by-id, or any pyserial URL.
     `baud`: line speed.
-    `lasting_name`: where the same adapter is found again, whatever device it is by then: see `lasting_name`.
+    `lasting_name`: name that leads to the same adapter later; see the function `lasting_name`.
     Raises PortError if it cannot be opened.
     """
 
@@ -84,11 +84,11 @@ class Port:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is open still; a line that hung up is, until it is closed."""
+        """True if it is open; a line that hung up stays open until it is closed."""
         return bool(self._serial.is_open)
 
     def has_moved(self) -> bool:
-        """Whether its name leads to another device by now than the one that is open."""
+        """Return True if its name leads to another device by now than the one that is open."""
         descriptor = getattr(self._serial, "fd", None)
         try:
             return descriptor is not None and os.fstat(descriptor).st_rdev != Path(self.lasting_name).stat().st_rdev
@@ -99,7 +99,7 @@ class Port:
         """Keep programs out that ask for no lock, and have neither an FTDI adapter nor a network hold bytes back."""
         network = getattr(self._serial, "_socket", None)
         if isinstance(network, socket.socket):
-            # what is sent are single letters; and a peer that acknowledges nothing is gone, though nobody hangs up
+            # single letters must leave at once; a peer that acknowledges nothing is gone, though it did not hang up
             network.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             network.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAD_PEER_MS)
         descriptor = getattr(self._serial, "fd", None)
@@ -124,7 +124,7 @@ class Port:
             raise PortError(f"{self.name}: the line speed {baud} cannot be set ({error}).") from error
 
     def read(self, size: int) -> bytes:
-        """Up to `size` bytes; fewer, or none, when the line is quiet for 50 ms.
+        """Return up to `size` bytes; fewer, or none, when the line is quiet for 50 ms.
 
         Raises PortError if the line is gone.
         """
@@ -134,7 +134,7 @@ class Port:
             raise PortError(self._gone(error)) from error
 
     def take(self, patience_s: float = READ_TIMEOUT) -> bytes:
-        """All that has arrived, as soon as there is any; nothing when the line is quiet for so long.
+        """Return all bytes that have arrived, as soon as there are any; none when the line is quiet for so long.
 
         A terminal server of RFC 2217 is given 50 ms, whatever is asked for.
         Raises PortError if the line is gone.
@@ -168,7 +168,7 @@ class Port:
             raise PortError(self._gone(error)) from error
 
     def waiting(self) -> int:
-        """How many bytes have arrived and were not read; over a network perhaps fewer, but 0 only if there are none.
+        """Return how many bytes have arrived and were not read; over a network maybe fewer, but 0 only if none.
 
         Raises PortError if the line is gone.
         """
@@ -178,7 +178,7 @@ class Port:
             raise PortError(self._gone(error)) from error
 
     def discard_input(self) -> None:
-        """Forget bytes that have arrived."""
+        """Drop the bytes that have arrived."""
         try:
             self._serial.reset_input_buffer()
         except _HANGUP as error:
@@ -209,13 +209,13 @@ class Port:
 
 
 def resolve(name: str) -> str:
-    """Path of a device that is named by its stable id; any other name as it is."""
+    """Return the path of a device that is named by its stable id; any other name as it is."""
     stable = _BY_ID / name
     return str(stable) if "/" not in name and stable.exists() else name
 
 
 def lasting_name(name: str) -> str:
-    """Name that leads to the same adapter after it was unplugged and plugged in again, perhaps as another device.
+    """Return a name that leads to the same adapter after it was plugged in again, perhaps as another device.
 
     A symbolic link and a URL are such names; for a bare device path it is its link in /dev/serial/by-id, where it has
     one, and else the path itself.
@@ -228,7 +228,7 @@ def lasting_name(name: str) -> str:
 
 
 def is_terminal(device: str) -> bool:
-    """Whether the device is a terminal that processes run in: the number of a pseudo-terminal is soon another's."""
+    """Return True if processes run in this terminal: the number of a pseudo-terminal is soon another's."""
     try:
         number = Path(device).stat().st_rdev if os.path.realpath(device).startswith("/dev/pts/") else 0
     except OSError:
@@ -237,7 +237,7 @@ def is_terminal(device: str) -> bool:
 
 
 def _terminal_of(process: Path) -> int:
-    """Device number of the terminal that a process is controlled by; 0 for none."""
+    """Return the device number of a process's controlling terminal; 0 for none."""
     try:
         # pid (comm) state ppid pgrp session tty_nr: the name may hold blanks and parentheses
         return int((process / "stat").read_text().rpartition(")")[2].split()[4])
@@ -300,7 +300,7 @@ def _group(device: str) -> str:
 
 
 def _holder(device: str) -> str:
-    """Who has the device open, as far as this user may see: "name (pid 123)"."""
+    """Return the processes that have the device open, as far as this user may see: "name (pid 123)"."""
     target = os.path.realpath(device)
     holders = []
     for process in Path("/proc").glob("[0-9]*"):

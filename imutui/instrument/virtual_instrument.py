@@ -33,8 +33,8 @@ class Source(Protocol):
     def reading(self, k: int) -> Reading | None:
         """Return the reading of the unit's loop at its instant `k`, or None once there is no more.
 
-        Instants are counted at the options' `loop_hz` from the first command that needs a reading. `k` never decreases;
-        it repeats when the host polls faster than the loop, and skips what the line was too slow for.
+        Instants are counted at the rate of the unit's loop, from the first command that needs a reading. `k` never
+        decreases; it repeats when the host polls faster than the loop, and skips what the line was too slow for.
         """
         ...
 

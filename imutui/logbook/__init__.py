@@ -11,7 +11,8 @@ logs of one power-on, `polled_rate` judges a polled rate.
 Recordings of others: `foreign_log` plans how an MCAP file is read, `bag` converts bags, `importing` reads tables,
 `import_reference` their motion, `arrival_stamps` fits their sampling instants.
 Other files: `export` and `parquet` write samples, `reference_file`, `trajectory_file` and `effects_file` are inputs,
-`results` is the document of a replay, `atomic_file` writes any file, `file_lock` guards one that is being written.
+`results` fills the record of what a filter has come to and the document of a run, `estimate_rows` the estimates of a
+log, `atomic_file` writes any file, `file_lock` guards one that is being written.
 The only user of mcap, zstandard, lz4 and rosbags.
 """
 

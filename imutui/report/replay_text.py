@@ -19,7 +19,7 @@ DIGITS = {"deg/s": 4, "mg": 3}  # of biases in tables, by their unit
 
 
 def text(d: "RunDocument", width: int) -> str:
-    """A result as lines of at most so many characters: verdict, biases, noise, what was lost, what contradicts."""
+    """Return a result as lines of at most `width` characters: verdict, biases, noise, losses, alarms."""
     if "final" not in d:
         said = [f"{d['log']}: {d['samples']} samples, no filter"]
         said += [sources.reasons(d)] if d["alarms"] or d["health"] else []
@@ -63,12 +63,12 @@ def why_unseen(d: "ResultDocument", channel: str) -> str:
 
 
 def converged(since: float | None) -> str:
-    """When a bias converged, in words."""
+    """Return when a bias converged, in words."""
     return "not yet" if since is None else f"at {since:.0f} s"
 
 
 def nis(d: "ResultDocument") -> str:
-    """Mean NIS and what it says."""
+    """Return the mean NIS and what it means."""
     mean, (low, high) = d["nis"]["mean"], d["nis"]["band95"] or (None, None)
     if mean is None:
         return "none"
@@ -78,7 +78,7 @@ def nis(d: "ResultDocument") -> str:
 
 
 def noise(d: "ResultDocument") -> str:
-    """White noise measured on the log, beside what the data sheet states, and how sure that is."""
+    """Return the white noise measured on the log, beside the data sheet's, and how certain it is."""
     of, sure = d["noise"], numbers.noise_certainty(d["noise"]["relative_sd"])
     if sure is None:
         return numbers.TOO_SHORT

@@ -25,7 +25,7 @@ _MOST_CAUSES = 20
 
 
 def snapshot(of: Acquisition, since: int) -> Snapshot:
-    """Everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    """Return everything a screen shows; `since` is the number of the first packet wanted in `series`."""
     if since < NO_SERIES:
         of.reader.be_watched()
     now, recording, stands = time.monotonic_ns(), of.recording, of.lifecycle

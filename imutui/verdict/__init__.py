@@ -1,4 +1,4 @@
-"""The verdict on a filter: `rules` judge a standing, `sources` make one of a snapshot or of a result document.
+"""The verdict on a filter: `rules` judge the record of what it has come to, `sources` word the verdict on a result.
 
-Badge, `stop`, `replay`, `record`, result pages and exit codes have it from here, so that none says what another denies.
+Badge, `stop`, `replay`, `record`, result pages and exit codes take it from here, so that no two contradict each other.
 """

@@ -1,4 +1,4 @@
-"""May the filter be believed: one word, its reason, and what to do; the one function that the screen and commands ask.
+"""The verdict on a filter: one word, its reason, and what to do. Screen and commands call the same function.
 
 GREEN: every bias that can be seen has converged, and nothing is unexplained. AMBER: wait, or look. RED: do something.
 OFF: there is no filter. WAIT: it has not begun. Each rule is one `Check` with its threshold in its text, so that the
@@ -60,7 +60,7 @@ SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–
 """Beside the word: state is said twice, and never by colour alone."""
 LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}  # a check's level as a word
 CHANNELS_CHECK = "channels"  # name of the checks on channel health
-RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}  # of a level: the worst is told
+RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}  # of a level: the worst one decides
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +85,17 @@ class Verdict:
     todo: str = ""
     brief: str = ""  # the reason in a few characters, for the header
     checks: tuple[Check, ...] = ()  # all rules
-    # whether it is shown at once, however short the last word stood: there is no filter to wait with
+    # whether it is shown at once, however short the last word stood
     sudden: bool = False
 
     @property
     def passes(self) -> bool:
-        """Whether a command that ends with it exits with 0: GREEN, or no filter ran and no channel is at fault."""
+        """True if a command that ends with it exits with 0: GREEN, or no filter ran and no channel is at fault."""
         return self.level not in ("wait", "bad")
 
     @property
     def fault(self) -> str:
-        """The worst fault of a channel in a few characters, such as `gy dead`; empty if there is none."""
+        """Return the worst fault of a channel in a few characters, such as `gy dead`; empty if there is none."""
         return next(
             (check.brief for check in self.checks if check.name == CHANNELS_CHECK and check.level != "good"), ""
         )
@@ -107,7 +107,7 @@ class Verdict:
 
     @property
     def todo_at_length(self) -> str:
-        """Return what to do, where there is room for all of it; what was not judged is not called looked at."""
+        """Return what to do, at length; limits that were not judged are not listed as checked."""
         unjudged = any(check.name == "limit" and check.level == "none" for check in self.checks)
         at_length = USE_AT_LENGTH.replace(" limits,", "") if unjudged else USE_AT_LENGTH
         return at_length if self.todo == USE else self.todo
@@ -140,7 +140,7 @@ def judge(
     """
     channels, waiting = _health(health), _waiting(of)
     if any(check.level == "bad" for check in channels) or (of is None and health):
-        # what a filter makes of such readings says nothing: it is not waited for
+        # the estimates from such readings mean nothing: the verdict does not wait for them
         rules = () if of is None or waiting else tuple(_rules(of, health, waiting_profile))
         return replace(_of((*channels, *(check for check in rules if check))), sudden=True)
     if of is None:
@@ -195,7 +195,7 @@ def _waiting(of: "Judged | None") -> str:
 
 
 def held_text(since: float | None) -> str | None:
-    """That the reference has ended, and when in the run, in words; None while there is one."""
+    """Return in words that the reference has ended, and when in the run; None while there is one."""
     if since is None:
         return None
     whole = int(since)
@@ -208,7 +208,7 @@ def _of(checks: tuple[Check, ...]) -> Verdict:
         return _green(checks)
     others = [check for check in checks if check.level == worst.level and check is not worst]
     also = f"; also {', '.join(check.brief for check in others)}" if others else ""
-    # the temperature comes last: by then the rest is well, which is worth saying
+    # the temperature comes last: the rest is well by then, and the reason says so
     well = f"{_named(checks, 'converged').said}, but " if worst.name == "temperature" else ""
     return Verdict(worst.level, WORDS[worst.level], well + worst.said + also, worst.todo, worst.brief, checks)
 
@@ -255,7 +255,7 @@ def _failure(of: Judged) -> str | None:
 
 
 def _health(health: Sequence[HealthEntry]) -> list[Check]:
-    """One check for each kind of fault that channels have, the worst first."""
+    """Return a check for each kind of fault that channels have, the worst first."""
     kinds: dict[str, list[HealthEntry]] = {}
     for entry in health:
         kinds.setdefault(entry["kind"], []).append(entry)
@@ -278,7 +278,7 @@ def _alarms(of: Judged) -> Check:
     if not alarms:
         return Check("good", "alarms", "none")
     count = "alarm" if len(alarms) == 1 else f"{len(alarms)} alarms"
-    # a profile's departure says where; the alarms themselves are told beside it
+    # a departure in a profile names the place; the alarms are listed beside it
     said = alarms[0] if of["departure"] is None else of["departure"]
     return Check("bad", "alarms", f"{count}: {said}", count, "put that right first")
 
@@ -330,7 +330,7 @@ def _band(nis: NisFields) -> tuple[float, float] | None:
 
 
 def nis_meaning(nis: NisFields, *, whole: bool = False) -> str:
-    """What the normalised innovation squared says; `whole` with the reason in full."""
+    """Return what the normalised innovation squared means; `whole` gives the reason in full."""
     if not nis["is_test"]:
         short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
         short = short.replace("reference is fed exact", "exact reference")
@@ -348,7 +348,7 @@ def nis_meaning(nis: NisFields, *, whole: bool = False) -> str:
 
 
 def tolerance(unit: str) -> float:
-    """Standard deviation below which a bias counts as converged."""
+    """Return the standard deviation below which a bias counts as converged, in the unit."""
     return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
 
 
@@ -418,7 +418,7 @@ def _lack(bias: Bias) -> tuple[float, float]:
 
 
 def worst_remainder(remainder: Sequence[RemainderField]) -> tuple[str, float] | None:
-    """Channel whose 10 s means are farthest beyond noise, and how many times; None while there are too few of them."""
+    """Return the channel whose 10 s means exceed noise the most, and how many times; None while there are too few."""
     known = [(r["channel"], r["ratio"]) for r in remainder if r["ratio"] is not None and r["windows"] >= FEWEST_WINDOWS]
     return max(known, key=lambda one: one[1], default=None)
 
@@ -438,7 +438,7 @@ def _unexplained(remainder: Sequence[RemainderField], departure: str | None, *, 
 
 
 def _causes(causes: Sequence[CauseField]) -> Check:
-    """Whether an effect that shows is larger than what a bias may be uncertain by."""
+    """Check whether an effect that shows is larger than a bias may be uncertain by."""
     showing = [one for one in causes if one["shows"]]
     large = [one for one in showing if over_tolerance(one)]
     if not large:
@@ -449,7 +449,7 @@ def _causes(causes: Sequence[CauseField]) -> Check:
 
 
 def over_tolerance(one: CauseField) -> bool:
-    """Whether an effect takes readings farther from their mean than a converged bias may be uncertain by."""
+    """Return whether an effect takes readings farther from their mean than a converged bias may be uncertain by."""
     if one["effect"] == "noise_level":
         return not 1.0 / TOO_NOISY < one["size"] < TOO_NOISY
     return one["extent"] > (GYRO_TOLERANCE_DPS if one["unit"].startswith("deg") else ACCEL_TOLERANCE_MG)

@@ -122,6 +122,18 @@ def test_a_unit_that_pauses_again_soon_puts_no_stamp_off(again_s: float, counter
     assert np.abs(found.error_s).max() < 1e-3
 
 
+@pytest.mark.parametrize("every_s", [0.11, 0.15, 0.21])
+def test_a_silence_before_a_busy_host_puts_no_stamp_off(every_s: float) -> None:
+    """A host that is held up again and again for 60 ms: the packets behind the silence are never steady."""
+    made = stream(20.0, 3)
+    made.lose(at(made, 10.0), 273)
+    for again_s in np.arange(12.1, 15.0, every_s).tolist():
+        stall(made, again_s, 0.06)
+    found = heard(made)
+    (gap,) = found.gaps
+    assert gap.lost_min <= 273 <= gap.lost_max
+
+
 @pytest.mark.parametrize("late_s", [0.03, 0.3])
 def test_packets_that_stay_late_are_in_doubt_after_a_block_of_them(late_s: float) -> None:
     """As of a unit that began anew where its counter would go on: whether line or instant is late is open at first."""

@@ -309,6 +309,12 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     for message, estimate in zip(messages, estimates, strict=True):
         check_estimate(message, estimate)
     assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.monitor.convergence().since]
+    # a row and the record of the end are converted by one function
+    for name_of_sd, values in result["sd"].items():
+        quantity, _, unit = name_of_sd.rpartition("_")
+        assert getattr(messages[-1], f"{quantity}_sd_{unit}") == pytest.approx(np.array(values), rel=1e-9)
+    for key, values in result["final"].items():
+        assert getattr(messages[-1], key) == pytest.approx(np.array(values), rel=1e-9, abs=1e-9)
     if name == "spkf":
         assert all(messages[-1].converged)
     assert not any(messages[0].converged)

@@ -14,12 +14,14 @@ from imutui.table.motion import (
     Begin,
     Motion,
     Move,
+    Readings,
     Swing,
     TableState,
     Turn,
     braking_deg,
     check_profile,
     narrower,
+    of_segment,
     parse_limits,
 )
 
@@ -127,6 +129,51 @@ def run(of: Follower, motion: "list[TableState]") -> tuple[float, str]:
 
 def steps(until_s: float) -> list[float]:
     return [0.01 * k for k in range(1, round(until_s / 0.01))]
+
+
+def seen(motion: Motion, states: list[TableState]) -> float:
+    """When a motion is there first, of readings since it was commanded; infinity: never."""
+    readings = Readings()
+    readings.begin(0, [motion])
+    for state in states:
+        readings.add([state])
+        if motion.is_there(readings, LIMITS):
+            return state.stamp_ns / 1e9
+    return math.inf
+
+
+def test_a_move_is_there_once_its_axis_has_stood_at_its_angle_for_a_second() -> None:
+    """Whole turns do not count of an axis without stops; a rest elsewhere, and a creeping axis, are not there."""
+    move = Move("inner", 350.0, 50.0, 100.0)
+    model = Expected(Move("inner", -10.0, 50.0, 100.0), Begin(0.0), 0.0, 0.0)
+    moving = [reading(t, inner=model.at(t)[0], rate=model.at(t)[1]) for t in steps(4.0)]
+    assert seen(move, moving) == pytest.approx(2.0 * math.sqrt(0.1) + 1.0, abs=0.05)
+    assert seen(move, [reading(t, inner=-9.97) for t in steps(4.0)]) == math.inf
+    assert seen(move, [reading(t, inner=-10.0, rate=0.02) for t in steps(4.0)]) == math.inf
+    assert seen(Move("outer", 0.0, 10.0, 10.0), [reading(t, outer=360.0) for t in steps(4.0)]) == math.inf
+
+
+def test_a_turn_is_there_at_its_rate_and_one_of_zero_when_its_axis_stands() -> None:
+    turn = Turn("inner", 40.0, 100.0)
+    model = Expected(turn, Begin(0.0), 0.0, 0.0)
+    turning = [reading(t, inner=model.at(t)[0], rate=model.at(t)[1]) for t in steps(3.0)]
+    assert 0.6 < seen(turn, turning) < 0.8
+    assert seen(Turn("inner", 0.0, 100.0), turning) == math.inf
+    assert seen(Turn("inner", 0.0, 100.0), [reading(t, inner=7.0) for t in steps(2.0)]) < 0.6
+
+
+def test_a_swing_is_there_at_nine_tenths_of_its_size_or_at_half_of_it_after_three_periods() -> None:
+    swing = Swing("inner", 10.0, 0.5, 100.0)
+    for size, when in ((10.0, 2.0), (7.0, 6.0), (4.0, math.inf)):
+        swinging = [reading(t, inner=size * math.sin(math.pi * t)) for t in steps(9.0)]
+        assert seen(swing, swinging) == pytest.approx(when, abs=0.05)
+
+
+def test_a_profile_moves_all_axes_at_the_pace_of_the_slowest_and_turns_one_at_its_own() -> None:
+    profile = Profile((Dwell(rad(10, 0, 20), 1.0), Rate("inner", 1.0, 1.0)), slew=math.radians(60.0))
+    dwell, rate = profile.segments
+    assert of_segment(dwell, profile, LIMITS) == (Move("outer", 10.0, 30.0, 50.0), Move("inner", 20.0, 30.0, 50.0))
+    assert of_segment(rate, profile, LIMITS) == (Turn("inner", round(math.degrees(1.0), 9), 100.0),)
 
 
 def test_an_axis_that_moves_as_commanded_a_little_late_is_followed() -> None:

@@ -149,7 +149,7 @@ _ZERO_LETTER = b"z"
 
 
 def checksum(payload: Iterable[int]) -> int:
-    """Sum of the bytes between header and checksum, modulo 256.
+    """Return the sum of the bytes between header and checksum, modulo 256.
 
     One manual prints 255 in one place; every driver that has met hardware uses 256.
     """
@@ -184,7 +184,7 @@ def encode(message: AnyCommand | Packet | AnyReply) -> bytes:
 
 
 def in_words(command: AnyCommand) -> str:
-    """Say what a command asks for, for a log: "c: scaled mode"."""
+    """Describe a command, for a log: "c: scaled mode"."""
     match command:
         case Command():
             meaning = command.meaning
@@ -217,18 +217,18 @@ def _packed_words(packet: Packet) -> bytes:
 
 
 def is_whole(frame: bytes) -> bool:
-    """Whether a frame has the right sum."""
+    """Return True if a frame has the right sum."""
     return checksum(frame[1:-1]) == frame[-1]
 
 
 def packet_of(mode: Mode, frame: bytes) -> Packet:
-    """Packet that a frame of 18 bytes holds; header and checksum are not looked at."""
+    """Return the packet in a frame of 18 bytes; header and checksum are not checked."""
     gx, gy, gz, ax, ay, az, temperature, ticks = _words_of(mode).unpack_from(frame, 1)
     return Packet(mode, (gx, gy, gz), (ax, ay, az), temperature, ticks)
 
 
 def serial_number_of(frame: bytes) -> SerialNumber:
-    """Serial number that a frame of 6 bytes holds."""
+    """Return the serial number in a frame of 6 bytes."""
     return SerialNumber(*_SERIAL_WORD.unpack_from(frame, 1))
 
 

@@ -104,20 +104,26 @@ class Crossbow:
             return noise(held, at, HEADER, skip=1, spoiled=PACKET_BYTES)
         ticks = _ticks(frame)
         if self._streaming and not self._follows(self._last_ticks, ticks):
-            behind = bytes(held[end : end + PACKET_BYTES])
-            is_reply = bool(self.reply) and behind.startswith(self.reply)
-            if not is_reply and len(behind) == PACKET_BYTES and behind[:1] == HEADER and is_whole(behind):
-                self._learn(ticks, _ticks(behind))
-            elif not is_reply and (len(behind) == PACKET_BYTES or behind[:1] not in (b"", HEADER)):
-                return noise(held, at, HEADER, skip=1)
-            elif not is_reply and not rest:
-                return None
+            is_sure = self._is_sure(ticks, bytes(held[end : end + PACKET_BYTES]), rest)
+            if not is_sure:
+                return None if is_sure is None else noise(held, at, HEADER, skip=1)
         self._last_ticks, self.answers = ticks, 0
         return Judged(PACKET_BYTES, True, packet_of(self._mode, frame))
 
     def missing(self, held: bytearray) -> int:
         """Return the bytes up to the end of the frame that has begun."""
         return PACKET_BYTES - len(held) % PACKET_BYTES
+
+    def _is_sure(self, ticks: int, behind: bytes, rest: Rest) -> bool | None:
+        """Return True if the bytes behind a frame make it a packet, False if they do not, None if more must come."""
+        if self.reply and behind.startswith(self.reply):
+            return True
+        if len(behind) < PACKET_BYTES and behind[:1] in (b"", HEADER):
+            return True if rest else None
+        if not behind.startswith(HEADER) or not is_whole(behind):
+            return False
+        self._learn(ticks, _ticks(behind))
+        return True
 
     def _follows(self, earlier: int | None, later: int) -> bool:
         """Return True if the counter stepped down by one to six periods, within 2 %."""

@@ -44,6 +44,9 @@ from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, 
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _BAUD_PATIENCE_S = 10.0
 
+_SCALING = Scaling()
+# a voltage loop may run as fast as the line carries its packets
+_VOLTAGE_LOOP_HZ = 213.3
 # "Sensor voltages: 2.5 V at rest": the middle of what a word can say
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
 
@@ -57,12 +60,8 @@ class UnitOptions(virtual_instrument.UnitOptions):
     # what `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
     # hardware); it returns to power-up, voltage mode and polled (AHRS400 manual)
     ping: Literal["keeps", "stops", "resets"] = "stops"
-    # loop_hz, loop_hz_voltage: rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
-    loop_hz: float = LOOP_HZ
-    loop_hz_voltage: float = 213.3
     # samples averaged for each unit of the argument of `z`; 10 or 100 by different sources
     zero_samples_per_unit: int = 10
-    scaling: Scaling = field(default_factory=Scaling)  # ranges of the model
     version_plain_text: bool = False  # True if `v` is answered without header and checksum, as the manuals can be read
 
 
@@ -91,10 +90,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
         super().__init__(options or UnitOptions())
         self._source = source
-        self._loops = {
-            Mode.SCALED: SamplingLoop(self.options.loop_hz),
-            Mode.VOLTAGE: SamplingLoop(self.options.loop_hz_voltage),
-        }
+        self._loops = {Mode.SCALED: SamplingLoop(LOOP_HZ), Mode.VOLTAGE: SamplingLoop(_VOLTAGE_LOOP_HZ)}
         self._last_sample = -1
         self._last_read = 0
         self.ended = False  # True once the source has no more: the unit sends no packets, but still answers
@@ -279,7 +275,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     def _read(self, sample: int) -> Reading | None:
         """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
         # a mode whose instants lie otherwise would ask for a reading just before the last one
-        number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * self.options.loop_hz)
+        number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * LOOP_HZ)
         self._last_read = max(number, self._last_read)
         reading = None if self.ended else self._source.reading(self._last_read)
         self.ended = reading is None
@@ -291,14 +287,13 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         reading = self._read(sample)
         if reading is None:
             return None
-        scaling = self.options.scaling
         if self.mode is Mode.SCALED:
-            rates = scaling.rate_counts(reading.rates_dps - self._zero_dps)
-            accels = scaling.accel_counts(reading.accels_g)
+            rates = _SCALING.rate_counts(reading.rates_dps - self._zero_dps)
+            accels = _SCALING.accel_counts(reading.accels_g)
         else:
-            rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_lsb_dps)
-            accels = _sensor_words(scaling, reading.accels_g, scaling.accel_lsb_g)
-        temperature, instant = int(scaling.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
+            rates = _sensor_words(reading.rates_dps, _SCALING.rate_lsb_dps)
+            accels = _sensor_words(reading.accels_g, _SCALING.accel_lsb_g)
+        temperature, instant = int(_SCALING.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
         packet = Packet(self.mode, triple(rates), triple(accels), temperature, self._ticks(instant))
         self.on_packet(packet, instant)
         return packet
@@ -307,8 +302,8 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         return (self._first_ticks - math.floor(instant / TICK_S)) % SPAN
 
 
-def _sensor_words(scaling: Scaling, values: ArrayLike, lsb: float) -> NDArray[np.int64]:
+def _sensor_words(values: ArrayLike, lsb: float) -> NDArray[np.int64]:
     """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at the ends of scaled words."""
-    return scaling.volts_counts(
+    return _SCALING.volts_counts(
         _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (-COUNT_LIMITS[0] * lsb))
     )

@@ -40,7 +40,7 @@ _LINE_SHARE = 0.81
 
 
 def fits_line(rate_hz: float, payload_bytes: int, baud: int) -> bool:
-    """Whether packets of so many payload bytes fit the line, as the firmware judges it."""
+    """Return True if packets of so many payload bytes fit the line by the firmware's rule."""
     return rate_hz * (payload_bytes + OVERHEAD_BYTES) <= _LINE_SHARE * baud / BITS_PER_BYTE
 
 
@@ -68,7 +68,7 @@ class Orientation:
 
     @classmethod
     def of_field(cls, value: int) -> "Orientation":
-        """Orientation that the field's value says.
+        """Return the orientation of a value of the field.
 
         `value`: 16 bits.
         Raises InputError if it is none of the 24 that a unit takes.
@@ -107,7 +107,7 @@ class Orientation:
 
 
 def in_words(values: Mapping[int, int]) -> str:
-    """What fields in force say, for a reader; those that a unit did not say are left out.
+    """Describe the fields in force; those that a unit did not report are left out.
 
     `values`: value by number of the field; 16 bits each.
     """
@@ -134,7 +134,7 @@ def in_words(values: Mapping[int, int]) -> str:
 
 
 def orientation_of(value: int) -> Orientation | None:
-    """Orientation that the field's value says; None if it is none of the 24."""
+    """Return the orientation of a value of the field; None if it is none of the 24."""
     try:
         return Orientation.of_field(value)
     except InputError:

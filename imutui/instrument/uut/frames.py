@@ -28,12 +28,12 @@ class Frame:
 
 
 def crc16(covered: bytes) -> int:
-    """CRC over type, length and payload; the preamble is not covered."""
+    """Return the CRC over type, length and payload; the preamble is not covered."""
     return binascii.crc_hqx(covered, _CRC_START)
 
 
 def framed(frame: Frame) -> bytes:
-    """Bytes of a frame as it goes over the line.
+    """Return the bytes of a frame on the line.
 
     Raises ValueError if type or payload are of a length that no frame has.
     """
@@ -46,7 +46,7 @@ def framed(frame: Frame) -> bytes:
 
 
 def frame_of(data: bytes) -> Frame:
-    """Frame that whole bytes hold; preamble and CRC are not looked at."""
+    """Return the frame in its bytes; preamble and CRC are not checked."""
     return Frame(data[2:4], data[HEADER_BYTES:-CRC_BYTES])
 
 

@@ -43,7 +43,7 @@ class Bit(enum.IntFlag, boundary=enum.KEEP):
 
 
 def names_of_bits(word: int) -> tuple[str, ...]:
-    """Names of the bits that are set in a status word, from the lowest: "hardware error", "reserved 5"."""
+    """Return the names of the bits set in a status word, from the lowest: "hardware error", "reserved 5"."""
     return tuple(
         (Bit(1 << place).name or f"reserved {place}").lower().replace("_", " ")
         for place in range(16)
@@ -267,7 +267,7 @@ _FACTORY = struct.Struct(">HB")
 
 
 def read_request(frame: Frame) -> Request:
-    """What a frame from the host asks for."""
+    """Return the request in a frame from the host."""
     payload = frame.payload
     match frame.type, len(payload):
         case (b"PK", 0):
@@ -288,7 +288,7 @@ def read_request(frame: Frame) -> Request:
 
 
 def read_reply(frame: Frame) -> Measurement | Reply:
-    """What a frame from the unit says."""
+    """Return the measurement or reply in a frame from the unit."""
     payload = frame.payload
     match frame.type, len(payload):
         case (b"S0", _S0.size):
@@ -334,7 +334,7 @@ def encode(message: Request | Reply | Measurement) -> bytes:
 
 
 def frame_of(message: Request | Reply | Measurement) -> Frame:
-    """Frame of a request, a reply or a measurement; struct.error where a number does not fit."""
+    """Return the frame of a message; raises struct.error where a number does not fit."""
     match message:
         case PacketS0(accels, rates, magnetics, temperatures, board, counter, bit):
             return Frame(b"S0", _S0.pack(*accels, *rates, *magnetics, *temperatures, board, counter, bit))
@@ -385,7 +385,7 @@ def _ascii(text: str) -> bytes:
 
 
 def _listed(payload: bytes, each: str) -> list[tuple[int, ...]]:
-    """Entries of a payload that begins with their number; none if the length does not match, or the number is 0."""
+    """Return the entries of a payload that begins with their number; none if the length differs, or the number is 0."""
     if not payload or len(payload) != 1 + payload[0] * struct.calcsize(each):
         return []
     return list(struct.iter_unpack(each, payload[1:])) if payload[0] else []

@@ -1,4 +1,4 @@
-"""Where the packets of a virtual unit come from: readings of a source, or a recorded stream of bytes."""
+"""Packets of a virtual unit: made of a source's readings, or those of a recorded stream of bytes."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from imutui.instrument.virtual_instrument import Source
 
 @dataclass(frozen=True, slots=True)
 class MadePacket:
-    """A packet, and its bytes with whatever a recording has before them."""
+    """A packet, and its bytes with those that a recording has before them."""
 
     packet: Measurement
     data: bytes
@@ -42,14 +42,14 @@ class MeasuredPackets:
         self._ended = False
 
     def restart(self) -> None:
-        """Readings go on where they are."""
+        """Do nothing: readings go on where they are."""
 
     def length(self, kind: bytes) -> int:
-        """Bytes of a packet of this type."""
+        """Return the length of a packet of this type; 0 once the source has no more."""
         return 0 if self._ended else FIXED_LENGTHS[kind] + OVERHEAD_BYTES
 
     def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
-        """Packet of reading k; None once the source has no more."""
+        """Return the packet of reading k; None once the source has no more."""
         self._last = max(self._last, k)
         reading = None if self._ended else self._source.reading(self._last)
         self._ended = reading is None
@@ -93,12 +93,12 @@ class RecordedStream:
 
     @property
     def kind(self) -> bytes:
-        """Type of its packets."""
+        """Type of the packets."""
         return encode(self._packets[0].packet)[2:4]
 
     @property
     def only(self) -> FieldValues:
-        """Fields that can't be other than they were."""
+        """Fields that cannot have another value."""
         return (
             (Field.RATE_DIVIDER, self.divider),
             (Field.PACKET_TYPE, int.from_bytes(self.kind, "big")),
@@ -110,18 +110,18 @@ class RecordedStream:
         self._next = 0
 
     def length(self, kind: bytes) -> int:
-        """Bytes of the next packet, with those before it; 0 after the last."""
+        """Return the length of the next packet, with the bytes before it; 0 after the last."""
         return len(self._packets[self._next].data) if self._next < len(self._packets) else 0
 
     def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
-        """The next packet; None after the last."""
+        """Return the next packet; None after the last."""
         if self._next == len(self._packets):
             return None
         self._next += 1
         return self._packets[self._next - 1]
 
     def polled(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
-        """The packet that the stream had last, or its first; bytes between packets are left out."""
+        """Return the packet that the stream had last, or its first, without bytes between packets."""
         made = self._packets[max(self._next - 1, 0)]
         return MadePacket(made.packet, encode(made.packet)) if self.kind == kind else None
 
@@ -142,7 +142,7 @@ def _packets_of(raw: bytes) -> list[MadePacket]:
 
 
 def _divider_of(packets: list[Measurement]) -> int:
-    """Divider by which the counter steps as it does."""
+    """Return the divider of a rate at which the counter steps as it does."""
     steps = [(after.counter - before.counter) % SPAN for before, after in pairwise(packets)]
     if not steps:
         return 1
@@ -151,19 +151,13 @@ def _divider_of(packets: list[Measurement]) -> int:
     return next((divider for divider, hz in rates if math.isclose(period * hz, 1.0, rel_tol=0.02)), 1)
 
 
-def in_columns(packet: Measurement) -> tuple[str, int, bytes]:
-    """Type, counter and bytes of a packet, for a table."""
-    data = encode(packet)
-    return data[2:4].decode("ascii"), packet.counter, data
-
-
 def counter_at(instant: float) -> int:
     """Return the value of a counter that was 0 at the time 0, s."""
     return math.floor(instant * COUNTS_PER_SECOND) % SPAN
 
 
 def _matrix(orientation: Orientation) -> np.ndarray:
-    """From the axes of the case to those of the packets."""
+    """Return the rotation from the axes of the case to those of the packets."""
     matrix = np.zeros((3, 3))
     matrix[range(3), orientation.axes] = orientation.signs
     return matrix

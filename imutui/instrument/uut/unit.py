@@ -1,10 +1,9 @@
 """An IMU381, or a relative of it, as a state machine: loop, fields, requests and line, without a clock and without I/O.
 
-`VirtualUnit` is told what arrived and when, and tells which bytes have left the line by then. It streams by itself from
-power-up on, unless its divider is 0. Time of its source begins when a host first asks for data: sets a divider other
-than 0, or the type of what streams, or asks for a single measurement; until then it reads the same all the time. What
-nobody documents and is made up here: a packet starts at the instant it was sampled; packets that have to wait for a
-reply on the line are late and not lost, up to half a second of them.
+It streams by itself from power-up on, unless its divider is 0. Time of its source begins when a host first asks for
+data: sets a divider other than 0, or the type of a stream, or asks for a single measurement; until then it reads the
+same all the time. Not documented, and made up here: a packet starts at the instant it was sampled; packets that have to
+wait for a reply on the line are late and not lost, up to half a second of them.
 """
 
 import math
@@ -40,7 +39,7 @@ from imutui.instrument.uut.messages import (
     encode,
     frame_of,
 )
-from imutui.instrument.uut.packet_makers import MadePacket, MeasuredPackets, RecordedStream, counter_at, in_columns
+from imutui.instrument.uut.packet_makers import MadePacket, MeasuredPackets, RecordedStream, counter_at
 from imutui.instrument.uut.unit_options import Configuration, UnitOptions
 from imutui.instrument.virtual_instrument import SamplingLoop, Source, VirtualInstrument
 
@@ -48,19 +47,20 @@ from imutui.instrument.virtual_instrument import SamplingLoop, Source, VirtualIn
 _FRAME_PATIENCE_S = 4.0
 _MOST_FIELDS = (MOST_PAYLOAD_BYTES - 1) // 4
 _LONGEST_BACKLOG_S = 0.5
+_BOOT_S = 0.1  # it is deaf and silent for so long after a restart
+_FACTORY_WORDS = {0x071C: 0x0081}  # by address; it refuses to read others
 _STATUS_WORDS = 14
 
 
 class VirtualUnit(VirtualInstrument[Measurement, Request]):
     """A unit of the family; see `VirtualInstrument`.
 
-    `source`: what there is to measure, or a stream to send as it is.
+    `source`: its readings, or a stream to send as it is.
     `options`: which unit this is.
-    `seed`: where the counter starts is drawn from it; without a seed it starts at 0.
+    `seed`: of the counter's start; without a seed it starts at 0.
     """
 
     options: UnitOptions
-    in_columns = staticmethod(in_columns)
 
     def __init__(
         self, source: Source | RecordedStream, options: UnitOptions | None = None, seed: int | None = None
@@ -83,6 +83,10 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
 
     def in_words(self, command: Request) -> str:
         return in_words(command)
+
+    def in_columns(self, packet: Measurement) -> tuple[str, int, bytes]:
+        data = encode(packet)
+        return data[2:4].decode("ascii"), packet.counter, data
 
     @property
     def data_asked_for(self) -> bool:
@@ -108,7 +112,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
     def _begin_anew(self, now: float) -> None:
         """Put the fields in EEPROM in force, and restart the counter."""
         self._first_count = -counter_at(now) % SPAN
-        self._wake(now + self.options.boot_s)
+        self._wake(now + _BOOT_S)
 
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
         self._advance(now)
@@ -146,19 +150,17 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             case SetFields(memory, values):
                 self._set(memory, values, now)
             case ReadFactoryWords(address, count):
-                known = dict(self.options.factory_words)
-                words = [known[at] for at in range(address, address + count) if at in known]
+                words = [_FACTORY_WORDS[at] for at in range(address, address + count) if at in _FACTORY_WORDS]
                 whole = count and len(words) == count
                 self._answer(FactoryWords(address, tuple(words)) if whole else Refused(frame_of(request).type), now)
             case OtherFrame(kind, _):
                 self._answer(Refused(kind), now)
 
-    def _answer(self, reply: Reply, now: float, baud: int = 0) -> None:
-        """Send a reply, at the unit's speed unless another is given."""
-        self._line.send(encode(reply), now, baud or self.baud)
+    def _answer(self, reply: Reply, now: float) -> None:
+        self._line.send(encode(reply), now, self.baud)
 
     def _answer_in_part(self, reply: Fields | FieldsSet, good: int, asked: int, kind: bytes, now: float) -> None:
-        """Answer what is good of a request, and refuse it if that is not all."""
+        """Answer the good part of a request, and refuse the request if that is not all of it."""
         if good:
             self._answer(reply, now)
         if good < asked:
@@ -182,14 +184,8 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._line.send(framed(Frame(frame.type, payload)), now, self.baud)
 
     def _set(self, memory: Memory, values: tuple[tuple[int, int], ...], now: float) -> None:
-        old_baud = self.baud
         taken = self._fields.put(memory, values)
-        reply = FieldsSet(memory, taken)
-        if self.options.new_baud_at_once or self.baud == old_baud:
-            self._answer_in_part(reply, len(taken), len(values), SET[memory], now)
-        else:
-            self._answer(reply, now, old_baud)
-            self._answer_in_part(reply, 0, len(values) - len(taken), SET[memory], now)
+        self._answer_in_part(FieldsSet(memory, taken), len(taken), len(values), SET[memory], now)
         if memory is Memory.RAM:
             self._begin_stream(dict(pair for pair in values if pair[0] in taken), now)
 
@@ -201,16 +197,12 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             self._packets.restart()
         # a quiet unit that is told a type is not asked for data yet
         if self.rate_hz and (Field.RATE_DIVIDER in values or Field.PACKET_TYPE in values):
-            self._begin_source(self._loop.newest(now) + 1)
-
-    def _begin_source(self, number: int) -> None:
-        """Let time of the source begin, if it has not, at an instant of the loop."""
-        self._begun = min(self._begun, number)
+            self._begun = min(self._begun, self._loop.newest(now) + 1)
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
     def _begin_next(self, now: float) -> None:
-        """Let the next packet be of the loop's next instant."""
+        """Take the loop's next instant for the next packet."""
         self._next = self._loop.newest(now) + 1
 
     def _skip_to(self, now: float) -> None:
@@ -219,7 +211,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._next += max(0, (self._loop.newest(now) - self._next) // step) * step
 
     def _next_start(self) -> float:
-        """When the stream's next packet begins; infinite if there is none."""
+        """Return when the stream's next packet begins; infinite if there is none."""
         if not (self.rate_hz and self._packets.length(self._fields.packet_type)):
             return math.inf
         if math.isfinite(self._line.free_at):
@@ -243,9 +235,9 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             self._next += self.options.loop_hz // self.rate_hz
 
     def _poll(self, kind: bytes, now: float) -> MadePacket | None:
-        """A packet of the loop's newest instant."""
+        """Return a packet of the loop's newest instant."""
         newest = self._loop.newest(now)
-        self._begin_source(newest)
+        self._begun = min(self._begun, newest)
         made = self._packets.polled(*self._asked_of(kind, newest))
         if made is not None:
             self.on_packet(made.packet, self._loop.instant(newest))
@@ -258,11 +250,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
 
 
 def in_words(request: Request) -> str:
-    """Say what a request asks for.
-
-    `request`: as received.
-    Returns such as ``SF: set in RAM 0001=0000``.
-    """
+    """Describe a request, such as ``SF: set in RAM 0001=0000``."""
     match request:
         case Ping():
             meaning = "ping"

@@ -1,4 +1,4 @@
-"""Which unit of the family a virtual one is, and its fields: in RAM, where they are in force, and in EEPROM."""
+"""Options of a virtual unit of the family, and its fields: in RAM, where they are in force, and in EEPROM."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -35,12 +35,12 @@ IMU381ZA: FieldValues = (
 
 @dataclass(frozen=True)
 class UnitOptions(virtual_instrument.UnitOptions):
-    """What may differ from unit to unit, or is disputed between documents."""
+    """What differs from unit to unit."""
 
-    # behind the serial number in the answer to a request for ID: model, part number, version of the firmware and
-    # whatever follows, with spaces between. Other programs need three words.
+    # text behind the serial number: model, part number, version of the firmware and more, with spaces between. Other
+    # programs need three words.
     text: str = "IMU381ZA-200 VIRTUAL 1.0"
-    text_ends_with_zero: bool = True  # whether a zero byte follows it
+    text_ends_with_zero: bool = True  # True if a zero byte follows it
     version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))  # the answer to a request for VR
     # configuration fields in EEPROM at first, as number and value; a unit knows no others
     fields: FieldValues = IMU381ZA
@@ -49,11 +49,6 @@ class UnitOptions(virtual_instrument.UnitOptions):
     # rate of its own loop, Hz, 100 or 200; only the latter has the dividers of later firmware
     loop_hz: Literal[100, 200] = 100
     bit: int = 0  # its status word
-    # address and word of the factory's memory; a unit refuses to read others
-    factory_words: tuple[tuple[int, int], ...] = ((0x071C, 0x0081),)
-    # whether the reply to a new speed comes at that speed, as the manuals say, or at the old one
-    new_baud_at_once: bool = True
-    boot_s: float = 0.1  # how long it is deaf and silent after a restart
 
 
 # Fields that are judged together: a rate has to fit the line.
@@ -91,12 +86,12 @@ class Configuration:
         self.orientation = Orientation.of_field(ram[Field.ORIENTATION])
 
     def get(self, memory: Memory, ids: Iterable[int]) -> FieldValues:
-        """Fields by number; those that there are not are left out."""
+        """Return fields by number, without those that it does not have."""
         kept = self._kept[memory]
         return tuple((number, kept[number]) for number in ids if number in kept)
 
     def put(self, memory: Memory, values: FieldValues) -> tuple[int, ...]:
-        """Take what is possible of new values; returns the numbers of the fields that were taken."""
+        """Take new values as far as they are possible; return the numbers of the fields that were taken."""
         kept = self._kept[memory]
         good = {number: value for number, value in values if self._takes(number, value)}
         if not self._go_together({**kept, **good}):

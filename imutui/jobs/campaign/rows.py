@@ -68,16 +68,16 @@ class VersionsField(TypedDict):
 
 
 class Row(TypedDict):
-    """What a campaign tells of a log; of one that could not be used, all that is not known of it is None or empty."""
+    """A log in a campaign. For a log that could not be used, fields that are not known are None or empty."""
 
     log: str  # path relative to the campaign's root, with slashes
     error: str | None  # why the log has no result, in words; None if it has one
     retry: bool
-    """Whether the next run tries again though nothing has changed: the error is not the log's, but the machine's."""
+    """Whether the next run tries again though the log has not changed: the error is the machine's."""
     log_sha256: str | None
     log_bytes: int | None
     log_mtime_ns: int | None
-    """When the log was last changed: with its size, what tells without reading it that it is still the same."""
+    """When the log was last changed. With its size it shows, without a read, that the log is still the same."""
     config_sha256: str | None  # hash of all that decides the estimates of this log apart from its samples
     settings_sha256: str  # hash of what the campaign was asked for: see `results.json`'s `settings`
     kind: str
@@ -157,7 +157,7 @@ class SettingsFields(TypedDict):
 
 
 class HeadFields(TypedDict):
-    """What `results.json` says before its rows, and each run at its beginning in `rows.jsonl`."""
+    """Head of `results.json`, and the line that each run begins with in `rows.jsonl`."""
 
     version: int
     root: str  # folder that `log` of the rows is relative to
