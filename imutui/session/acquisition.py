@@ -59,11 +59,11 @@ class Acquisition:
         self.started_ns = time.monotonic_ns()
         self.timebase = Timebase.now()
         self._instrument = instrument = INSTRUMENTS[plan.instrument]
-        scaling = instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
+        scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
         self.recording = Recording(plan, info, lifecycle, self.timebase, self.take)
         self.recent = RecentPackets(scaling, self.started_ns)
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument), self.started_ns)
-        self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(plan.rate_hz))
+        self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(info.rate_hz))
         self.status = StatusWords(instrument)
         self.guidance = Guidance(self.recording, self.record, table)
         self.events = EventLog(self.timebase)
