@@ -283,7 +283,7 @@ class Poller:
     `giving_up`: returns True to stop waiting.
     `decoder`: makes events of the unit's bytes.
     `request`: bytes that ask for a packet, and the packet's class.
-    `check`: bytes that ask something else, and the class of the answer.
+    `check`: bytes that ask something else, and a function that returns how many answers to that an event is.
     """
 
     def __init__(
@@ -292,16 +292,17 @@ class Poller:
         giving_up: Callable[[], bool],
         decoder: FrameDecoder[Any],
         request: tuple[bytes, type[DataPacket]],
-        check: tuple[bytes, type],
+        check: tuple[bytes, Callable[[Any], int]],
     ) -> None:
         self._port, self._packet_bytes = driver.port, driver.packet_bytes
         self._giving_up = giving_up
         self._decoder = decoder
         self._request, self._packet = request
-        self._check, self._checked = check
+        self._check, self._answers = check
         self._patience_s = _LEAST_PATIENCE_S
         self._last: DataPacket | None = None
-        self._unasked = 0
+        self._unasked = 0  # packets
+        self._answered_bytes = 0  # of answers to `check` that the decoder discards
         self.doubled = 0
         """Answers that came a second time."""
         self.unanswered = False
@@ -315,7 +316,7 @@ class Poller:
     @property
     def discarded_bytes(self) -> int:
         """Bytes that belonged to no answer."""
-        return self._decoder.discarded_bytes + self._unasked * self._packet_bytes
+        return self._decoder.discarded_bytes - self._answered_bytes + self._unasked * self._packet_bytes
 
     def poll(self) -> Answer | None:
         """Poll a packet and wait for it; None if it certainly does not come, or the poller gives up.
@@ -328,6 +329,7 @@ class Poller:
         again = sum(event == self._last for event in events)
         self.doubled += again
         self._unasked += sum(isinstance(event, self._packet) for event in events) - again
+        self._count_answers(events)
         requested_ns = time.monotonic_ns()
         self.unanswered = True
         found = exchange(
@@ -358,7 +360,7 @@ class Poller:
             if data:
                 came, since = True, time.monotonic()
             answer = answer or self._first(events, requested_ns)
-            said += sum(isinstance(event, self._checked) for event in events)
+            said += self._count_answers(events)
             # an answer that did not come with the others is lost, and so it is where only the packet came
             if said >= asked or (rested and (said or answer is not None)):
                 break
@@ -370,3 +372,9 @@ class Poller:
         arrived_ns = time.monotonic_ns()
         packets = (Answer(event, requested_ns, arrived_ns) for event in events if isinstance(event, self._packet))
         return next(packets, None)
+
+    def _count_answers(self, events: Sequence[Any]) -> int:
+        """Return how often the unit has answered the other question."""
+        answers = [event for event in events if self._answers(event)]
+        self._answered_bytes += sum(len(event.data) for event in answers if isinstance(event, Discarded))
+        return sum(map(self._answers, answers))

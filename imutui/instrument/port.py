@@ -77,8 +77,6 @@ class Port:
             raise PortError(
                 f"{device} is a pseudo-terminal: its number is soon another's, only a link leads to it again"
             )
-        if is_terminal(device):
-            raise PortError(f"{device} is somebody's terminal by now")
         self._serial = _open(self.name, device, baud)
         self._claim()
 
@@ -225,24 +223,6 @@ def lasting_name(name: str) -> str:
         return device
     links = sorted(_BY_ID.glob("*")) if _BY_ID.is_dir() else []
     return next((str(link) for link in links if os.path.realpath(link) == os.path.realpath(device)), device)
-
-
-def is_terminal(device: str) -> bool:
-    """Return True if processes run in this terminal: the number of a pseudo-terminal is soon another's."""
-    try:
-        number = Path(device).stat().st_rdev if os.path.realpath(device).startswith("/dev/pts/") else 0
-    except OSError:
-        return False
-    return number != 0 and any(_terminal_of(process) == number for process in Path("/proc").glob("[0-9]*"))
-
-
-def _terminal_of(process: Path) -> int:
-    """Return the device number of a process's controlling terminal; 0 for none."""
-    try:
-        # pid (comm) state ppid pgrp session tty_nr: the name may hold blanks and parentheses
-        return int((process / "stat").read_text().rpartition(")")[2].split()[4])
-    except (OSError, ValueError, IndexError):  # it has just ended
-        return 0
 
 
 def _open(name: str, device: str, baud: int) -> "serial.SerialBase":

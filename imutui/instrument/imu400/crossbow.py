@@ -145,6 +145,11 @@ def serial_number_frame(number: int) -> bytes:
     return framed(number.to_bytes(SERIAL_BYTES - 2, "big"))
 
 
+def serial_number_in(frame: bytes) -> str:
+    """Return the serial number in a frame of 6 bytes."""
+    return str(int.from_bytes(frame[1:-1], "big"))
+
+
 def encode(packet: Packet) -> bytes:
     """Return a packet as it goes over the line; raises ValueError if a word does not fit its place."""
     words = *packet.rates, *packet.accels, packet.temperature, packet.ticks

@@ -5,7 +5,7 @@ and nothing else.
 """
 
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.frame_search import FrameDecoder, FrameForm, Judged, Rest, Rule, SumFrames, noise
+from imutui.instrument.frame_search import FrameDecoder, Judged, Rest, Rule, SumFrames, noise
 from imutui.instrument.imu400.crossbow import (
     HEADER,
     LETTER_REPLIES,
@@ -18,6 +18,7 @@ from imutui.instrument.imu400.crossbow import (
     checksum,
     is_whole,
     packet_of,
+    serial_number_in,
 )
 
 # "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back show another.
@@ -30,11 +31,8 @@ _STEP_TOLERANCE = 0.02
 # The manual says "ASCII string"; units send 0xFF, text, checksum, of 26 bytes. A virtual unit's text may be longer.
 _VERSION_BYTES = 255
 
-_LETTER = LETTER_REPLIES[Command.SCALED_MODE]
-_SERIAL_NUMBER = FrameForm(HEADER, len(HEADER), SERIAL_BYTES, lambda head, rest: SERIAL_BYTES, is_whole)
 
-
-def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet | str]:
+def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
     """Return a decoder of data packets. It holds less than 36 bytes between feeds.
 
     `mode`: the unit's measurement mode.
@@ -51,12 +49,12 @@ def reply_decoder(command: bytes) -> FrameDecoder[str]:
     """
     rule: Rule[str]
     if command == Command.SERIAL_NUMBER:
-        rule = SumFrames(_SERIAL_NUMBER, lambda frame: str(int.from_bytes(frame[1:-1], "big")))
+        rule = SumFrames(HEADER, lambda *_: SERIAL_BYTES, is_whole, serial_number_in, least_bytes=SERIAL_BYTES)
     elif command == Command.VERSION:
         rule = _VersionText()
     else:
         rule = _Letter(LETTER_REPLIES[Command(command[:1])])
-    return FrameDecoder(rule, due=True, once=True)
+    return FrameDecoder(rule, due=True)
 
 
 class Crossbow:
@@ -66,8 +64,7 @@ class Crossbow:
     counter follows the last packet's by one to six periods, or if another whole frame, or the reply that was asked for,
     stands right behind it. Where the line rests behind a frame with a right sum, it counts too.
 
-    A polled packet comes alone on a quiet line: its sum is enough. Where one could begin, the reply to
-    `Command.SCALED_MODE` may stand too.
+    A polled packet comes alone on a quiet line: its sum is enough.
     """
 
     def __init__(self, mode: Mode, *, streaming: bool) -> None:
@@ -80,8 +77,6 @@ class Crossbow:
 
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
         """Judge as `Rule.judge` does."""
-        if not self._streaming and held.startswith(_LETTER.encode(), at):
-            return Judged(1, True, _LETTER)
         if not held.startswith(HEADER, at):
             return noise(held, at, HEADER)
         # a unit replies between packets: a packet that began before its reply does not go on
@@ -161,37 +156,30 @@ class _VersionText:
 
     answers = 0
 
-    def __init__(self) -> None:
-        self._found: Judged | None = None  # the text, where noise stands before it
-
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
-        if self._found is not None:
-            return self._found
-        if (begin := held.find(HEADER, at, at + _VERSION_BYTES)) > at:
+        begin = held.find(HEADER, at, at + _VERSION_BYTES)
+        if begin > at:
             return Judged(begin - at)
         reply = bytes(held[at : at + _VERSION_BYTES])
         if len(reply) < _VERSION_BYTES and not rest:
             return None
-        before, text = _version_text(reply)
+        text = _version_text(reply)
         if text is None:
             return Judged(len(reply), spoiled=len(reply) if begin == at else 0)
-        self._found = Judged(len(reply) - before, True, text)
-        return Judged(before) if before else self._found
+        return Judged(len(reply), True, text)
 
     def missing(self, held: bytearray) -> int:
         return min(PACKET_BYTES, _VERSION_BYTES - len(held))
 
 
-def _version_text(reply: bytes) -> tuple[int, str | None]:
-    """Read a version reply: length of the noise before it, and the text if there is one."""
-    position = reply.find(HEADER)
-    while position >= 0:
+def _version_text(reply: bytes) -> str | None:
+    """Return the text of a version reply, perhaps behind noise; None if there is none."""
+    for position in range(len(reply)):
         body = reply[position + 1 : -1]
-        if body and _is_text(body) and checksum(body) == reply[-1]:
-            return position, body.decode("ascii")
-        position = reply.find(HEADER, position + 1)
+        if reply.startswith(HEADER, position) and body and _is_text(body) and checksum(body) == reply[-1]:
+            return body.decode("ascii")
     body = reply.lstrip(HEADER).strip(b"\0\r\n ")
-    return 0, body.decode("ascii") if body and _is_text(body) else None
+    return body.decode("ascii") if body and _is_text(body) else None
 
 
 def _is_text(body: bytes) -> bool:

@@ -37,7 +37,7 @@ from imutui.instrument.imu400.crossbow import (
     zero_rates,
 )
 from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import scaling
 from imutui.instrument.port import Port
 
 COUNTER = CounterSpec(TICK_S * 1e9, 0.006, -1)
@@ -75,7 +75,7 @@ class Imu400cd(Driver):
     counter = COUNTER
     rate_range_dps = 200.0
     accel_range_g = 4.0
-    scaling = staticmethod(Scaling)
+    scaling = staticmethod(scaling)
     zeroes_rates = True
     as_after_power_up = "the unit measures in volts, as after power-up"
     _stop_command = Command.STOP_STREAM
@@ -232,9 +232,13 @@ class Imu400cd(Driver):
         return FrameDecoder(self._streamed)
 
     def poller(self, giving_up: Callable[[], bool]) -> Poller:
-        """Return a poller that tells a late unit once more to measure in scaled mode, which it does already."""
-        decoder = packet_decoder(Mode.SCALED, streaming=False)
-        return Poller(self, giving_up, decoder, (Command.GET_PACKET, Packet), (Command.SCALED_MODE, str))
+        """Return a poller that sets a late unit's mode once more; the letter of its reply is no packet, so discarded."""
+        decoder, letter = packet_decoder(Mode.SCALED, streaming=False), LETTER_REPLIES[Command.SCALED_MODE].encode()
+
+        def replies(event: object) -> int:
+            return len(event.data) if isinstance(event, Discarded) and not event.data.strip(letter) else 0
+
+        return Poller(self, giving_up, decoder, (Command.GET_PACKET, Packet), (Command.SCALED_MODE, replies))
 
     def ask_for_life(self) -> None:
         self.port.write(Command.STOP_STREAM + Command.PING)

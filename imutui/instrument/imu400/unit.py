@@ -7,7 +7,7 @@ centred on 2.5 V and reach 1.5 times the range.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from filters.imu import LOOP_HZ
 from imutui.instrument import virtual_instrument
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.counts import COUNT_LIMITS, triple
+from imutui.instrument.counts import nearest, triple
 from imutui.instrument.imu400.crossbow import (
     LETTER_REPLIES,
     PACKET_BYTES,
@@ -31,7 +31,7 @@ from imutui.instrument.imu400.crossbow import (
     in_words,
     serial_number_frame,
 )
-from imutui.instrument.imu400.scaling import VOLTS_SPAN, Scaling
+from imutui.instrument.imu400.scaling import VOLTAGE_LIMITS, scaling
 from imutui.instrument.transmitter import SAME_INSTANT_S, same_speed, transfer_s
 from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, VirtualInstrument
 
@@ -39,11 +39,11 @@ from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, 
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _BAUD_PATIENCE_S = 10.0
 
-_SCALING = Scaling()
+_SCALING = scaling()
 # a voltage loop may run as fast as the line carries its packets
 _VOLTAGE_LOOP_HZ = 213.3
-# "Sensor voltages: 2.5 V at rest": the middle of what a word can say
-_VOLTS_AT_REST = VOLTS_SPAN / 2.0
+# "Sensor voltages: 2.5 V at rest": the middle of what a word can be; 0 and 5 V stand for the ends of scaled words
+_AT_REST, _SCALED_A_COUNT = 2048, 16
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,6 @@ class UnitOptions(virtual_instrument.UnitOptions):
     version_plain_text: bool = False  # True if `v` is answered without header and checksum, as the manuals can be read
 
 
-@dataclass(slots=True)
-class _Zeroing:
-    """An average of the rate sensors under way."""
-
-    next_sample: int
-    remaining: int
-    total_dps: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    count: int = 0
-
-
 class VirtualUnit(VirtualInstrument[Packet, bytes]):
     """An IMU400CD; see `VirtualInstrument`.
 
@@ -83,13 +73,12 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
     in_words = staticmethod(in_words)
 
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
-        super().__init__(options or UnitOptions())
+        super().__init__(options or UnitOptions(), seed)
         self._source = source
         self._loops = {Mode.SCALED: SamplingLoop(LOOP_HZ), Mode.VOLTAGE: SamplingLoop(_VOLTAGE_LOOP_HZ)}
         self._last_sample = -1
         self._last_read = 0
         self.ended = False  # True once the source has no more: the unit sends no packets, but still answers
-        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake()
 
     def _wake(self) -> None:
@@ -99,7 +88,7 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         self._measuring_until = -math.inf
         self.mode = Mode.VOLTAGE  # of measurement
         self.streaming = False  # True in continuous mode
-        self._zeroing: _Zeroing | None = None
+        self._zeroing = range(0)  # samples of an average of the rate sensors under way
         self._zero_dps = np.zeros(3)
 
     def in_columns(self, packet: Packet) -> tuple[str, int, bytes]:
@@ -125,8 +114,8 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         return commands
 
     def _next_left(self) -> float:
-        if self._zeroing is not None:
-            return self._loop.instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
+        if self._zeroing:
+            return self._loop.instant(self._zeroing[-1])
         if self.streaming and not self.ended:
             return self._next_packet()[1] + transfer_s(PACKET_BYTES, self._baud)
         return math.inf
@@ -134,7 +123,7 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
     # ------------------------------------------------------------------------------------------------------- commands
 
     def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[bytes]:
-        if self._zeroing is not None:
+        if self._zeroing:
             return []
         measures = now <= self._measuring_until and byte == Command.MEASURE_BAUD
         if not measures and not same_speed(self._baud, host_baud):
@@ -220,7 +209,8 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             return
         self._begin_loop(now)
         self._last_sample = self._loop.last_before(now)
-        self._zeroing = _Zeroing(self._last_sample + 1, argument * self.options.zero_samples_per_unit)
+        first = self._last_sample + 1
+        self._zeroing = range(first, first + argument * self.options.zero_samples_per_unit)
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
@@ -234,9 +224,9 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             loop.begin(now)
 
     def _advance(self, now: float) -> None:
-        if self._zeroing is not None:
-            self._advance_zeroing(self._zeroing, now)
-        while self.streaming and self._zeroing is None and not self.ended:
+        if self._zeroing and self._loop.instant(self._zeroing[-1]) <= now:
+            self._end_zeroing()
+        while self.streaming and not self._zeroing and not self.ended:
             sample, start = self._next_packet()
             if start > now:
                 return
@@ -251,20 +241,12 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         sample = max(newest, self._last_sample + 1)
         return sample, max(self._loop.instant(sample), self._line.free_at)
 
-    def _advance_zeroing(self, zeroing: _Zeroing, now: float) -> None:
-        while zeroing.remaining and self._loop.instant(zeroing.next_sample) <= now:
-            reading = self._read(zeroing.next_sample)
-            if reading is None:
-                self._zeroing = None
-                return
-            zeroing.total_dps += reading.rates_dps
-            zeroing.count += 1
-            zeroing.remaining -= 1
-            zeroing.next_sample += 1
-        if zeroing.remaining == 0:
-            self._zero_dps = zeroing.total_dps / zeroing.count
-            self._last_sample = zeroing.next_sample - 1
-            self._zeroing = None
+    def _end_zeroing(self) -> None:
+        """Take the mean of the rates for zero, and answer; without an answer if the source ended meanwhile."""
+        readings = [self._read(sample) for sample in self._zeroing]
+        self._last_sample, self._zeroing = self._zeroing[-1], range(0)
+        if not self.ended:
+            self._zero_dps = np.mean([reading.rates_dps for reading in readings if reading is not None], axis=0)
             self._answer(Command.ZERO_RATES, self._loop.instant(self._last_sample))
 
     def _read(self, sample: int) -> Reading | None:
@@ -294,11 +276,9 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         return packet
 
     def _ticks(self, instant: float) -> int:
-        return (self._first_ticks - math.floor(instant / TICK_S)) % SPAN
+        return (self._first_count - math.floor(instant / TICK_S)) % SPAN
 
 
 def _sensor_words(values: ArrayLike, lsb: float) -> NDArray[np.int64]:
-    """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at the ends of scaled words."""
-    return _SCALING.volts_counts(
-        _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (-COUNT_LIMITS[0] * lsb))
-    )
+    """Return sensor voltages as words."""
+    return np.clip(_AT_REST + nearest(values, _SCALED_A_COUNT * lsb), *VOLTAGE_LIMITS)

@@ -272,8 +272,8 @@ class Imu381(Driver):
         return None if frame.type in _REPLIES else Discarded(framed(frame), bad_checksum=False)
 
     def poller(self, giving_up: Callable[[], bool]) -> Poller:
-        request, check = (framed(Frame(GET_PACKET, b"S1")), PacketS1), (framed(PING), Frame)
-        return Poller(self, giving_up, Decoder(), request, check)
+        request = framed(Frame(GET_PACKET, b"S1")), PacketS1
+        return Poller(self, giving_up, Decoder(), request, (framed(PING), lambda event: event == PING))
 
     def ask_for_life(self) -> None:
         self.port.write(framed(PING))

@@ -12,7 +12,7 @@ from enum import Enum
 from imutui.instrument.counts import PacketDetails, Scaling, Triple
 from imutui.instrument.uut.frames import Frame, framed
 
-SCALING = Scaling(rate_lsb_dps=1260.0 / 2**16, accel_lsb_g=20.0 / 2**16, temperature_lsb_degc=200.0 / 2**16)
+SCALING = Scaling(rate_lsb_dps=1260.0 / 2**16, accel_lsb_g=20.0 / 2**16, temperature_lsb=200.0 / 2**16)
 """Of S0 and S1, in the axes and signs of the packets; the same for all units. "1260 / 2^16 deg/s": 7 pi rad/s."""
 
 # Flags of the status word that the manuals call BIT, built-in test; all other bits are reserved.

@@ -8,9 +8,8 @@ wait for a reply on the line are late and not lost, up to half a second of them.
 
 import math
 
-import numpy as np
-
 from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.uut.decoder import RequestDecoder
 from imutui.instrument.uut.fields import QUIET, Field, Orientation
@@ -64,12 +63,11 @@ class VirtualUnit(VirtualInstrument[PacketS1, Frame]):
     def __init__(
         self, source: Source | RecordedStream, options: UnitOptions | None = None, seed: int | None = None
     ) -> None:
-        super().__init__(options or UnitOptions())
+        super().__init__(options or UnitOptions(), seed)
         self._packets = source if isinstance(source, RecordedStream) else MeasuredPackets(source, self.options)
         self._fields = Configuration(self.options, source.only if isinstance(source, RecordedStream) else ())
         self._loop = SamplingLoop(self.options.loop_hz, 0.0)
         self._begun = math.inf  # the loop's number of the source's first reading
-        self._first_count = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake(0.0)
 
     def _wake(self, ready: float) -> None:
@@ -121,10 +119,12 @@ class VirtualUnit(VirtualInstrument[PacketS1, Frame]):
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
             return []
-        if not self._requests.has_begun:
+        if not self._requests.holds:
             self._frame_since = now
         understood: list[Frame] = []
         for request in self._requests.feed(data):
+            if isinstance(request, Discarded):
+                continue
             self._frame_since = now
             understood.append(request)
             self._obey(request, now)
@@ -213,10 +213,11 @@ class VirtualUnit(VirtualInstrument[PacketS1, Frame]):
 
     def _advance(self, now: float) -> None:
         """Give up a frame that has not come in time, and begin all packets that fall due by `now`."""
-        while self._requests.has_begun and now - self._frame_since > _FRAME_PATIENCE_S:
+        while self._requests.holds and now - self._frame_since > _FRAME_PATIENCE_S:
             self._frame_since += _FRAME_PATIENCE_S
             for request in self._requests.quiet():
-                self._obey(request, self._frame_since)
+                if not isinstance(request, Discarded):
+                    self._obey(request, self._frame_since)
         while True:
             start = self._next_start()
             if start > now:

@@ -1,6 +1,6 @@
 """Options of a virtual unit of the family, and its fields: in RAM, where they are in force, and in EEPROM."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -65,9 +65,17 @@ class Configuration:
     """
 
     def __init__(self, options: UnitOptions, only: FieldValues = ()) -> None:
-        self._options = options
-        self._only = dict(only)
         self._rates = RATE_OF_DIVIDER if options.loop_hz == 100 else RATE_OF_DIVIDER_LATER
+        kinds = {int.from_bytes(kind, "big") for kind in options.packet_types}
+        # values that a field takes; any where it is not named
+        self._values: dict[int, Collection[int]] = {
+            Field.RATE_DIVIDER: self._rates,
+            Field.BAUD: options.baud_codes,
+            Field.PACKET_TYPE: kinds,
+            Field.ORIENTATION: ORIENTATIONS,
+            **{number: {value} for number, value in only},
+        }
+        self._values[Field.RATE_DIVIDER] = {QUIET, *self._values[Field.RATE_DIVIDER]}
         self._kept = {Memory.EEPROM: dict(options.fields)}
         self.power_up()
 
@@ -91,30 +99,12 @@ class Configuration:
     def put(self, memory: Memory, values: FieldValues) -> tuple[int, ...]:
         """Take new values as far as they are possible; return the numbers of the fields that were taken."""
         kept = self._kept[memory]
-        good = {number: value for number, value in values if self._takes(number, value)}
+        good = {n: value for n, value in values if n in kept and value in self._values.get(n, (value,))}
         if not self._go_together({**kept, **good}):
             good = {number: value for number, value in good.items() if number not in _TOGETHER}
         kept.update(good)
         self._put_in_force()
         return tuple(number for number, value in values if good.get(number) == value)
-
-    def _takes(self, number: int, value: int) -> bool:
-        if number not in self._kept[Memory.EEPROM]:
-            return False
-        if number == Field.RATE_DIVIDER and value == QUIET:
-            return True
-        if number in self._only:
-            return value == self._only[number]
-        match number:
-            case Field.RATE_DIVIDER:
-                return value in self._rates
-            case Field.BAUD:
-                return value in self._options.baud_codes
-            case Field.PACKET_TYPE:
-                return value.to_bytes(2, "big") in self._options.packet_types
-            case Field.ORIENTATION:
-                return value in ORIENTATIONS
-        return True
 
     def _go_together(self, kept: dict[int, int]) -> bool:
         rate_hz = self._rates.get(kept[Field.RATE_DIVIDER], 0)

@@ -240,7 +240,7 @@ def power_up(unit: Any, now: float, serial_number: int | None = None) -> None:
     if serial_number is not None:
         unit.options = replace(unit.options, serial_number=serial_number)
     if isinstance(unit, imu400.VirtualUnit):
-        unit._first_ticks = (math.floor(now / TICK_S) - 1) % SPAN
+        unit._first_count = (math.floor(now / TICK_S) - 1) % SPAN
         unit._wake()
     else:
         unit._begin_anew(now)
