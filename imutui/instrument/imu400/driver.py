@@ -232,7 +232,7 @@ class Imu400cd(Driver):
         return FrameDecoder(self._streamed)
 
     def poller(self, giving_up: Callable[[], bool]) -> Poller:
-        """Return a poller that sets a late unit's mode once more; the letter of its reply is no packet, so discarded."""
+        """Return a poller that sets a late unit's mode once more; its decoder discards the letter of the reply."""
         decoder, letter = packet_decoder(Mode.SCALED, streaming=False), LETTER_REPLIES[Command.SCALED_MODE].encode()
 
         def replies(event: object) -> int:
