@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
+from filters.errors import InputError
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import COUNT_LIMITS, DataPacket, Scaling
 from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder
@@ -138,10 +139,10 @@ class Driver(ABC):
         names: Sequence[str] = () if cls.status_names is None else cls.status_names(word)
         return f"0x{word:04X} ({', '.join(names) or 'nothing set'})"
 
-    @staticmethod
-    @abstractmethod
-    def check_zeroing(argument: int) -> None:
+    @classmethod
+    def check_zeroing(cls, argument: int) -> None:
         """Raise InputError if the rate sensors cannot be zeroed with this argument."""
+        raise InputError(f"an {cls.models[0]} has no command that zeroes its rate sensors; the filter has their biases")
 
     @staticmethod
     def zeroing_patience_s(argument: int) -> float:

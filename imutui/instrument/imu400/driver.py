@@ -37,7 +37,7 @@ from imutui.instrument.imu400.crossbow import (
     zero_rates,
 )
 from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
-from imutui.instrument.imu400.scaling import scaling
+from imutui.instrument.imu400.scaling import SCALED_A_VOLTAGE_COUNT, VOLTAGE_AT_REST, VOLTAGE_LIMITS, scaling
 from imutui.instrument.port import Port
 
 COUNTER = CounterSpec(TICK_S * 1e9, 0.006, -1)
@@ -84,8 +84,8 @@ class Imu400cd(Driver):
         super().__init__(port, rate_hz)
         self._streamed: Crossbow | None = None
 
-    @staticmethod
-    def check_zeroing(argument: int) -> None:
+    @classmethod
+    def check_zeroing(cls, argument: int) -> None:
         if not 0 <= argument <= _MOST_ARGUMENT:
             raise InputError(
                 f"`argument` is {argument}; it travels as one byte, 0 to {_MOST_ARGUMENT}; 0 erases the stored zero"
@@ -286,11 +286,8 @@ def _no_answer(port: Port, heard: bytes) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- volts
 
-# Packets in volts and in scaled units have the same length and header. What distinguishes them: voltage words have 12
-# bits, and both kinds of words agree, as 2.5 V stands for zero, 0 and 5 V for the ends of the scaled range.
-_MOST_VOLTS = 4095
-_VOLTS_AT_ZERO = 2048
-_SCALED_A_VOLT_COUNT = 16
+# Packets in volts and in scaled units have the same length and header. Two things distinguish them: voltage words have
+# 12 bits, and both kinds of words agree about the motion.
 # an eighth of the range within a packet's time; and no word of scaled packets in a row goes so far in three channels
 _MOVED = 256
 _JUMPED = 512
@@ -300,7 +297,7 @@ _JUMPS = 3
 def may_be_volts(packet: DataPacket) -> bool:
     """Return True if all six words are possible as voltages."""
     words = _words(packet)
-    return min(words) >= 0 and max(words) <= _MOST_VOLTS
+    return min(words) >= 0 and max(words) <= VOLTAGE_LIMITS[1]
 
 
 def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
@@ -308,7 +305,7 @@ def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
     if not may_be_volts(packet):
         return False
     now, then = _words(packet), _words(scaled)
-    expected = [_VOLTS_AT_ZERO + word // _SCALED_A_VOLT_COUNT for word in then]
+    expected = [VOLTAGE_AT_REST + word // SCALED_A_VOLTAGE_COUNT for word in then]
     agrees = all(abs(word - volts) <= _MOVED for word, volts in zip(now, expected, strict=True))
     jumps = sum(abs(word - old) > _JUMPED for word, old in zip(now, then, strict=True))
     return agrees and jumps >= _JUMPS

@@ -4,6 +4,8 @@ from imutui.instrument.counts import Scaling
 
 VOLTAGE_LIMITS = (0, 4095)
 """Least and largest word of a sensor voltage: "data · 5 / 4096", V, a 12-bit word."""
+VOLTAGE_AT_REST, SCALED_A_VOLTAGE_COUNT = 2048, 16
+""""2.5 V at rest": the middle of that; its ends are those of scaled words, which count so many times finer."""
 _VOLTS_LSB = 5.0 / 4096
 
 

@@ -31,8 +31,8 @@ from imutui.instrument.imu400.crossbow import (
     in_words,
     serial_number_frame,
 )
-from imutui.instrument.imu400.scaling import VOLTAGE_LIMITS, scaling
-from imutui.instrument.transmitter import SAME_INSTANT_S, same_speed, transfer_s
+from imutui.instrument.imu400.scaling import SCALED_A_VOLTAGE_COUNT, VOLTAGE_AT_REST, VOLTAGE_LIMITS, scaling
+from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, VirtualInstrument
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
@@ -40,10 +40,6 @@ _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _BAUD_PATIENCE_S = 10.0
 
 _SCALING = scaling()
-# a voltage loop may run as fast as the line carries its packets
-_VOLTAGE_LOOP_HZ = 213.3
-# "Sensor voltages: 2.5 V at rest": the middle of what a word can be; 0 and 5 V stand for the ends of scaled words
-_AT_REST, _SCALED_A_COUNT = 2048, 16
 
 
 @dataclass(frozen=True)
@@ -75,9 +71,8 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
         super().__init__(options or UnitOptions(), seed)
         self._source = source
-        self._loops = {Mode.SCALED: SamplingLoop(LOOP_HZ), Mode.VOLTAGE: SamplingLoop(_VOLTAGE_LOOP_HZ)}
+        self._loop = SamplingLoop(LOOP_HZ)
         self._last_sample = -1
-        self._last_read = 0
         self.ended = False  # True once the source has no more: the unit sends no packets, but still answers
         self._wake()
 
@@ -100,7 +95,7 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
 
     @property
     def source_begins(self) -> float:
-        return self._loops[Mode.SCALED].instant(0)
+        return self._loop.instant(0)
 
     @property
     def baud(self) -> int:
@@ -137,10 +132,10 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         match command[:1]:
             case Command.PING:
                 self._answer(command, now)
-                self._ping(now)
+                self._ping()
             case Command.SCALED_MODE | Command.VOLTAGE_MODE:
                 self._answer(command, now)
-                self._set_mode(Mode.SCALED if command == Command.SCALED_MODE else Mode.VOLTAGE, now)
+                self.mode = Mode.SCALED if command == Command.SCALED_MODE else Mode.VOLTAGE
             case Command.STOP_STREAM:
                 self.streaming = False
             case Command.START_STREAM:
@@ -166,19 +161,11 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         """Answer a command with its letter."""
         self._line.send(LETTER_REPLIES[Command(command)].encode("ascii"), now, self._baud)
 
-    def _ping(self, now: float) -> None:
+    def _ping(self) -> None:
         if self.options.ping != "keeps":
             self.streaming = False
         if self.options.ping == "resets":
-            self._set_mode(Mode.VOLTAGE, now)
-
-    def _set_mode(self, mode: Mode, now: float) -> None:
-        if mode is self.mode:
-            return
-        self.mode = mode
-        if self.streaming:
-            # each mode has a loop rate, hence a count of samples, of its own
-            self._last_sample = self._loop.last_before(now)
+            self.mode = Mode.VOLTAGE
 
     def _measure_baud(self, now: float, host_baud: int) -> None:
         if now > self._measuring_until:
@@ -193,11 +180,11 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         if self.streaming:
             return
         self.streaming = True
-        self._begin_loop(now)
+        self._loop.begin(now)
         self._last_sample = self._loop.last_before(now)
 
     def _send_newest(self, now: float) -> None:
-        self._begin_loop(now)
+        self._loop.begin(now)
         packet = self._packet(self._loop.newest(now))
         if packet is not None:
             self._line.send(encode(packet), now, self._baud)
@@ -207,21 +194,12 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             self._zero_dps = np.zeros(3)
             self._answer(Command.ZERO_RATES, now)
             return
-        self._begin_loop(now)
+        self._loop.begin(now)
         self._last_sample = self._loop.last_before(now)
         first = self._last_sample + 1
         self._zeroing = range(first, first + argument * self.options.zero_samples_per_unit)
 
     # ----------------------------------------------------------------------------------------------------------- loop
-
-    @property
-    def _loop(self) -> SamplingLoop:
-        """Loop of the present mode; both begin together."""
-        return self._loops[self.mode]
-
-    def _begin_loop(self, now: float) -> None:
-        for loop in self._loops.values():
-            loop.begin(now)
 
     def _advance(self, now: float) -> None:
         if self._zeroing and self._loop.instant(self._zeroing[-1]) <= now:
@@ -250,11 +228,7 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             self._answer(Command.ZERO_RATES, self._loop.instant(self._last_sample))
 
     def _read(self, sample: int) -> Reading | None:
-        """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
-        # a mode whose instants lie otherwise would ask for a reading just before the last one
-        number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * LOOP_HZ)
-        self._last_read = max(number, self._last_read)
-        reading = None if self.ended else self._source.reading(self._last_read)
+        reading = None if self.ended else self._source.reading(sample)
         self.ended = reading is None
         return reading
 
@@ -281,4 +255,4 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
 
 def _sensor_words(values: ArrayLike, lsb: float) -> NDArray[np.int64]:
     """Return sensor voltages as words."""
-    return np.clip(_AT_REST + nearest(values, _SCALED_A_COUNT * lsb), *VOLTAGE_LIMITS)
+    return np.clip(VOLTAGE_AT_REST + nearest(values, SCALED_A_VOLTAGE_COUNT * lsb), *VOLTAGE_LIMITS)

@@ -6,7 +6,6 @@ The unit keeps its own speed. Fields are set in RAM only, and put back on leavin
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from filters.errors import InputError
 from imutui.instrument import counts, names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
@@ -85,10 +84,6 @@ class Imu381(Driver):
     @staticmethod
     def scaling(rate_range_dps: float, accel_range_g: float) -> counts.Scaling:
         return SCALING
-
-    @staticmethod
-    def check_zeroing(argument: int) -> None:
-        raise InputError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
 
     # ----------------------------------------------------------------------------------------- finding and setting up
 

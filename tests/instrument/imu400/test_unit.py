@@ -273,15 +273,6 @@ def test_a_slow_line_skips_readings(baud: int) -> None:
     np.testing.assert_allclose(steps(packets), skipped * PERIOD_S / TICK_S % SPAN, atol=1.01)
 
 
-def test_voltage_mode_may_run_faster() -> None:
-    source = Ramp()
-    host = streaming(source, mode=Mode.VOLTAGE)
-    packets = host.packets(2.0, Mode.VOLTAGE)
-    assert len(packets) == pytest.approx(2 * 213.3, abs=1.5)
-    assert source.asked == sorted(source.asked)
-    assert source.asked[-1] == pytest.approx(2 * LOOP_HZ, abs=2)
-
-
 def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None:
     source = Ramp()
     host = streaming(source)

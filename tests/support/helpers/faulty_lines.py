@@ -250,7 +250,7 @@ def change_mode(unit: Any, now: float) -> None:
     """Have a unit fall into another mode of measurement, unasked; a stream goes on."""
     unit._advance(now)
     if isinstance(unit, imu400.VirtualUnit):
-        unit._set_mode(Mode.VOLTAGE if unit.mode is Mode.SCALED else Mode.SCALED, now)
+        unit.mode = Mode.VOLTAGE if unit.mode is Mode.SCALED else Mode.SCALED
     else:
         kinds = unit.options.packet_types
         kind = kinds[(kinds.index(unit._fields.packet_type) + 1) % len(kinds)]
