@@ -55,8 +55,7 @@ _PART_OF_WRAP = 0.9
 class RepeatedPackets:
     """Finds packets that came twice over the line: their counter and all else are equal.
 
-    Packets of a still unit may read the same; their counters tell them apart. A counter that stands still does not, nor
-    does one that has wrapped meanwhile.
+    Packets of a still unit may read the same; their counters distinguish them, unless they stand still or have wrapped.
 
     `wrap_ns`: how long a wrap of the counter takes. `period_ns`: from packet to packet of a stream; 0 if unknown, and
       then less than a wrap. `count`: of packets that came again.
@@ -96,7 +95,7 @@ class RepeatedPackets:
 
 
 COUNT_LIMITS = (-(2**15), 2**15 - 1)
-"""Least and largest count of a word of 16 bits with sign; a reading there says only "this or more"."""
+"""Least and largest count of a word of 16 bits with sign; a reading there means "this or more"."""
 
 
 @dataclass(frozen=True)

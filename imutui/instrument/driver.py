@@ -29,7 +29,7 @@ PacketStream: TypeAlias = FrameDecoder[DataPacket]
 
 
 class InstrumentError(Exception):
-    """The instrument is absent, is another one, or does not behave; the message says what to do next."""
+    """The instrument is absent, is another one, or does not behave; the message names the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Identity:
 def origin_of(text: str) -> tuple[str, str]:
     """Split a unit's text into its own, and the origin of a virtual unit's readings behind " from "; "" of a real one.
 
-    A virtual unit says so itself: nothing simulated may pass for measured.
+    A virtual unit names itself so: no simulated log may pass for a measured one.
     """
     own, _, source = text.partition(" from ") if "VIRTUAL" in text.upper() else (text, "", "")
     return one_line(own, NAME_LIMIT), one_line(source, NOTE_LIMIT)
@@ -69,7 +69,7 @@ class Driver(ABC):
     model: ClassVar[str]
     """Model of a unit that does not report one."""
     is_one_model: ClassVar[bool] = False
-    """True if every accepted unit is of `model`, whatever its version text says."""
+    """True if every accepted unit is of `model`, whatever its version text is."""
     power_up_bauds: ClassVar[tuple[int, ...]]
     """Line speeds after power-up; the first one is tried first."""
     packet_bytes: ClassVar[int]
@@ -106,7 +106,7 @@ class Driver(ABC):
     """True if it streams after power-up, so that a running stream is no proof that it kept power."""
 
     stream_hz = 0.0
-    """Rate that the unit was told to stream at, Hz; 0 if it cannot be told."""
+    """Rate of the stream that the driver asked for, Hz; 0 if the unit has only one."""
 
     def __init_subclass__(cls) -> None:
         if hasattr(cls, "rates_hz"):
@@ -153,7 +153,7 @@ class Driver(ABC):
 
     @abstractmethod
     def find(self) -> Identity:
-        """Find the unit's speed and ask it who it is, no more; raises InstrumentError if it does not answer."""
+        """Find the unit's speed and identify it, no more; raises InstrumentError if it does not answer."""
 
     @abstractmethod
     def answers(self, baud: int | None = None) -> bool:

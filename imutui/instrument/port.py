@@ -9,7 +9,6 @@ import socket
 import termios
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ _HANGUP = (OSError, termios.error, TypeError)
 
 
 class PortError(Exception):
-    """The port cannot be used; the message says which, why, and what to do next."""
+    """The port cannot be used; the message names it, the cause and the next step."""
 
 
 class PortAbsentError(PortError):
@@ -37,7 +36,7 @@ class PortInfo:
 
     device: str  # path
     stable_id: str  # name that survives replugging, or the path
-    description: str  # what the adapter says of itself
+    description: str  # the adapter's own
 
 
 def available() -> list[PortInfo]:
@@ -49,7 +48,7 @@ def available() -> list[PortInfo]:
     return sorted(ports, key=lambda p: (p.stable_id == p.device, p.device))
 
 
-class Port:
+class Port(contextlib.AbstractContextManager["Port"]):
     """An open line, held exclusively.
 
     `name`: path, name under /dev/serial/by-id, or any pyserial URL.
@@ -192,16 +191,11 @@ class Port:
         with contextlib.suppress(*_HANGUP):  # closing a line that hung up is no news
             self._serial.close()
 
-    def __enter__(self) -> "Port":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _gone(self, error: BaseException) -> str:
-        # what pyserial says of an end of file is a guess of two lines
+        # pyserial's message at an end of file is a guess of two lines
         why = "it hung up" if "returned no data" in str(error) else error
         return f"{self.name} went away ({why}). Check the cable and the adapter."
 

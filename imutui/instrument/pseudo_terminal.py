@@ -6,8 +6,6 @@ import os
 import termios
 import tty
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 _BAUD_OF_TERMIOS = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
@@ -17,7 +15,7 @@ _BAUD_OF_TERMIOS = {
 _TIOCGEXCL = 0x80045440
 
 
-class PseudoTerminal:
+class PseudoTerminal(contextlib.AbstractContextManager["PseudoTerminal"]):
     """The unit's end of a pseudo-terminal, raw, at the power-up speed.
 
     Its other end is kept open here too: so the unit's end never gets an I/O error when the host closes, and bytes that
@@ -44,10 +42,7 @@ class PseudoTerminal:
         if link is not None:
             link.symlink_to(self.name)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self.name:
             self._link.unlink()
         os.close(self._unit)

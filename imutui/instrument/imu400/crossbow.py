@@ -110,7 +110,7 @@ class CommandDecoder:
 class Packet:
     """One data packet, in counts."""
 
-    mode: Mode  # the mode the host believed in; the packet itself does not say
+    mode: Mode  # the mode that the host assumed; it is not in the packet
     # rates, accels: X, Y, Z; signed in scaled mode, unsigned sensor voltages in voltage mode
     rates: tuple[int, int, int]
     accels: tuple[int, int, int]

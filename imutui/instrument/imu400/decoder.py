@@ -53,7 +53,8 @@ def reply_decoder(command: bytes) -> FrameDecoder[str]:
     elif command == Command.VERSION:
         rule = _VersionText()
     else:
-        rule = _Letter(LETTER_REPLIES[Command(command[:1])])
+        letter = LETTER_REPLIES[Command(command[:1])].encode()
+        rule = SumFrames(letter, lambda *_: 1, lambda frame: True, bytes.decode, least_bytes=1)
     return FrameDecoder(rule, due=True)
 
 
@@ -133,22 +134,6 @@ class Crossbow:
 
 def _ticks(frame: bytes) -> int:
     return int.from_bytes(frame[15:17], "big")
-
-
-class _Letter:
-    """The rule for a reply of one letter."""
-
-    answers = 0
-
-    def __init__(self, reply: str) -> None:
-        self._reply = reply
-
-    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
-        is_reply = held.startswith(self._reply.encode(), at)
-        return Judged(1, True, self._reply) if is_reply else noise(held, at, self._reply.encode())
-
-    def missing(self, held: bytearray) -> int:
-        return 1
 
 
 class _VersionText:

@@ -244,7 +244,7 @@ class Imu400cd(Driver):
         self.port.write(Command.STOP_STREAM + Command.PING)
 
     def ask_amid(self, identity: Identity) -> None:
-        """Ask for the serial number: no document says that this changes anything, as a ping may."""
+        """Ask for the serial number: by no document does this change anything, as a ping may."""
         if self._streamed is not None and identity.serial_number:
             self._streamed.reply = serial_number_frame(int(identity.serial_number))
             self.port.write(Command.SERIAL_NUMBER)

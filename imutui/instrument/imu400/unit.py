@@ -132,7 +132,8 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         match command[:1]:
             case Command.PING:
                 self._answer(command, now)
-                self._ping()
+                self.streaming &= self.options.ping == "keeps"
+                self.mode = Mode.VOLTAGE if self.options.ping == "resets" else self.mode
             case Command.SCALED_MODE | Command.VOLTAGE_MODE:
                 self._answer(command, now)
                 self.mode = Mode.SCALED if command == Command.SCALED_MODE else Mode.VOLTAGE
@@ -142,7 +143,8 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
                 self._start_stream(now)
             case Command.GET_PACKET:
                 self.streaming = False
-                self._send_newest(now)
+                self._loop.begin(now)
+                self._send(self._loop.newest(now), now)
             case Command.SERIAL_NUMBER:
                 self._line.send(serial_number_frame(self.options.serial_number), now, self._baud)
             case Command.VERSION:
@@ -161,12 +163,6 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         """Answer a command with its letter."""
         self._line.send(LETTER_REPLIES[Command(command)].encode("ascii"), now, self._baud)
 
-    def _ping(self) -> None:
-        if self.options.ping != "keeps":
-            self.streaming = False
-        if self.options.ping == "resets":
-            self.mode = Mode.VOLTAGE
-
     def _measure_baud(self, now: float, host_baud: int) -> None:
         if now > self._measuring_until:
             return  # a stray `a`: angle mode on other units, nothing on this one
@@ -182,12 +178,6 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
         self.streaming = True
         self._loop.begin(now)
         self._last_sample = self._loop.last_before(now)
-
-    def _send_newest(self, now: float) -> None:
-        self._loop.begin(now)
-        packet = self._packet(self._loop.newest(now))
-        if packet is not None:
-            self._line.send(encode(packet), now, self._baud)
 
     def _zero(self, argument: int, now: float) -> None:
         if argument == 0:
@@ -209,9 +199,7 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             if start > now:
                 return
             self._last_sample = sample
-            packet = self._packet(sample)
-            if packet is not None:
-                self._line.send(encode(packet), start, self._baud)
+            self._send(sample, start)
 
     def _next_packet(self) -> tuple[int, float]:
         """Return sample and start of the stream's next packet: the newest sample when the line is free, or the next."""
@@ -234,10 +222,11 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
 
     # ---------------------------------------------------------------------------------------------------------- words
 
-    def _packet(self, sample: int) -> Packet | None:
+    def _send(self, sample: int, start: float) -> None:
+        """Send the packet of a sample, unless the source has ended."""
         reading = self._read(sample)
         if reading is None:
-            return None
+            return
         if self.mode is Mode.SCALED:
             rates = _SCALING.rate_counts(reading.rates_dps - self._zero_dps)
             accels = _SCALING.accel_counts(reading.accels_g)
@@ -245,12 +234,10 @@ class VirtualUnit(VirtualInstrument[Packet, bytes]):
             rates = _sensor_words(reading.rates_dps, _SCALING.rate_lsb_dps)
             accels = _sensor_words(reading.accels_g, _SCALING.accel_lsb_g)
         temperature, instant = int(_SCALING.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
-        packet = Packet(self.mode, triple(rates), triple(accels), temperature, self._ticks(instant))
+        ticks = (self._first_count - math.floor(instant / TICK_S)) % SPAN
+        packet = Packet(self.mode, triple(rates), triple(accels), temperature, ticks)
         self.on_packet(packet, instant)
-        return packet
-
-    def _ticks(self, instant: float) -> int:
-        return (self._first_count - math.floor(instant / TICK_S)) % SPAN
+        self._line.send(encode(packet), start, self._baud)
 
 
 def _sensor_words(values: ArrayLike, lsb: float) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Both ends of the line of a 440, 380 or 381: bytes in, frozen events out.
 
-Every frame names its type, so no decoder has to be told what to expect: replies stand between the packets of a stream.
+Every frame names its type, so a decoder needs no expectation: replies stand between the packets of a stream.
 A frame may end in 0x55, so that three of them follow each other, and the true preamble begins with the second.
 """
 

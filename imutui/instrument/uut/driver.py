@@ -14,7 +14,7 @@ from imutui.instrument.frame_search import Discarded
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
 from imutui.instrument.uut.decoder import BARE_PING, Decoder, frame_decoder
-from imutui.instrument.uut.fields import ORIENTATIONS, QUIET, RATE_OF_DIVIDER, Field, fits_line, in_words
+from imutui.instrument.uut.fields import ORIENTATIONS, QUIET, RATE_OF_DIVIDER, S1, Field, fits_line, in_words
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
     GET_PACKET,
@@ -40,7 +40,6 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 SPEEDS = (115200, 57600, 38400, 230400, 19200, 9600)
 _USUAL_SPEEDS = SPEEDS[:4]
 
-_S1 = int.from_bytes(b"S1", "big")
 _PING_S = 0.15
 _SLOW_PING_S = 1.5  # other programs wait for about a second
 _OWN = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE, Field.LOW_PASS_5, Field.LOW_PASS_6, Field.ORIENTATION)
@@ -121,14 +120,14 @@ class Imu381(Driver):
         self.stream_hz = float(RATE_OF_DIVIDER.get(self._divider, 0))
         self._changed = True
         self.stop()
-        if not self.set_up() or self.fields((Field.PACKET_TYPE,)).get(Field.PACKET_TYPE) != _S1:
+        if not self.set_up() or self.fields((Field.PACKET_TYPE,)).get(Field.PACKET_TYPE) != S1:
             raise InstrumentError(f"{self.port.name}: the unit refuses packets of type S1, so it gives no readings.")
         orientation = ORIENTATIONS.get(self._own.get(Field.ORIENTATION, -1))
         own_mount = "" if orientation is None else orientation.mount
         return replace(identity, configuration=one_line(in_words(self._own), NOTE_LIMIT), own_mount=own_mount)
 
     def set_up(self) -> bool:
-        return self.put({Field.PACKET_TYPE: _S1})
+        return self.put({Field.PACKET_TYPE: S1})
 
     def leave(self) -> str:
         """Put its own type and rate of packets back, if they were changed."""
@@ -278,7 +277,7 @@ class Imu381(Driver):
         self.ask_for_life()
 
     def has_forgotten(self, packet: DataPacket, before: DataPacket, elapsed_s: float | None = None) -> bool:
-        """Return True if packets are of another type or rate than the unit was told, or their counter began anew."""
+        """Return True if packets are of another type or rate than asked for, or their counter began anew."""
         if isinstance(packet, PacketS0):
             return True
         return self._watch is not None and self._watch.began_anew(packet.ticks, elapsed_s)

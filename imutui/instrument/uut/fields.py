@@ -24,6 +24,9 @@ class Field(enum.IntEnum):
     ORIENTATION = 0x0007
 
 
+S1 = int.from_bytes(b"S1", "big")
+"""The usual value of `Field.PACKET_TYPE`."""
+
 QUIET = 0
 """The divider that stops the stream."""
 

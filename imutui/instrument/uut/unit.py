@@ -188,7 +188,7 @@ class VirtualUnit(VirtualInstrument[PacketS1, Frame]):
             self._begin_next(now)
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET:
             self._packets.restart()
-        # a quiet unit that is told a type is not asked for data yet
+        # to set the type of a quiet unit is not yet to ask for data
         if self.rate_hz and (Field.RATE_DIVIDER in values or Field.PACKET_TYPE in values):
             self._begun = min(self._begun, self._loop.newest(now) + 1)
 

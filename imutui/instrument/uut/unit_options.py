@@ -11,6 +11,7 @@ from imutui.instrument.uut.fields import (
     QUIET,
     RATE_OF_DIVIDER,
     RATE_OF_DIVIDER_LATER,
+    S1,
     Field,
     fits_line,
 )
@@ -19,13 +20,11 @@ from imutui.instrument.uut.messages import Memory
 
 FieldValues: TypeAlias = tuple[tuple[int, int], ...]
 
-_S1 = int.from_bytes(b"S1", "big")
-
 # "115200 baud, S1, 100 Hz, 25 Hz": as a stand-in for a real IMU381 has them in its maker's tests.
 IMU381ZA: FieldValues = (
     (Field.RATE_DIVIDER, 1),
     (Field.BAUD, 5),
-    (Field.PACKET_TYPE, _S1),
+    (Field.PACKET_TYPE, S1),
     (Field.LOW_PASS_5, 0x085E),
     (Field.LOW_PASS_6, 0x085E),
     (Field.ORIENTATION, 0x0000),
