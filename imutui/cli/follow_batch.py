@@ -41,7 +41,7 @@ from imutui.command_line import command
 from imutui.plain_text import in_line, one_line
 from imutui.session import batch as batches
 from imutui.session import client
-from imutui.session.client import Client, SessionError, SessionGoneError
+from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES
 from imutui.settings import SETTINGS
@@ -75,13 +75,12 @@ class End:
         return "\n".join([*lines, *([f"    {result['log']}"] if result is not None else [])])
 
 
-def end_of(name: str, stopped: "tuple[RunDocument | None, Client] | SessionError") -> End:
+def end_of(name: str, stopped: EndReport | SessionError) -> End:
     """End of an acquisition that was asked to stop."""
     if isinstance(stopped, SessionError):
         say(f"imutui: {name}: {stopped}")
         return End(name, stopped.exit_code, error=str(stopped))
-    result, connection = stopped
-    return End(name, follow_acquisition.verdict(result, connection), result)
+    return End(name, follow_acquisition.verdict(stopped), stopped["result"])
 
 
 def tell_ends(ends: Sequence[End], *, json: bool) -> int:
@@ -154,7 +153,7 @@ class Follower:
                     self._join(Client(name))
                     say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")
 
-    def _ended(self, connection: Client, outcome: "RunDocument | SessionError | OSError | None") -> None:
+    def _ended(self, connection: Client, outcome: EndReport | SessionError | OSError) -> None:
         name = connection.name
         del self._here[name]
         if isinstance(outcome, Exception):
@@ -162,11 +161,12 @@ class Follower:
             end = End(name, code, error=str(outcome))
             say(f"imutui: {name}: {outcome} {self._again(name)}")
         else:
-            code = FINDINGS
-            if outcome is not None:
-                code = follow_acquisition.exit_code(self._base, outcome, connection, self.terminated)
-            end = End(name, code, outcome, None if outcome is not None else "it ended without a recording")
-            by = "" if self.terminated or connection.ended_by_itself else f", ended by {connection.ended_by}"
+            result = outcome["result"]
+            if result is None:
+                end = End(name, FINDINGS, error="it ended without a recording")
+            else:
+                end = End(name, follow_acquisition.exit_code(self._base, outcome, self.terminated), result)
+            by = "" if self.terminated or outcome["by_itself"] else f", ended by {outcome['ended_by']}"
             say(f"{name} has ended{by}; {len(self._here)} running")
         self.ends.append(end)
 

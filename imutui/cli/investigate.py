@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from filters.tracing.trace_document import TraceFindings
     from imutui.cli.investigation_page import Page
     from imutui.jobs.investigation_diary import Diary, RoundEntry
-    from imutui.session.client import Client
+    from imutui.session.client import Client, EndReport
     from imutui.session.plan import Plan
 
 NAME = "investigate "  # of its acquisitions, before the folder's
@@ -295,7 +295,7 @@ class _Laboratory:
         )
         connection = client.start(plan)
         try:
-            self._follow(connection, motion.seconds)
+            end = self._follow(connection, motion.seconds)
         except BaseException:
             # whatever it is, the table must not go on
             try:
@@ -304,17 +304,17 @@ class _Laboratory:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(connection.pid, signal.SIGTERM)
             raise
-        failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
-        if failed or not connection.ended_by_itself:
-            why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
+        failed = [finding["text"] for finding in end["findings"] if finding["exit_code"] == INSTRUMENT]
+        if failed or not end["by_itself"]:
+            why = "; ".join(failed).rstrip(".") or f"ended by {end['ended_by']}"
             from imutui.command_line import command as command_of
 
             again = command_of("investigate", "--resume", "-o", self._folder)
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name
 
-    def _follow(self, connection: "Client", seconds: float) -> None:
-        """Show the acquisition until it ends; it is ended where the table was stopped."""
+    def _follow(self, connection: "Client", seconds: float) -> "EndReport":
+        """Show the acquisition until it ends, and end it if the table was stopped; returns the record of its end."""
         from imutui.session.client import SessionError
         from imutui.session.snapshot import NO_SERIES
 
@@ -330,7 +330,7 @@ class _Laboratory:
                 self._page.seen(seen, seconds)
                 if seen["guide"] is not None and seen["guide"]["state"] == "cancelled":
                     connection.stop("imutui investigate, since the table was stopped")
-        ended.result()
+        return ended.result()
 
     def runs(self, rounds: "Sequence[RoundEntry]") -> "list[Run]":
         """Runs of the logs of rounds."""

@@ -21,11 +21,11 @@ from imutui.batch_file import Batch, BatchError, Unit
 from imutui.command_line import command
 from imutui.instrument.names import DEFAULT, VIRTUAL_PORT
 from imutui.logbook import atomic_file
-from imutui.session import client, end_report, ipc, lifecycle
+from imutui.session import client, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
-from imutui.session.end_report import EndReport
+from imutui.session.lifecycle import EndReport
 from imutui.session.plan import Plan, batch_of
-from imutui.session.preloaded import Parent
+from imutui.session.processes import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
@@ -156,7 +156,7 @@ def start(batch: Batch, asked: Sequence[Plan], begun: Callable[[Plan, Client | S
         for plan in sought:
             port = found[serials[plan.name]]
             if isinstance(port, SessionError):
-                end_report.write(plan.name, "", str(port))
+                lifecycle.write_end(lifecycle.failed(plan.name, port.exit_code, str(port)))
                 begun(plan, port)
             else:
                 ready.append(replace(plan, port=port))
@@ -299,4 +299,4 @@ def answer_of(name: str, look: Callable[[], Snapshot]) -> Answer:
     except SessionError:
         if name in client.running():
             return Answer(name, None, SILENT)
-        return Answer(name, None, ENDED, report=end_report.read(name))
+        return Answer(name, None, ENDED, report=lifecycle.read_end(name))

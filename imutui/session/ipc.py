@@ -16,9 +16,9 @@ import struct
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, TypedDict
 from urllib.parse import quote
 
 import platformdirs
@@ -28,7 +28,6 @@ from imutui import defects
 from imutui.document_shape import VERSION
 from imutui.outside_file import can_be_written
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.session.requests import Refusal, Reply, Request
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
@@ -191,6 +190,18 @@ def connect(name: str, timeout: float) -> socket.socket:
         raise
 
 
+Answer: TypeAlias = Callable[[Mapping[str, object]], object]
+"""Carries out a request, a JSON object with the field `ask`, and returns the field `reply` of its reply."""
+
+
+class Reply(TypedDict, total=False):
+    """Reply to a viewer: `reply` if its request was carried out, else `error` in words."""
+
+    ok: bool
+    reply: object
+    error: str
+
+
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     """Answers each request with the reply that `answer` returns; an InputError becomes the reply's error.
 
@@ -204,7 +215,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     # connections that arrive at once wait to be accepted
     request_queue_size = 128
 
-    def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
+    def __init__(self, name: str, answer: Answer) -> None:
         self.answer = answer
         self.busy = set[socket.socket]()
         self.viewers = set[socket.socket]()
@@ -235,7 +246,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             return time.monotonic() - self._unwatched_since
 
     @contextlib.contextmanager
-    def answering(self, connection: socket.socket) -> Iterator[Callable[[Request], Reply]]:
+    def answering(self, connection: socket.socket) -> Iterator[Answer]:
         """Mark a connection as busy; yield the function that answers its requests."""
         with self.idle:
             self.busy.add(connection)
@@ -286,20 +297,18 @@ class _Handler(socketserver.StreamRequestHandler):
             super().finish()
 
 
-def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
+def reply_to(line: bytes, answer: Answer) -> Reply:
     """Return the reply to a line from a viewer."""
     try:
-        reply = answer(_request(line))
+        return {"ok": True, "reply": answer(_request(line))}
     except (InputError, OSError) as error:
         # some errors of the system have no text
         return {"ok": False, "error": one_line(str(error) or f"it failed: {type(error).__name__}", NOTE_LIMIT)}
     except Exception as error:  # noqa: BLE001 - the viewer waits for a reply, and the other viewers go on
         return {"ok": False, "error": one_line(defects.told(error), NOTE_LIMIT)}
-    reply["ok"] = True
-    return reply
 
 
-def _request(line: bytes) -> Request:
+def _request(line: bytes) -> dict[str, object]:
     """Return the request that a line holds; raise InputError if it holds none."""
     if len(line) > MAX_REQUEST:
         raise InputError(f"the request is longer than {MAX_REQUEST} bytes")
@@ -313,8 +322,7 @@ def _request(line: bytes) -> Request:
         raise InputError(str(error)) from error
     if not isinstance(request, dict) or "ask" not in request:
         raise InputError('a request is a JSON object with the field "ask"')
-    whole: Any = request
-    return cast("Request", whole)
+    return request
 
 
 def _finite(text: str) -> float:
@@ -324,7 +332,7 @@ def _finite(text: str) -> float:
     return number
 
 
-def _line(reply: Reply | Refusal) -> bytes:
+def _line(reply: Reply) -> bytes:
     return json.dumps({"version": VERSION, **reply}).encode() + b"\n"
 
 

@@ -1,8 +1,8 @@
 """What is known of an acquisition when it begins: the metadata of its logs, and their names."""
 
-import getpass
 import hashlib
 import os
+import pwd
 import re
 import socket
 import time
@@ -24,9 +24,8 @@ from imutui.logbook import log_time, reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.identity import model_of
-from imutui.session.plan import Plan, batch_of
+from imutui.session.plan import FilterChanges, Plan, batch_of
 from imutui.session.previous_log import boot_id
-from imutui.session.requests import FilterChanges
 from imutui.settings import LoggedSettings, settings_of
 
 STAMPS = (
@@ -63,7 +62,7 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
         acquisition=plan.name,
         batch=batch_of(plan.name),
         boot_id=boot_id(),
-        operator=plan.operator or _user_name(),
+        operator=plan.operator or user_name(os.getuid()),
         filter=filter_of(plan, motion_of(plan)),
         reference_sha256=_reference_sha256(plan),
         effects_sha256=_effects_sha256(plan),
@@ -193,9 +192,9 @@ def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> 
     return path
 
 
-def _user_name() -> str:
-    """Name of the user that runs this, or the id of one without a name."""
+def user_name(uid: int) -> str:
+    """Return the name of a user, or the id of one without a name."""
     try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return str(os.getuid())
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)

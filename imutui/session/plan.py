@@ -1,9 +1,9 @@
-"""What is asked of an acquisition, as one record that travels to its process as JSON."""
+"""The plan of an acquisition, one record that travels to its process as JSON, and what viewers ask of it later."""
 
 import json
 from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, TypedDict
 
 from filters.errors import InputError
 from filters.state import PAPER_PLACE as PAPER_PLACE
@@ -15,6 +15,7 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
+from imutui.plain_text import NAME_LIMIT
 from imutui.settings import AcquisitionSettings, Name, Note, NotNegative
 from imutui.table import registry
 from imutui.table.motion import parse_limits
@@ -30,14 +31,32 @@ _UNIT = {"rate_hz": "most_rate_hz", "accel_sign": "accel_sign",
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
-class HistoryWish(NamedTuple):
-    """Request for what a viewer lacks of a run's history."""
+@dataclass(frozen=True, slots=True)
+class HistoryWish:
+    """Request for the part of a run's history that a viewer lacks."""
 
-    run: int = 0  # the run that it has rows of; of another one all is sent
+    run: int = 0  # the run of which it has rows; of another one all is sent
     # instants of the last rows that it has, s since the run's first sample; None if it has none
     estimates_s: float | None = None
     temperature_s: float | None = None
-    ask: Literal["history"] = "history"
+
+
+def _short(name: str) -> str:
+    if len(name) > NAME_LIMIT:
+        raise InputError(f"the reference's name is longer than {NAME_LIMIT} characters")
+    return name
+
+
+class FilterChanges(TypedDict, total=False):
+    """Changes of the filter's input; a field that is absent stays as it is.
+
+    `reference` is a name, `reference_file` name and text of a profile or trajectory, `effects` the text of an effects
+    file, empty for none.
+    """
+
+    reference: str
+    reference_file: Annotated[tuple[Annotated[str, Meta(make=_short)], str], Meta(words="a name and a text")]
+    effects: str
 
 
 @dataclass(frozen=True, slots=True)

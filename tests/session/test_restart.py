@@ -46,7 +46,7 @@ def killed(connection: client.Client) -> Path:
 def finished(connection: client.Client) -> Path:
     """Stop an acquisition; returns its file."""
     recorded(connection, 2)
-    result = connection.stop()
+    result = connection.stop()["result"]
     assert result is not None
     return Path(result["log"])
 
