@@ -165,7 +165,7 @@ def _acquire(
             if plan.port != VIRTUAL_PORT and was_asked:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
-        stack.enter_context(_own_serial(plan, identity.serial_number))
+        _lock_serial(plan, identity.serial_number)
         foxglove = stack.enter_context(contextlib.closing(FoxgloveFollower(plan))) if plan.foxglove_port else None
         engine = Engine(plan, host, identity, foxglove, table, stands)
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -214,24 +214,22 @@ def _serve(plan: Plan, engine: Engine) -> None:
     server.wait_idle(_LAST_REPLIES_S)
 
 
-@contextlib.contextmanager
-def _own_serial(plan: Plan, serial_number: str) -> Iterator[None]:
-    """Hold the unit's serial number within its batch.
+def _lock_serial(plan: Plan, serial_number: str) -> None:
+    """Hold the unit's serial number within its batch for the life of this process.
 
     Raises InstrumentError if another unit of the batch has it: their recordings could not be told apart.
     """
     batch = batch_of(plan.name)
     if not batch or not serial_number:
-        yield
         return
-    with ipc.claimed_serial(batch, serial_number, plan.name) as holder:
-        if holder is not None:
-            raise InstrumentError(
-                f'the units "{holder}" and "{plan.name}" (at {plan.port}) have the same serial number, {serial_number}.'
-                f' "{holder}" goes on. Check that each port leads to a unit of its own; a virtual unit takes another'
-                " --seed or --serial-number."
-            )
-        yield
+    try:
+        ipc.lock_serial(batch, serial_number, plan.name)
+    except NameTakenError as holder:
+        raise InstrumentError(
+            f'the units "{holder}" and "{plan.name}" (at {plan.port}) have the same serial number, {serial_number}.'
+            f' "{holder}" goes on. Check that each port leads to a unit of its own; a virtual unit takes another'
+            " --seed or --serial-number."
+        ) from holder
 
 
 @contextlib.contextmanager

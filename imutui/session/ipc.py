@@ -32,14 +32,12 @@ from imutui.plain_text import NOTE_LIMIT, one_line
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
 MAX_REQUEST = 1 << 20  # bytes of the longest request; a table profile or an effects file may be in it
-
 MAX_VIEWERS = 64
 _QUEUE_FULL_S = 0.01
-_SERIAL_SUFFIX, _LONGEST_UNIT = ".serial", 1000
 
 
 class NameTakenError(Exception):
-    """An acquisition of that name is running."""
+    """A name or a serial number is taken; the text is the name of the acquisition that has it."""
 
 
 def folder() -> Path:
@@ -88,56 +86,37 @@ def names() -> list[str]:
 
 
 def lock(name: str) -> int:
-    """Take the name for the life of this process; the kernel gives it back however the process ends.
+    """Take the name for the life of this process; returns a descriptor that holds it.
 
     Raises NameTakenError if another process has it.
     """
     if name in names():
         raise NameTakenError(name)
-    path = folder() / f"{name}.lock"
+    return _hold(folder() / f"{name}.lock", name)
+
+
+def lock_serial(batch: str, serial_number: str, name: str) -> int:
+    """Take a serial number within a batch as `lock` takes a name; NameTakenError has the name of its holder."""
+    return _hold(folder() / f"{batch}.{quote(serial_number, safe='')}.serial", name)
+
+
+def _hold(path: Path, name: str) -> int:
+    """Lock a file and write the holder's name into it; the kernel gives it back however the process ends."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     deadline = time.monotonic() + _LOOKERS_S
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            # a process that looks whether the name is taken holds the lock for a moment
+            # a process that looks whether the file is locked holds it for a moment
             if is_locked(path) or time.monotonic() > deadline:
                 os.close(descriptor)
-                raise NameTakenError(name) from error
+                raise NameTakenError(path.read_text() or "another unit") from error
             time.sleep(0.001)
         else:
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, name.encode(), 0)
             return descriptor
-
-
-@contextlib.contextmanager
-def claimed_serial(batch: str, serial_number: str, unit: str) -> Iterator[str | None]:
-    """Hold a serial number within a batch; the kernel gives it back however the process ends.
-
-    Yields None, or the name of the unit that holds the number already.
-    """
-    path = folder() / f"{batch}.{quote(serial_number, safe='')}{_SERIAL_SUFFIX}"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield _holder(descriptor)
-        else:
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, unit.encode(), 0)
-            yield None
-            os.ftruncate(descriptor, 0)
-    finally:
-        os.close(descriptor)
-
-
-def _holder(descriptor: int) -> str:
-    """Name of the unit that holds a serial number; a holder writes it just after it took the lock."""
-    deadline = time.monotonic() + _LOOKERS_S
-    while not (holder := os.pread(descriptor, _LONGEST_UNIT, 0)) and time.monotonic() < deadline:
-        time.sleep(0.001)
-    return holder.decode() or "another unit"
 
 
 def is_locked(path: Path) -> bool:
