@@ -66,11 +66,11 @@ def main(text: str) -> int:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
-    # and what is loaded stays: a search through all of it for garbage would hold everything up
+    # modules stay loaded: a search through all of them for garbage would hold every thread up
     gc.freeze()
     gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(text)
-    # until here there is nothing to be left in order
+    # before this, an end by a signal leaves nothing behind
     for number in _SIGNALS:
         signal.signal(number, _end_early)
     stands = Lifecycle(plan.name)
@@ -107,7 +107,7 @@ def main(text: str) -> int:
 
 
 class EndedEarlyError(Exception):
-    """A signal asks for the end while there is no acquisition yet that could end; says which."""
+    """A signal has asked for the end before there is an acquisition; the text names the signal."""
 
 
 def _end_early(number: int, _: object) -> NoReturn:
@@ -119,7 +119,7 @@ def _end_early(number: int, _: object) -> NoReturn:
 
 @contextlib.contextmanager
 def _left_as_found(host: Driver) -> Iterator[None]:
-    """Put back what was changed of a unit if it comes to no acquisition that would."""
+    """Put a unit back as it was if no acquisition begins that would do so at its end."""
     try:
         yield
     except BaseException:
@@ -131,7 +131,7 @@ def _left_as_found(host: Driver) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _table(plan: Plan, url: str) -> Iterator[CommandedTable]:
-    """A table under command; what its profile can't have is refused before anything moves, or is recorded."""
+    """Yield a table under command; a profile beyond its limits is refused before anything moves or is recorded."""
     # most virtual units are never moved
     table = CommandedTable(url, plan.limits, starts=plan.controller != VIRTUAL_PORT)
     try:
@@ -150,21 +150,17 @@ def _acquire(
     table: CommandedTable | None,
     stands: Lifecycle,
 ) -> int:
-    was_asked = not plan.instrument
-    is_named = not was_asked and plan.port != VIRTUAL_PORT
-    usual = DEFAULT if plan.port == VIRTUAL_PORT else ""  # a virtual unit of our own
-    plan = plan.of_instrument(plan.instrument or usual or which_answers(port).name)
+    named, is_our_own = plan.instrument, plan.port == VIRTUAL_PORT
+    plan = plan.of_instrument(named or (DEFAULT if is_our_own else which_answers(port).name))
     host = INSTRUMENTS[plan.instrument](port, plan.rate_hz if plan.sampling == "stream" else None)
     with _left_as_found(host):
         try:
             identity = host.open(plan.baud)
         except InstrumentError as error:
-            if is_named:
-                only = f"Only an {plan.instrument} was looked for; without --instrument the unit is asked which it is."
-                raise InstrumentError(f"{error} {only}") from error
-            if plan.port != VIRTUAL_PORT and was_asked:
-                raise InstrumentError(f"{error} {nor_the_others()}") from error
-            raise
+            if is_our_own:
+                raise
+            only = f"Only an {named} was looked for; without --instrument the unit is asked which it is."
+            raise InstrumentError(f"{error} {only if named else nor_the_others()}") from error
         _lock_serial(plan, identity.serial_number)
         foxglove = stack.enter_context(contextlib.closing(FoxgloveFollower(plan))) if plan.foxglove_port else None
         engine = Engine(plan, host, identity, foxglove, table, stands)
@@ -234,9 +230,9 @@ def _lock_serial(plan: Plan, serial_number: str) -> None:
 
 @contextlib.contextmanager
 def _virtual(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes.
+    """Run a virtual instrument; it ends with this process even if that is killed, because its stdin then closes.
 
-    Gives its port and the URL of its table's controller, which is that of the plan if it does not stand on its own.
+    Yields its port and the URL of its table's controller; the plan's if the instrument has no table of its own.
     """
     own = plan.controller == VIRTUAL_PORT
     table = ("--controller", "127.0.0.1:0") if own else ()
@@ -285,7 +281,7 @@ def _report(end: EndReport | None) -> None:
 
 
 def _load(steps: int) -> None:
-    """Load all that an acquisition does at some time, and run the filter's compiled steps, as many as are wanted."""
+    """Load every module that an acquisition uses, and run that many of the filter's compiled steps."""
     from imutui.logbook import schemas
 
     for name in schemas.TYPES.values():
@@ -301,7 +297,7 @@ def _load(steps: int) -> None:
 
 @contextlib.contextmanager
 def _beating(asked: socket.socket) -> Iterator[None]:
-    """Send once a second that this process lives; the thread has ended before anything is forked."""
+    """Report once a second that this process lives, from a thread that ends before the first fork."""
     done = threading.Event()
 
     def beat() -> None:
@@ -319,7 +315,7 @@ def _beating(asked: socket.socket) -> Iterator[None]:
 
 
 def fork(descriptor: int, steps: int) -> None:
-    """Fork an acquisition for each plan that comes over a socket, with stdout and stderr; ends when that is closed."""
+    """Fork an acquisition for each plan, stdout and stderr that come over a socket; returns when that is closed."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked = socket.socket(fileno=descriptor)
@@ -327,7 +323,7 @@ def fork(descriptor: int, steps: int) -> None:
         _load(steps)
     gc.collect()
     gc.freeze()  # no search for garbage writes to what is shared
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them here
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # this process waits for none of them
     while True:
         plan, descriptors, _, _ = socket.recv_fds(asked, PLAN_LIMIT, 2)
         if not plan:
@@ -342,7 +338,7 @@ def fork(descriptor: int, steps: int) -> None:
 
 
 def _become(asked: socket.socket, descriptors: "list[int] | array.array[int]") -> None:
-    """Be a process of its own, as one that was started alone."""
+    """Make a forked process like one that was started alone."""
     asked.close()
     os.setsid()
     for number, descriptor in enumerate(descriptors, 1):

@@ -196,8 +196,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
     def __init__(self, name: str, answer: Answer) -> None:
         self.answer = answer
-        self.busy = set[socket.socket]()
-        self.viewers = set[socket.socket]()
+        self.viewers: dict[socket.socket, bool] = {}  # True of one that waits for a reply
         self._unwatched_since = time.monotonic()
         self.idle = threading.Condition()
         path = socket_path(name)
@@ -213,7 +212,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def wait_idle(self, timeout: float) -> None:
         """Wait until no request is being answered."""
         with self.idle:
-            self.idle.wait_for(lambda: not self.busy, timeout)
+            self.idle.wait_for(lambda: not any(self.viewers.values()), timeout)
 
     @property
     def unwatched_s(self) -> float:
@@ -224,24 +223,18 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
                 self._unwatched_since = time.monotonic()
             return time.monotonic() - self._unwatched_since
 
-    @contextlib.contextmanager
-    def answering(self, connection: socket.socket) -> Iterator[Answer]:
-        """Mark a connection as busy; yield the function that answers its requests."""
+    def waits(self, connection: socket.socket, *, waits: bool) -> None:
+        """Note whether a viewer waits for a reply."""
         with self.idle:
-            self.busy.add(connection)
-        try:
-            peer = peer_of(connection)
-            yield lambda request: self.answer({**request, "peer": peer})
-        finally:
-            with self.idle:
-                self.busy.discard(connection)
-                self.idle.notify_all()
+            self.viewers[connection] = waits
+            self.idle.notify_all()
 
     def left(self, connection: socket.socket) -> None:
         """Note that a viewer has left."""
         with self.idle:
-            self.viewers.discard(connection)
+            self.viewers.pop(connection, None)
             self._unwatched_since = time.monotonic()
+            self.idle.notify_all()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Return True if the connection is of this user or root, and within `MAX_VIEWERS`; refuse it otherwise."""
@@ -251,7 +244,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             return False
         with self.idle:
             if len(self.viewers) < MAX_VIEWERS:
-                self.viewers.add(request)
+                self.viewers[request] = False
                 return True
         _refuse(request, f"{MAX_VIEWERS} viewers are connected already, which is the most; close one")
         return False
@@ -263,12 +256,16 @@ class _Handler(socketserver.StreamRequestHandler):
     def handle(self) -> None:
         try:
             while line := self.rfile.readline(MAX_REQUEST + 1):
-                with self.server.answering(self.request) as answer:
-                    self.wfile.write(_line(reply_to(line, answer)))
+                self.server.waits(self.request, waits=True)
+                self.wfile.write(_line(reply_to(line, self._answer)))
+                self.server.waits(self.request, waits=False)
                 if len(line) > MAX_REQUEST:
                     return  # the start of the next request is unknown
         except OSError:
             return  # the viewer has left
+
+    def _answer(self, request: Mapping[str, object]) -> object:
+        return self.server.answer({**request, "peer": peer_of(self.request)})
 
     def finish(self) -> None:
         self.server.left(self.request)
