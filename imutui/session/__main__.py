@@ -205,7 +205,7 @@ def _serve(plan: Plan, engine: Engine) -> None:
     if engine.lifecycle.terminated and asked_ns is not None:
         report_by = min(report_by, asked_ns / 1e9 + _TERMINATED_GRACE_S)
     end_reported.wait(max(0.0, report_by - time.monotonic()))
-    # the server's own end would take it up to half a second more, and nobody finds it any longer
+    # the server is not shut down, which would take up to half a second more: no viewer finds it any longer
     ipc.socket_path(plan.name).unlink(missing_ok=True)
     server.wait_idle(_LAST_REPLIES_S)
 

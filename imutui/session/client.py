@@ -1,4 +1,4 @@
-"""How viewers start an acquisition, find it again, and talk to it."""
+"""Start an acquisition, find one that runs, and talk to it."""
 
 import contextlib
 import json
@@ -36,7 +36,7 @@ _PATIENCE_S, _PATIENCE_SHARE = 30.0, 0.9
 
 
 class SessionError(Exception):
-    """What was asked of an acquisition did not work; the message is for the user, the code for its command's end."""
+    """A request to an acquisition failed; the message is for the user, the code is the command's exit code."""
 
     def __init__(self, message: str, exit_code: int = lifecycle.INSTRUMENT) -> None:
         super().__init__(message)
@@ -48,7 +48,7 @@ class SessionGoneError(SessionError):
 
 
 class SessionConnectingError(SessionError):
-    """The acquisition process lives but does not talk to viewers yet, or no more."""
+    """The acquisition process lives, but does not answer viewers yet or any more."""
 
 
 class Client:
@@ -182,12 +182,12 @@ class Client:
 
 
 def running() -> list[str]:
-    """Names of this user's running acquisitions."""
+    """Return the names of this user's running acquisitions."""
     return ipc.names()
 
 
 def attach(name: str | None = None) -> Client:
-    """Client of the running acquisition of that name, or of the only one.
+    """Return a client of the running acquisition of that name, or of the only one.
 
     Raises SessionError if there is none, or several and no name, or no place for another viewer.
     """
@@ -272,7 +272,7 @@ def start(plan: Plan, timeout: float = 30.0, parent: Parent | None = None) -> Cl
 
 
 def ports() -> list[tuple[str, str]]:
-    """Serial ports of this machine: name to connect with, description."""
+    """Return the serial ports of this machine: name to connect with, description."""
     from imutui.instrument.port import available
 
     return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
@@ -324,7 +324,7 @@ def _is_same(one: str, other: str) -> bool:
 
 
 def _holder(port: str) -> str | None:
-    """Name of this user's acquisition that has a port."""
+    """Return the name of this user's acquisition that has a port."""
     for name in running():
         with contextlib.suppress(SessionError):
             if _is_same(str(Client(name).snapshot(since=NO_SERIES)["port"]), port):
@@ -361,7 +361,7 @@ def _exchange(
     try:
         pid = ipc.peer_of(connection)[1]
         connection.settimeout(timeout)
-        with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
+        with contextlib.suppress(BrokenPipeError):  # a viewer that is refused has its reply already
             connection.sendall(json.dumps(request, default=asdict).encode() + b"\n")
         data = bytearray()
         while not data.endswith(b"\n"):
@@ -385,14 +385,14 @@ def _exchange(
 
 
 def _this_program() -> str:
-    """Name of this program, with the command of imutui that it carries out."""
+    """Return the name of this program, with the command of imutui that it carries out."""
     path = Path(sys.argv[0])
     name = path.parent.name if path.name == "__main__.py" else path.name
     return " ".join([name, *(word for word in sys.argv[1:2] if word.isalpha())])
 
 
 def _terminal() -> str:
-    """Terminal of this program, such as pts/3; empty if it has none."""
+    """Return the terminal of this program, such as pts/3; empty if it has none."""
     for stream in (0, 2, 1):
         with contextlib.suppress(OSError):
             return os.ttyname(stream).removeprefix("/dev/")

@@ -1,7 +1,7 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
-It lies in the user's runtime folder, `XDG_RUNTIME_DIR` or /run/user/UID, and without either in the user's cache; only
-this user can enter it. Acquisitions in the cache are found from shells with a runtime folder too.
+Sockets are in the user's runtime folder, `XDG_RUNTIME_DIR` or /run/user/UID, or without either in the user's cache.
+Only this user can enter the folder. Acquisitions in the cache are found from shells with a runtime folder too.
 """
 
 import contextlib
@@ -54,7 +54,7 @@ def folder() -> Path:
 
 
 def folders() -> list[Path]:
-    """Folders of this user's acquisitions that exist; `folder()` is the first."""
+    """Return the folders of this user's acquisitions that exist; `folder()` is the first."""
     found = dict.fromkeys((folder(), *_places()))
     return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
 
@@ -66,22 +66,22 @@ def _places() -> list[Path]:
 
 
 def _folder_of(name: str) -> Path:
-    """Folder of the acquisition of that name; that of a new one if none runs."""
+    """Return the folder of the acquisition of that name; of a new one if none runs."""
     return next((path for path in folders() if is_locked(path / f"{name}.lock")), folder())
 
 
 def socket_path(name: str) -> Path:
-    """Socket of the acquisition of that name."""
+    """Return the socket of the acquisition of that name."""
     return _folder_of(name) / f"{name}.sock"
 
 
 def log_path(name: str) -> Path:
-    """File with the stderr of the process of that name."""
+    """Return the file with the stderr of the process of that name."""
     return _folder_of(name) / f"{name}.log"
 
 
 def names() -> list[str]:
-    """Names of acquisitions whose process is alive."""
+    """Return the names of acquisitions whose process is alive."""
     return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
 
 
@@ -149,7 +149,7 @@ def _address(path: Path) -> Iterator[str]:
 
 
 def connect(name: str, timeout: float) -> socket.socket:
-    """Connected socket of that acquisition; OSError if it is not there."""
+    """Return a socket that is connected to an acquisition; raises OSError if it is not there."""
     connection, deadline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM), time.monotonic() + timeout
     connection.settimeout(timeout)
     try:
@@ -319,7 +319,7 @@ def _refuse(connection: socket.socket, error: str) -> None:
 
 
 def peer_of(connection: socket.socket) -> tuple[int, int]:
-    """User id and process id at the other end of a Unix socket, as the kernel knows them."""
+    """Return user id and process id at the other end of a Unix socket, as the kernel knows them."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     pid, uid, _ = struct.unpack("3i", credentials)
     return uid, pid

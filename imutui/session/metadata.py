@@ -57,9 +57,9 @@ def requested(plan: Plan) -> SessionInfo:
 
 
 def session_info(plan: Plan, port: Port, identity: Identity, controller_identity: str = "") -> SessionInfo:
-    """Metadata of an acquisition; of a table under command what its controller says of itself."""
+    """Return the metadata of an acquisition; `controller_identity` is of a table under command."""
     version = identity.version.upper()
-    # a virtual instrument says so itself; nothing simulated may pass for measured
+    # a virtual instrument says so in its version; nothing simulated may pass for measured
     kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
     info = replace(
         requested(plan),
@@ -111,9 +111,9 @@ _WITHOUT_FILE = ("level", "gravity", "turned")
 
 
 def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple[Plan, SessionInfo]:
-    """Plan and metadata with another reference or other effects; raises InputError if something is not known.
+    """Return plan and metadata with another reference or other effects; raises InputError if one cannot be used.
 
-    A reference that needs no file lays the present one aside, and a file says itself which reference it is.
+    A reference without a file replaces the present file. A file determines which kind of reference it is.
     """
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
         name, text = changes.get("reference_file", ("", ""))
@@ -135,28 +135,28 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple
 
 
 def motion_of(plan: Plan) -> Profile | Trajectory | None:
-    """Motion of the file that the reference comes from, if it comes from one."""
+    """Return the motion in the file that the reference comes from; None if it comes from none."""
     name, text = plan.reference_file
     return reference_file.parse(name, text.encode()) if name else None
 
 
 def filter_of(plan: Plan, motion: Profile | Trajectory | None) -> str:
-    """Name of the filter that runs live: none with a profile that can only be found in the whole log afterwards."""
+    """Return the filter that runs live; "none" with a profile that can only be aligned to a whole log."""
     return "none" if isinstance(motion, Profile) and motion.align == "gyro" else plan.filter
 
 
 def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
-    """What makes the effects of the plan's effects file, if it has one."""
+    """Return the function that makes the effects of the plan's effects file; None if it has none."""
     if not plan.effects:
         return None
-    # loads what makes effects of drivers, the signal library among it
+    # loads the effects, and with them the signal library
     from imutui.logbook import effects_file
 
     return effects_file.maker(plan.effects.encode(), info)
 
 
 def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: MakeEffects | None = None) -> None:
-    """Refuse, before the instrument is touched, what a filter cannot do live; raises InputError with the reason."""
+    """Raise InputError for settings that a filter cannot use live, before the instrument is touched."""
     if info.noise == FROM_LOG:
         raise InputError(
             '`noise` is "log": it is measured on a whole log, so it cannot be used live. Record, then replay with'
@@ -166,14 +166,14 @@ def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: 
     if info.filter == "none":
         return
     if settings.reference not in ("level", "gravity") or effects is not None:
-        # loads the filter, which what comes from no file need not wait for: nothing is left there to be refused
+        # loads the filter; a reference without a file need not wait for it, since nothing of it can be refused
         from filters.kalman.runner import Estimator
 
         Estimator(settings)
 
 
 def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
-    """Put the files of a plan, its reference and its effects, into a log under the names a replay looks for."""
+    """Attach a plan's reference and effects files to a log, under the names that a replay looks for."""
     name, text = plan.reference_file
     if name:
         toml = name.lower().endswith(".toml")
@@ -187,7 +187,7 @@ def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
 
 @lru_cache(maxsize=1)
 def effect_labels(text: str) -> tuple[str, ...]:
-    """What effects a file's text has, in words: channels and the effect; nothing for no text."""
+    """Return channels and name of each effect in the text of an effects file."""
     if not text:
         return ()
     from imutui.logbook import effects_file
@@ -196,7 +196,7 @@ def effect_labels(text: str) -> tuple[str, ...]:
 
 
 def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> Path:
-    """Name of a recording that does not exist yet: kind of unit, as command lines call it, its number, UTC, note."""
+    """Return a path that does not exist yet, named after kind of unit, serial number, UTC and note."""
     slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
     utc = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(log_time.now_ns() // 1_000_000_000))
     stem = "_".join(part for part in (instrument, serial_number, utc, slug) if part)

@@ -1,4 +1,4 @@
-"""Fills the snapshot that viewers see (`snapshot` has its shape), between two packets."""
+"""Fill the snapshot of an acquisition (`snapshot` has its shape), between two packets."""
 
 import os
 import time
@@ -24,7 +24,7 @@ _MOST_CAUSES = 20
 
 
 def snapshot(of: Acquisition, since: int) -> Snapshot:
-    """Return everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    """Return the state for a screen; `since` is the number of the first packet wanted in `series`."""
     if since < NO_SERIES:
         of.reader.be_watched()
     now, recording, stands = time.monotonic_ns(), of.recording, of.lifecycle

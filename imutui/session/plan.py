@@ -25,7 +25,7 @@ MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
 _LONGEST_S = 10 * 366 * 86400.0
 _UNIT = {"rate_hz": "most_rate_hz", "accel_sign": "accel_sign",
          "rate_range_dps": "rate_range_dps", "accel_range_g": "accel_range_g"}  # fmt: skip
-"""Settings that a unit has for itself, and what they are called in its record."""
+"""Settings that a unit has a value for, and their names in its class."""
 
 
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
@@ -61,7 +61,7 @@ class FilterChanges(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class RecordingWish:
-    """What the operator states when a recording begins; None leaves a field as the plan has it, "" empties it.
+    """Fields that the operator states for a recording; None leaves a field as the plan has it, "" empties it.
 
     `note` is a remark; the other fields are settings.
     """
@@ -105,7 +105,7 @@ def parse_place(text: str) -> Place:
 
 
 def batch_of(name: str) -> str:
-    """Batch of an acquisition that is called BATCH:UNIT; empty of one alone."""
+    """Return the batch of an acquisition that is called BATCH:UNIT; empty for any other name."""
     return name.partition(":")[0] if ":" in name else ""
 
 
@@ -174,16 +174,15 @@ class Plan(AcquisitionSettings):
 
     @property
     def rotates(self) -> bool:
-        """Whether files are finished, and next ones begun, while recording.
+        """True if a recording goes on in further files.
 
-        Not where the reference comes from a file: that is told from one log's first sample on, so the next log could
-        not use it.
+        It does not if the reference comes from a file, whose time counts from one log's first sample.
         """
         return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
 
     @property
     def ends_unwatched_s(self) -> float | None:
-        """Seconds after which it ends by itself if nobody looks on; None where it measures, and goes on for ever."""
+        """Seconds without a viewer after which a virtual unit's acquisition ends; None of a real unit's."""
         return self.unwatched_s if self.port == VIRTUAL_PORT else None
 
     @property
@@ -215,7 +214,7 @@ DEMO = "demo"  # name and note of the demo's acquisition
 
 
 def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
-    """The demo: a virtual instrument with an effect to be found, recorded from the first packet as the defaults say."""
+    """Return the plan of the demo: a virtual instrument with an effect to be found, recorded from the first packet."""
     scenario = Path(__file__).with_name("demo.toml")
     return Plan(
         VIRTUAL_PORT,

@@ -50,7 +50,7 @@ class Sender(NamedTuple):
 
 
 class Requests:
-    """What viewers may ask of an acquisition; `client.Client` has the same methods, and says what each is for.
+    """What viewers may ask of an acquisition; `client.Client` has the same methods, and documents them.
 
     Each raises InputError with what is wrong with the request, or why it cannot be carried out now.
     """
