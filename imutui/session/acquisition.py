@@ -71,9 +71,18 @@ class Acquisition:
         self._handled_ns: int | None = None  # when that was read which is being handled
         self._last_said_ns = 0
         # the file comes first: what the others say of an event is written behind it
-        self._consumers: list[Consumer] = [self.recording, self.recent, self._statistics, self.guidance]
-        self._consumers += [self.line, self.status, GravityCheck(instrument), ClockStepMonitor(self.timebase)]
-        self._consumers += [self.events] if foxglove is None else [foxglove, self.events]
+        self._consumers: list[Consumer] = [
+            self.recording,
+            self.recent,
+            self._statistics,
+            self.guidance,
+            self.line,
+            self.status,
+            GravityCheck(instrument),
+            ClockStepMonitor(self.timebase),
+            *([] if foxglove is None else [foxglove]),
+            self.events,
+        ]
 
     # -- the stream ---------------------------------------------------------------------------------------------------
 

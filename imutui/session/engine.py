@@ -26,7 +26,7 @@ from imutui.session.commanded_table import CommandedTable
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent, ReaderFailed
+from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost
 from imutui.session.stream import ERROR, Stamper
 from imutui.session.watches import FoxgloveFollower
@@ -249,8 +249,8 @@ class Engine:
             case LeftOtherwise():
                 # the next host will see that the unit is not as it was found
                 self._acquisition.recording.find(lifecycle.FINDINGS, item.message)
-            case ReaderFailed(error):
-                raise error
+            case Exception():
+                raise item
             case QueuedCall():
                 self._carry_out(item)
             case _:
