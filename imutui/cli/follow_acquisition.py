@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.text import Text
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say, say_if_not_kept
+from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, handling, say, say_if_not_kept
 from imutui.estimates import live_biases
 from imutui.logbook.log_time import Timebase
 from imutui.plain_text import in_line
@@ -80,22 +80,20 @@ def follow(plan: Plan, *, json: bool, add: "Callable[[RunDocument], RunDocument]
 
 
 def _started(plan: Plan) -> Client:
-    """Start an acquisition; whoever wants this program to end meanwhile ends both."""
+    """Start an acquisition; a signal that ends this program meanwhile ends both."""
 
     def end(*_: object) -> None:
         raise TerminatedError
 
-    before = signal.signal(signal.SIGTERM, end)
     try:
-        return client.start(plan)
+        with handling({signal.SIGTERM: end}):
+            return client.start(plan)
     except TerminatedError:
         say(ENDED_EARLY)
         raise typer.Exit(FINE) from None
     except KeyboardInterrupt:
         say(ENDED_EARLY)
         raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def say_begun(plan: Plan, connection: Client) -> None:
@@ -207,9 +205,5 @@ def _leave_on_hangup(connection: Client, terminated: threading.Event) -> Iterato
         # on a connection of its own: the one that waits for the end hears how it was, whoever asked first
         threading.Thread(target=_stop, args=(connection,), daemon=True).start()
 
-    before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
-    try:
+    with handling({signal.SIGHUP: leave, signal.SIGTERM: end}):
         yield
-    finally:
-        for number, handler in zip((signal.SIGHUP, signal.SIGTERM), before, strict=True):
-            signal.signal(number, handler)

@@ -29,6 +29,7 @@ from imutui.cli.exit_codes import (
     INTERRUPTED,
     USAGE,
     fail,
+    handling,
     print_json,
     say,
     say_if_not_kept,
@@ -226,26 +227,23 @@ def follow(batch: Batch, base: Plan, plans: Sequence[Plan], *, json: bool) -> No
     """
     follower, signals, interrupted = Follower(batch, base), _Signals(), False
     handlers = {signal.SIGTERM: signals.terminate, signal.SIGHUP: signals.hang_up}
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        try:
-            follower.start(plans)
-            signals.may_leave()
-            follower.follow()
-        except (KeyboardInterrupt, TerminatedError) as error:
-            interrupted = isinstance(error, KeyboardInterrupt)
-            follower.terminated = True
-            follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
-            told = {end["name"] for end in follower.ends}
-            early = [plan.name for plan in plans if plan.name not in told]
-            follower.ends += [failed(name, FINE, follow_acquisition.ENDED_EARLY) for name in early]
+        with handling(handlers):
+            try:
+                follower.start(plans)
+                signals.may_leave()
+                follower.follow()
+            except (KeyboardInterrupt, TerminatedError) as error:
+                interrupted = isinstance(error, KeyboardInterrupt)
+                follower.terminated = True
+                follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
+                told = {end["name"] for end in follower.ends}
+                early = [plan.name for plan in plans if plan.name not in told]
+                follower.ends += [failed(name, FINE, follow_acquisition.ENDED_EARLY) for name in early]
     except TerminatedError:
         raise SessionError(follower.left()) from None
     except HungUpError:
         raise typer.Exit(FINE) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     order = [plan.name for plan in plans]
     ends = sorted(follower.ends, key=lambda end: order.index(end["name"]) if end["name"] in order else len(order))
     code = tell_ends(ends, json=json)

@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +20,7 @@ from imutui.cli.exit_codes import (
     INTERRUPTED,
     USAGE,
     fail,
+    handling,
     lacking,
     print_json,
     say,
@@ -110,7 +111,7 @@ def command(
     say_if_not_kept()
     ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     output.mkdir(parents=True, exist_ok=True)
-    with Page(diary.document) as page, _stopped_by_signals():
+    with Page(diary.document) as page, handling({signal.SIGTERM: _interrupt, signal.SIGHUP: _interrupt}):
         laboratory = _Laboratory(output, plan, axes, page)
         going = Investigation(laboratory, diary, page.told)
         page.left_s = lambda: going.left_s + going.reserve_s
@@ -249,20 +250,9 @@ def _axes(url: str, limits: str) -> "Axes":
     }
 
 
-@contextlib.contextmanager
-def _stopped_by_signals() -> Iterator[None]:
-    """Take SIGTERM and SIGHUP for Ctrl+C: the table must not go on without whoever gave its motions."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    numbers = (signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, stop) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+def _interrupt(*_: object) -> None:
+    """Take SIGTERM and SIGHUP for Ctrl+C: the table must not go on without the program that gives its motions."""
+    raise KeyboardInterrupt
 
 
 class _Laboratory:

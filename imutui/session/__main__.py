@@ -16,7 +16,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import NoReturn
 
 from filters.errors import InputError
@@ -78,8 +77,7 @@ def main(text: str) -> int:
     threading.excepthook = lambda thread: stands.defect(thread.exc_value or thread.exc_type())
     try:
         if plan.record:  # before the unit is touched
-            folder = Path(plan.output).parent if plan.output else Path(plan.logs)
-            DiskSpace(plan.min_free_mb).refuse(folder)
+            DiskSpace(plan.min_free_mb).refuse(plan.folder)
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, ipc.lock(plan.name))
             lifecycle.forget_end(plan.name)

@@ -173,6 +173,11 @@ class Plan(AcquisitionSettings):
         return 1.0 / (self.rate_hz or INSTRUMENTS[self.instrument or DEFAULT].most_rate_hz)
 
     @property
+    def folder(self) -> Path:
+        """Folder of the first recording."""
+        return Path(self.output).parent if self.output else Path(self.logs)
+
+    @property
     def rotates(self) -> bool:
         """True if a recording goes on in further files.
 

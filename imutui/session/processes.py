@@ -137,8 +137,7 @@ def _spawn(*arguments: str, **streams: Any) -> tuple[Process, IO[bytes] | None]:
 
 def missing_folders(plan: Plan) -> list[Path]:
     """Return the folders that a recording would make, its own first."""
-    folder = Path(plan.output).parent if plan.output else Path(plan.logs)
-    return [one for one in (folder, *folder.parents) if not one.exists()]
+    return [one for one in (plan.folder, *plan.folder.parents) if not one.exists()]
 
 
 def end_unbegun(process: Process, missing: list[Path]) -> None:
