@@ -20,9 +20,8 @@ from imutui.plain_text import in_line
 from imutui.report import replay_text
 from imutui.session import client
 from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
-from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan, batch_of
-from imutui.session.snapshot import NO_SERIES, Snapshot
+from imutui.session.snapshot import NO_SERIES, Snapshot, not_said, unit_in_words
 from imutui.tui.messages import lost, silence
 from imutui.verdict import rules, sources
 from imutui.verdict.rules import SITE_NOT_STATED

@@ -19,7 +19,6 @@ from imutui.command_line import command, joined
 from imutui.estimate_history import HistorySnapshot
 from imutui.instrument.names import DEFAULT
 from imutui.session import ipc, lifecycle, processes
-from imutui.session.identity import model_of
 from imutui.session.lifecycle import EndReport as EndReport
 from imutui.session.plan import FilterChanges, HistoryWish, Plan, RecordingWish, batch_of
 from imutui.session.processes import Parent
@@ -299,7 +298,7 @@ def probe(port: str) -> ProbeAnswer:
             except InstrumentError as error:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             found["answers"], found["baud"] = True, line.baud
-            found["instrument"] = model_of(identity.version) or instrument.model
+            found["instrument"] = identity.model or instrument.model
             found["serial_number"], found["firmware"] = identity.serial_number, identity.version
             host.check_model(identity)
     except (PortError, InstrumentError) as error:

@@ -33,7 +33,6 @@ from imutui.logbook import log_time, reference_file, summary
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line
-from imutui.session.identity import model_of
 from imutui.session.plan import FilterChanges, Plan, batch_of
 from imutui.settings import LoggedSettings, settings_of
 
@@ -86,7 +85,7 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
 
 def _model(plan: Plan, identity: Identity) -> str:
     instrument = INSTRUMENTS[plan.instrument]
-    return instrument.model if instrument.is_one_model else model_of(identity.version) or instrument.model
+    return instrument.model if instrument.is_one_model else identity.model or instrument.model
 
 
 def _filtering(plan: Plan, info: SessionInfo) -> SessionInfo:
