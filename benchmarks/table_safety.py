@@ -44,7 +44,7 @@ from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import Plan
-from imutui.table.controller import TableError
+from imutui.table.links import TableError
 from imutui.table.messages import Command
 from imutui.table.motion import Motion, Move, Turn
 from imutui.table.owner import KeptTable

@@ -53,13 +53,13 @@ def command(
 
     Example: imutui table move 0 0 -90 --controller acutrol://192.168.1.53:9888
     """
-    from imutui.table import registry
+    from imutui.table import acutrol
     from imutui.table.motion import parse_limits
 
     given = _checked(action, values or [], controller)
     if seconds is not None and not seconds > 0.0:
         raise fail(USAGE, f"--seconds is {seconds:g}; it is a time that an axis turns, such as 10.")
-    registry.check(controller)
+    acutrol.parse(controller)
     parse_limits(limits)
     if action == "status":
         _status(controller, limits, json)
@@ -105,8 +105,8 @@ def _status(url: str, limits: str, json: bool) -> None:
 
 def _stop(url: str, json: bool) -> None:
     """Stop over a link of its own, whatever else has one; the first lines sent are the stop."""
+    from imutui.table.acutrol import connect
     from imutui.table.keeper import stop_for_certain
-    from imutui.table.registry import connect
 
     controller = stop_for_certain(connect(url, asks=False), lambda asks: connect(url, asks=asks), say)
     if controller is None:

@@ -14,7 +14,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Segment
 from imutui.instrument.driver import InstrumentError
 from imutui.session.snapshot import ControllerSnapshot
-from imutui.table.controller import TableError
+from imutui.table.links import TableError
 from imutui.table.messages import Command
 from imutui.table.motion import OFF, Begin, Motion, Readings, TableState, check_profile, of_segment
 from imutui.table.owner import KeptTable

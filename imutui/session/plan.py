@@ -16,7 +16,7 @@ from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
-from imutui.table import registry
+from imutui.table import acutrol
 from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
@@ -195,9 +195,8 @@ class Plan:
 
     def _check_table(self) -> None:
         if self.controller:
-            own = self.controller == self.port == VIRTUAL_PORT
-            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
-                raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
+            if not self.controller == self.port == VIRTUAL_PORT:
+                acutrol.parse(self.controller)
             parse_limits(self.limits)
 
     def asking(self) -> "Plan":

@@ -236,8 +236,7 @@ class Move:
         own.check(self.axis, rate_dps=self.rate_dps, accel_dps2=self.accel_dps2, angles_deg=[target])
         if not self.rate_dps > 0.0:
             raise InputError(f"the {self.axis} axis is asked to move at {self.rate_dps:g} deg/s; it must be positive")
-        if abs(begin.rate_dps) > _STANDS_DPS:
-            raise InputError(f"the {self.axis} axis turns still; have it stand first: a rate of zero")
+        _refuse_while_it_turns(self.axis, begin)
         _check_room(self, begin, own, begin.rate_dps)
 
     def expected(self, begin: Begin) -> Profile:
@@ -346,6 +345,8 @@ class Swing:
         """
         own = limits_of(self.axis, limits)
         size, hz = self.amplitude_deg, self.hz
+        if begin.centre_deg is None:
+            _refuse_while_it_turns(self.axis, begin)
         if not (math.isfinite(size) and size >= 0.0 and math.isfinite(hz) and hz > 0.0):
             raise InputError(f"`amplitude_deg` is {size} and `hz` {hz}, not a size and a frequency")
         centres = {begin.angle_deg, begin.angle_deg if begin.centre_deg is None else begin.centre_deg}
@@ -374,6 +375,11 @@ Motion: TypeAlias = Move | Turn | Swing
 def braking_deg(rate_dps: float, accel_dps2: float, late_s: float = 0.0) -> float:
     """Return the way of an axis until it rests, deg; `late_s`: time before it begins to brake."""
     return abs(rate_dps) * late_s + rate_dps**2 / (2.0 * accel_dps2)
+
+
+def _refuse_while_it_turns(axis: str, begin: Begin) -> None:
+    if abs(begin.rate_dps) > _STANDS_DPS:
+        raise InputError(f"the {axis} axis turns, at {begin.rate_dps:.2f} deg/s; have it stand first: a rate of zero")
 
 
 def _check_room(motion: Motion, begin: Begin, limits: AxisLimits, rate_dps: float) -> None:

@@ -16,11 +16,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from filters.errors import InputError
-from imutui.table.controller import TableError
+from imutui.table import messages
+from imutui.table.acutrol import connect
 from imutui.table.keeper import BRAKES_S, stop_for_certain
-from imutui.table.messages import Command, Report, decode, encode
-from imutui.table.registry import connect
+from imutui.table.links import TableError
+from imutui.table.messages import Command, Report
 
 if TYPE_CHECKING:
     from imutui.table.motion import AxisLimits, TableState
@@ -64,7 +64,7 @@ class KeptTable:
         if not starts:
             self._ended.set()
             return
-        command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text]
+        command = [sys.executable, "-P", "-m", "imutui.table.keeper", url, "--limits", limits_text]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         self._heard_s = time.monotonic()
         threading.Thread(target=self._read, name="table", daemon=True).start()
@@ -104,7 +104,7 @@ class KeptTable:
         self._accel_dps2 = min([self._accel_dps2, *(motion.accel_dps2 for motion in command.motions)])
         with contextlib.suppress(OSError, ValueError), self._writing:  # the reader reports a keeper that has gone
             assert self._process.stdin is not None
-            self._process.stdin.write(encode(command))
+            self._process.stdin.write(messages.encode(command))
             self._process.stdin.flush()
 
     def ask(self, command: Command, timeout_s: float = 30.0) -> None:
@@ -141,8 +141,10 @@ class KeptTable:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._heard_s = time.monotonic()
-            with contextlib.suppress(InputError):  # the last line of one that was killed
-                self._take(decode(line, Report))
+            with contextlib.suppress(
+                ValueError, TypeError
+            ):  # the last line of a keeper that was killed, or another version's
+                self._take(messages.report(line))
             self._started.set()
         self._process.wait()
         if not self._told_its_end:

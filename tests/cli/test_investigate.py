@@ -19,7 +19,7 @@ from imutui.jobs.investigation_diary import DIARY, LAST_GOOD, Diary, DiaryDocume
 from imutui.report import trace_report
 from imutui.report.blocks import Table
 from imutui.session import client
-from imutui.table.registry import connect
+from imutui.table.acutrol import connect
 
 pytestmark = pytest.mark.usefixtures("home")
 

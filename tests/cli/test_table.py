@@ -24,7 +24,7 @@ from imutui.instrument.imu400.scaling import Scaling
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
 from imutui.instrument.virtual import Wire
-from imutui.table import registry
+from imutui.table.acutrol import connect
 from imutui.table.motion import Turn
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def test_a_unit_of_any_kind_reads_at_its_own_instants_what_the_table_did(name: s
     wire: Wire[DataPacket, object] = Wire(unit, on_packet=lambda packet, at: packets.append((packet, at)), began=0.0)
     baud = INSTRUMENTS[name].power_up_bauds[0]
     with table.served(unit) as url:
-        controller = registry.connect(url)
+        controller = connect(url)
         controller.enable()
         wire.arrived(7.3, baud)
         now[0] = 7.3

@@ -15,7 +15,7 @@ from helpers.tables import Served, served, strike
 
 from filters.simulation import TableFault, TableModel
 from imutui.table import owner
-from imutui.table.controller import TableError
+from imutui.table.links import TableError
 from imutui.table.messages import Command
 from imutui.table.motion import Motion, Move, Swing, Turn
 from imutui.table.owner import KeptTable
@@ -74,7 +74,7 @@ def test_nothing_moves_before_it_is_enabled() -> None:
         ([Turn("inner", 10.0, 200.0)], "its limit is 100"),
         ([Turn("inner", 10.0, 0.0)], "positive"),
         ([Turn("up", 10.0, 50.0)], "up"),
-        ([Turn("inner", math.nan, 50.0)], "rate_dps"),
+        ([Turn("inner", math.nan, 50.0)], "nan deg/s"),
         ([Turn("inner", 10.0, 50.0), Move("middle", 91.0, 10.0, 10.0)], "-90 to 90"),
         ([Move("middle", 9.0, 0.0, 10.0)], "positive"),
         ([Swing("inner", 10.0, 2.0, 100.0)], "its limit is 50"),
@@ -220,10 +220,10 @@ def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> N
 
 def test_an_answer_belongs_to_its_command() -> None:
     with served() as it, kept(it) as table:
-        table.send(Command("jump"))  # type: ignore[arg-type]
+        table.send(Command("go", (Turn("inner", 5.0, 100.0),)))  # refused: the table is not enabled
         table.ask(Command("enable"))
         with pytest.raises(TableError, match="not one of"):
-            table.ask(Command("jump"))  # type: ignore[arg-type]
+            go(table, Turn("up", 5.0, 100.0))
 
 
 def test_a_keeper_that_hangs_on_its_link_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
