@@ -7,6 +7,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from filters.errors import InputError
 from imutui.table.motion import OSCILLATION, POSITION, RATE, AxisLimits, Motion, Move, Swing, TableState, Turn
 
 _MOTIONS: dict[str, type[Motion]] = {POSITION: Move, RATE: Turn, OSCILLATION: Swing}
@@ -51,8 +52,11 @@ def command(line: bytes) -> Command:
 
 
 def report(line: bytes) -> Report:
-    """Return the report of a line of the keeper; raises ValueError if the keeper was killed amid it."""
-    said = json.loads(line)
+    """Return the report of a line of the keeper; raises InputError if the keeper was killed while it wrote the line."""
+    try:
+        said = json.loads(line)
+    except ValueError as error:
+        raise InputError(f"the keeper's line is not whole: {error}") from error
     if "state" in said:
         state = said["state"]
         state |= {"angles_deg": tuple(state["angles_deg"]), "rates_dps": tuple(state["rates_dps"])}

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from filters.errors import InputError
 from imutui.table import messages
 from imutui.table.acutrol import connect
 from imutui.table.keeper import BRAKES_S, stop_for_certain
@@ -102,9 +103,10 @@ class KeptTable:
         if command.do == "enable":
             self.enabled = True
         self._accel_dps2 = min([self._accel_dps2, *(motion.accel_dps2 for motion in command.motions)])
+        line = messages.encode(command)
         with contextlib.suppress(OSError, ValueError), self._writing:  # the reader reports a keeper that has gone
             assert self._process.stdin is not None
-            self._process.stdin.write(messages.encode(command))
+            self._process.stdin.write(line)
             self._process.stdin.flush()
 
     def ask(self, command: Command, timeout_s: float = 30.0) -> None:
@@ -141,9 +143,7 @@ class KeptTable:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._heard_s = time.monotonic()
-            with contextlib.suppress(
-                ValueError, TypeError
-            ):  # the last line of a keeper that was killed, or another version's
+            with contextlib.suppress(InputError):  # the last line of a keeper that was killed
                 self._take(messages.report(line))
             self._started.set()
         self._process.wait()
