@@ -252,7 +252,7 @@ def amid(rng: np.random.Generator, it: Served) -> Outcome:
         table.send(go(to_angles(table, 90.0, -90.0, 90.0, rate_dps=30.0, accel_dps2=100.0)))
         wait(lambda: bool(it.told and "position" in it.told[-1]))
         time.sleep(float(rng.uniform(0.0, 2.0)))
-        return after(it, lambda: os.kill(table.pid, signal.SIGINT), lambda: table.has_ended)
+        return after(it, lambda: os.kill(table._process.pid, signal.SIGINT), lambda: table.has_ended)
 
 
 def second(rng: np.random.Generator, it: Served) -> Outcome:

@@ -1,4 +1,4 @@
-"""`imutui table`: a turn table's controller, by hand."""
+"""`imutui table`: command a turn table's controller by hand."""
 
 import math
 import time
@@ -98,7 +98,7 @@ def _status(url: str, limits: str, json: bool) -> None:
 
     table = KeptTable(url, limits)
     try:
-        _tell(table, _first(table), json)
+        _tell(table, _next(table), json)
     finally:
         table.close()
 
@@ -134,7 +134,7 @@ def _turn(
     table = KeptTable(url, limits)
     try:
         motions = _motions(action, values, table, how)
-        _first(table)
+        _next(table)
         ask_to_move(url, _in_words(action, values), yes_move=yes_move)
         table.ask(Command("enable"))
         table.ask(Command("go", motions))
@@ -204,19 +204,19 @@ def _in_words(action: str, values: list[str | float]) -> str:
 # ------------------------------------------------------------------------------------------------------------- waiting
 
 
-def _first(table: "KeptTable") -> "TableState":
-    deadline = time.monotonic() + _READ_S
-    while table.newest is None:
-        _look(table)
-        if time.monotonic() > deadline:
-            raise fail(INSTRUMENT, f"{table.url} says no angles within {_READ_S:g} s. Look at the table.")
-    return table.newest
-
-
 def _next(table: "KeptTable") -> "TableState":
-    before = table.newest
+    """Wait for another reading, and print the keeper's news; raises the exit if the keeper ends or none comes."""
+    before, deadline = table.newest, time.monotonic() + _READ_S
     while table.newest is before:
-        _look(table)
+        time.sleep(_LOOK_S)
+        while table.news:
+            text, is_warning = table.news.popleft()
+            if not is_warning:
+                say(f"imutui: {text}")
+        if table.has_ended:
+            raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
+        if time.monotonic() > deadline:
+            raise fail(INSTRUMENT, f"{table.url} sends no angles within {_READ_S:g} s. Look at the table.")
     assert table.newest is not None
     return table.newest
 
@@ -238,17 +238,6 @@ def _wait(table: "KeptTable", seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         show_progress(_text(_next(table)))
-
-
-def _look(table: "KeptTable") -> None:
-    """Wait a moment, and print the keeper's news; raises the exit if the keeper has ended."""
-    time.sleep(_LOOK_S)
-    while table.news:
-        text, is_warning = table.news.popleft()
-        if not is_warning:
-            say(f"imutui: {text}")
-    if table.has_ended:
-        raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
 
 
 # -------------------------------------------------------------------------------------------------------------- output

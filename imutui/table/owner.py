@@ -1,7 +1,6 @@
-"""The owner's side of a table: starts the keeper, commands through it, and stops the table if the keeper dies.
+"""The owner of a table: starts the keeper, commands through it, and stops the table if the keeper dies.
 
-The keeper stops the table when its owner dies, and the owner when its keeper does. A user who kills both at once has to
-press the emergency stop.
+The keeper stops the table when its owner dies. A user who kills both at once has to press the emergency stop.
 """
 
 import contextlib
@@ -35,12 +34,12 @@ _MOST_STATES = 1 << 16
 
 
 class KeptTable:
-    """A table that a keeper has the link to; `close` has the keeper stop it and end.
+    """A table whose link a keeper has; `close` has the keeper stop the table and end.
 
-    `limits_text`: of `motion.parse_limits`, what the operator gives.
-    `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
+    `limits_text`: limits of the operator, as `motion.parse_limits` reads them.
+    `lives`: returns whether the commanding program works; the keeper stops the table soon after it returns False.
     `starts`: False starts no keeper, as if it had ended.
-    `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
+    `identity`, `axes`, `limits`: those of the controller; limits are narrowed by the operator's.
     Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
 
@@ -59,7 +58,7 @@ class KeptTable:
         self._closing = self._told_its_end = False
         self._started, self._ended, self._writing = threading.Event(), threading.Event(), threading.Lock()
         self._numbers = itertools.count(1)  # of commands: an answer names the one that it belongs to
-        self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
+        self._awaited: dict[int, str | None] = {}  # refusals by number of a command, "" if it is done; None: no answer
         self._answered = threading.Condition()
         self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
         if not starts:
@@ -86,17 +85,12 @@ class KeptTable:
             raise TableError(self.error or "the keeper of the table did not start.")
 
     @property
-    def pid(self) -> int:
-        """Of the keeper."""
-        return self._process.pid
-
-    @property
     def has_ended(self) -> bool:
-        """Whether the keeper has ended."""
+        """True if the keeper has ended."""
         return self._ended.is_set()
 
     def send(self, command: Command) -> None:
-        """Have the keeper carry out a command; a refusal is in `news`, the keeper's end in `error`."""
+        """Have the keeper carry out a command; a refusal is added to `news`, the keeper's end is in `error`."""
         self._write(replace(command, number=next(self._numbers)))
 
     def _write(self, command: Command) -> None:

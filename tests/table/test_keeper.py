@@ -127,7 +127,7 @@ def test_the_table_stands_after_a_fault_and_why_is_said(fault: TableFault, said:
 def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, signal.SIGKILL)
+        os.kill(table._process.pid, signal.SIGKILL)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         assert "were sent from here" in table.error
@@ -136,7 +136,7 @@ def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:
 def test_a_keeper_that_hangs_is_killed_and_the_table_stopped() -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, signal.SIGSTOP)
+        os.kill(table._process.pid, signal.SIGSTOP)
         wait_until(lambda: table.has_ended)
         assert stands(it)
 
@@ -145,7 +145,7 @@ def test_a_keeper_that_hangs_is_killed_and_the_table_stopped() -> None:
 def test_a_keeper_that_is_told_to_end_stops_the_table_first(number: signal.Signals) -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, number)
+        os.kill(table._process.pid, number)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         assert number.name in table.error
@@ -199,7 +199,7 @@ def test_a_stop_gets_in_between_the_commands_of_a_move_on_a_slow_link() -> None:
         table.send(Command("go", tuple(Move(axis, 90.0, 20.0, 100.0) for axis in table.axes)))
         wait_until(lambda: ":mode:position 1" in it.told)
         before = len(it.told)
-        os.kill(table.pid, signal.SIGINT)
+        os.kill(table._process.pid, signal.SIGINT)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         after = [told for told in it.told[before:] if "limit" not in told]

@@ -9,7 +9,7 @@ from filters.simulation import TableFault, TableModel, TurnTable
 from helpers.processes import LIMIT_S
 from imutui.table.acutrol import Acutrol, connect
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.motion import TableState
+from imutui.table.motion import RESTS_DPS, TableState
 from imutui.table.server import BUS, TCP, TableServer
 
 
@@ -41,6 +41,11 @@ def served(
         where = f"127.0.0.1:{server.port}"
         url = f"acutrol+serial:socket://{where}" if prefix == BUS else f"acutrol://{where}"
         yield Served(table, server, url, told)
+
+
+def rests(state: TableState) -> bool:
+    """Return whether all axes stand still."""
+    return all(abs(rate) < RESTS_DPS for rate in state.rates_dps)
 
 
 def strike(it: Served, fault: TableFault) -> None:
