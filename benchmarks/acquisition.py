@@ -65,7 +65,7 @@ def acquiring(
     folder: Path, name: str, port: str = "virtual", rate: float = 133.0, **fields: object
 ) -> Iterator[Client]:
     """An acquisition that records, ended at the end."""
-    plan = Plan(port, rate, logs=str(folder / name), record=True, name=f"{folder.name}-{name}", **fields)  # type: ignore[arg-type]
+    plan = Plan(port, rate_hz=rate, logs=str(folder / name), record=True, name=f"{folder.name}-{name}", **fields)  # type: ignore[arg-type]
     client = session.start(plan)
     try:
         yield client
@@ -265,7 +265,7 @@ from imutui.session import client
 from imutui.session.plan import Plan
 folder, name, *ports = sys.argv[1:]
 plans = [
-    Plan(port, 133.0, logs=f"{folder}/{k}", record=True, name=f"rack-{k}", filter=name)
+    Plan(port, rate_hz=133.0, logs=f"{folder}/{k}", record=True, name=f"rack-{k}", filter=name)
     for k, port in enumerate(ports)
 ]
 with ExitStack() as stack:
@@ -291,8 +291,8 @@ folder, name, *ports = sys.argv[1:]
 sys.setswitchinterval(0.0005)
 engines = []
 for port in ports:
-    plan = Plan(port, 133.0, logs=folder, record=True, filter=name)
-    host = INSTRUMENTS[plan.instrument](Port(port, plan.baud), 133.0)
+    plan = Plan(port, rate_hz=133.0, logs=folder, record=True, filter=name)
+    host = INSTRUMENTS[plan.instrument](Port(port, plan.baud or 38400), 133.0)
     engines.append(Engine(plan, host, host.open(plan.baud)))
     engines[-1].start()
 logs = [str(engine._acquisition.recording.writer.path) for engine in engines]

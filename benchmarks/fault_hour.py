@@ -207,7 +207,7 @@ def record(
         links = [stack.enter_context(virtual(folder, seed, own)) for seed, (folder, own) in units]
         plans = [
             Plan(
-                str(link), options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
+                str(link), rate_hz=options.rate, logs=str(folder), name=batches.acquisition_of(NAME, folder.name),
                 record=True, filter=options.filter, duration_s=seconds,
             )
             for link, folder in zip(links, folders, strict=True)

@@ -53,7 +53,7 @@ def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, floa
     baud, asked = it.power_up_bauds[0], float("nan")
     with tempfile.TemporaryDirectory() as folder, served(made, line=line) as device, Port(device, baud) as port:
         host = it(port, rate_hz)
-        plan = Plan(device, rate_hz, logs=folder, filter="none", instrument=name, accel_sign=it.accel_sign)
+        plan = Plan(device, rate_hz=rate_hz, logs=folder, filter="none", instrument=name, accel_sign=it.accel_sign)
         engine = Engine(plan, host, host.open(baud))
         engine.start()
         try:

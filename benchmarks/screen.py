@@ -141,7 +141,7 @@ def main() -> None:
     with bench.folder_for() as folder:
         starts = bench.told(first_paint([*bench.IMUTUI], b"1 Connect", asked.repeat))
         print(f"first paint of `imutui`, nothing running: {starts} s", flush=True)
-        plan = Plan("virtual", RATE, logs=str(folder), name=NAME, record=True, virtual=("--seed", "1"))
+        plan = Plan("virtual", rate_hz=RATE, logs=str(folder), name=NAME, record=True, virtual=("--seed", "1"))
         client = session.start(plan)
         try:
             attach = [*bench.IMUTUI, "attach", "--name", NAME]

@@ -24,7 +24,7 @@ def main() -> None:
     with bench.folder_for(asked.folder) as folder, tempfile.TemporaryDirectory() as cache:
         os.environ["XDG_CACHE_HOME"] = cache
         fields = {"logs": str(folder), "filter": asked.filter, "rotate_minutes": asked.rotate_minutes}
-        plan = Plan("none", asked.rate, record=True, **fields)
+        plan = Plan("none", rate_hz=asked.rate, record=True, **fields)
         bench.head("hours", "resident, MB", "descriptors", "objects", "files, MB", "processor, s")
         found = []
         began = time.perf_counter()

@@ -7,11 +7,9 @@ the signatures of `imutui.cli`. Both pages are committed, so that they can be re
 tests/test_docs.py says when they are out of date.
 """
 
-import importlib
 import inspect
 import math
 import tomllib
-import types
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,7 +21,7 @@ from filters import simulation
 from filters.effects import catalogue, deterministic, plain_names
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS
-from imutui.cli import COMMANDS
+from imutui.cli import COMMANDS, command_of
 
 HERE = Path(__file__).parent
 GYROS, ACCELS = CHANNELS[:3], CHANNELS[3:]
@@ -261,14 +259,8 @@ def commands_page() -> str:
 
 
 def command_function(name: str) -> Callable[..., None]:
-    """The function of a command, whether the table holds it, its module, or the module's name."""
-    entry: Any = COMMANDS[name]
-    if isinstance(entry, str):
-        entry = importlib.import_module(entry.partition(":")[0])
-    if isinstance(entry, types.ModuleType):
-        entry = entry.command
-    # a signature that a decorator made has the options that it adds
-    return inspect.unwrap(entry, stop=lambda function: hasattr(function, "__signature__"))
+    """The function of a command, with the options that a decorator adds."""
+    return inspect.unwrap(command_of(name), stop=lambda function: hasattr(function, "__signature__"))
 
 
 def options(function: Callable[..., None]) -> dict[str, tuple[typing.Any, typing.Any, typing.Any]]:

@@ -11,6 +11,8 @@ GYROS, ACCELS = (0, 1, 2), (3, 4, 5)  # numbers of the gyros and of the accelero
 
 STANDARD_GRAVITY = 9.80665  # m/s² of one g, where a reading is in g
 
+PAPER_PLACE = (-23.21132308, -45.85917610, 641.203)  # latitude, longitude, deg, and height, m, of the paper's table
+
 DPS = math.pi / 180.0  # rad/s of one deg/s, and rad of one degree
 G = STANDARD_GRAVITY  # m/s² of one g
 MG = 1e-3 * STANDARD_GRAVITY  # m/s² of one mg

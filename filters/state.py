@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters import attitude, earth
+from filters.channels import PAPER_PLACE as PAPER_PLACE
 from filters.errors import InputError
 from filters.types import Array
 
@@ -46,7 +47,6 @@ class Site:
 
 Place = tuple[float, float, float]
 """Latitude and longitude in degrees, height above the ellipsoid in metres."""
-PAPER_PLACE: Place = (-23.21132308, -45.85917610, 641.203)
 PAPER_SITE = Site.at(*PAPER_PLACE)
 
 

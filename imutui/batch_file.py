@@ -34,9 +34,9 @@ from typing import Annotated, Any, TypedDict
 from filters.errors import InputError
 from filters.imu import parse_mount
 from imutui import declared, outside_file, toml_text
-from imutui.config import ALLOWED
 from imutui.declared import Meta
 from imutui.instrument.names import NAMES, VIRTUAL_PORT
+from imutui.settings import FilterName, Name, Note
 
 COMMON = ("rate", "filter", "note", "operator", "table", "place", "profile")
 """Keys at the top of the file, which are for all units."""
@@ -135,11 +135,11 @@ class _Unit(TypedDict, total=False):
 
 class _Batch(TypedDict, total=False):
     rate: float
-    filter: Annotated[str, Meta(allowed=ALLOWED["filter.name"])]
-    note: str
-    operator: str
-    table: str
-    place: str
+    filter: FilterName
+    note: Note
+    operator: Name
+    table: Name
+    place: Name
     profile: str
     unit: list[_Unit]
 
@@ -153,7 +153,7 @@ def _batch(path: Path, unit: Sequence[dict[str, Any]] = (), profile: str | None 
         for number, each in enumerate(units, 1):
             value = getattr(each, key)
             if value and value in seen and value != VIRTUAL_PORT:
-                raise InputError(f'unit {number}: `{key}` is "{value}", as that of unit {seen[value]}')
+                raise InputError(f'[[unit]] {number}: `{key}` is "{value}", as that of [[unit]] {seen[value]}')
             seen[value] = number
     return Batch(path, units, profile=_beside(profile, path.parent) if profile else profile, **common)
 
@@ -162,12 +162,12 @@ def _unit(folder: Path, number: int, name: str = "", instrument: str = "", effec
     port, serial = fields.get("port", ""), fields.get("serial", "")
     if bool(port) == bool(serial):
         has = "both `port` and `serial`; keep the one that is to count" if port else "no `port` or `serial`"
-        raise InputError(f"unit {number} has {has}. {_FIND}")
+        raise InputError(f"[[unit]] {number} has {has}. {_FIND}")
     name = name or re.sub(r"[^\w.-]+", "-", serial) or str(number)
     if not _WORD.fullmatch(name):
-        raise InputError(f"unit {number}: `name` is {name!r}, not one word of letters, digits, . _ and -")
+        raise InputError(f"[[unit]] {number}: `name` is {name!r}, not one word of letters, digits, . _ and -")
     if instrument and instrument not in NAMES:
-        raise InputError(f"unit {number}: `instrument` is {instrument!r}, not one of: {', '.join(NAMES)}")
+        raise InputError(f"[[unit]] {number}: `instrument` is {instrument!r}, not one of: {', '.join(NAMES)}")
     return Unit(name, instrument=instrument, effects=str(folder / effects) if effects else "", **fields)
 
 

@@ -1,11 +1,11 @@
 """Read a TOML table or a JSON object into a declared record, or refuse it with table, key, value and what is allowed.
 
-A record is a dataclass or a `TypedDict`. The types of its fields are float, int, bool, str, `Literal`, None, list,
-tuple, `dict[str, X]`, another record, and unions of these. In a union of records the tag selects the record: the first
-field that they declare as a `Literal`, such as `kind`. `Annotated` adds a `Meta`, or a number: the length of a list.
+A record is a dataclass, a `NamedTuple` or a `TypedDict`. The types of its fields are float, int, bool, str, `Literal`,
+None, list, tuple, `dict[str, X]`, another record, and unions of these. In a union of records the tag selects the
+record: the first field that they declare as a `Literal`, such as `kind`. `Annotated` adds a `Meta`, or a number: the
+length of a list.
 """
 
-import difflib
 import math
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -18,6 +18,7 @@ from filters.errors import InputError
 
 LARGEST = 1e12  # number of a file or a request, of either sign
 _LARGEST_OF_DOCUMENTS, _LARGEST_WHOLE = 1e30, 2**63 - 1
+_PLAIN = (str, bool, NoneType, object)
 _SHOWN = 80  # characters of a value in a message
 _WORDS = {str: "a text", bool: "true or false", dict: "a table", list: "a list", tuple: "a list", object: "a value"}
 T = TypeVar("T")
@@ -61,6 +62,17 @@ def make(value: object, shape: object, into: Callable[..., T], where: str = "") 
     return made
 
 
+def settle(record: object) -> None:
+    """Check and convert the fields of a dataclass by their declared types; for its `__post_init__`.
+
+    Raises InputError with the name of the field, its value and what is allowed.
+    """
+    rules = _Rules(exact=True, largest=LARGEST)
+    declared: Any = type(record)
+    for key, (shape, name, _) in _fields(declared).items():
+        object.__setattr__(record, name, _value(getattr(record, name), shape, (key,), rules))
+
+
 def problem(value: object, shape: object, where: str, *, exact: bool = False) -> str:
     """Return what of a JSON document does not fit its declared type; empty if it fits.
 
@@ -78,11 +90,15 @@ def refuse_unknown(keys: Iterable[str], known: Collection[str], table: str = "")
     for key in keys:
         if key not in known:
             before = f"{table}: " if table else ""
-            raise InputError(f"{before}`{key}` is unknown{meant(key, known)}; known: {', '.join(known)}")
+            raise InputError(
+                f"{before}`{key[:_SHOWN]}` is unknown{meant(key[:_SHOWN], known)}; known: {', '.join(known)}"
+            )
 
 
 def meant(word: str, known: Iterable[str]) -> str:
     """Return a question for the known word that is most like an unknown one; empty if none is like it."""
+    import difflib  # only a mistake needs it
+
     near = difflib.get_close_matches(word, list(known), 1, 0.7)
     return f"; did you mean `{near[0]}`?" if near else ""
 
@@ -104,11 +120,7 @@ def _value(value: Any, shape: Any, path: _Path, rules: _Rules) -> Any:
         if len(value) != (len(each) if meta.length is None else meta.length):
             raise _wrong(value, shape, path)
         made = kind([_value(value[n], own, (*path, n + 1), rules) for n, own in enumerate(each)])
-    elif (
-        kind is Any
-        or (kind is typing.Literal and _is_word(value, of))
-        or (kind in (str, bool, NoneType) and isinstance(value, kind))
-    ):
+    elif kind is Any or (_is_word(value, of) if kind is typing.Literal else kind in _PLAIN and isinstance(value, kind)):
         made = value
     else:
         raise _wrong(value, shape, path)
@@ -235,15 +247,18 @@ def _split(shape: Any) -> tuple[Any, tuple[Any, ...], Meta]:
 def _fields(record: Any) -> dict[str, tuple[Any, str, bool]]:
     """Return of each key its type, the name of its field in what is made, and whether it must be there."""
     hints = typing.get_type_hints(record, include_extras=True)
-    if is_dataclass(record):
+    if typing.is_typeddict(record):
+        required = record.__required_keys__
+    elif is_dataclass(record):
         own = [each for each in fields(record) if each.init]
         required = {each.name for each in own if each.default is MISSING and each.default_factory is MISSING}
         hints = {each.name: hints[each.name] for each in own}
     else:
-        required = record.__required_keys__
+        required = set(hints) - set(record._field_defaults)
     return {key: (shape, _split(shape)[2].to or key, key in required) for key, shape in hints.items()}
 
 
 @cache
 def _is_record(kind: Any) -> bool:
-    return typing.is_typeddict(kind) or (isinstance(kind, type) and is_dataclass(kind))
+    is_class = isinstance(kind, type)
+    return typing.is_typeddict(kind) or (is_class and (is_dataclass(kind) or hasattr(kind, "_field_defaults")))

@@ -115,6 +115,9 @@ def test_a_long_value_is_cut_in_its_message() -> None:
     with pytest.raises(InputError) as wrong:
         read({"count": "x" * 10_000, "segment": []}, Top)
     assert len(str(wrong.value)) < 200
+    with pytest.raises(InputError) as wrong:
+        read(FITS | {"x" * 10**6: 1}, Top)
+    assert len(str(wrong.value)) < 300
 
 
 def test_a_document_may_have_more_keys_and_larger_numbers_than_a_file() -> None:

@@ -16,6 +16,7 @@ from filters.effects.catalogue import EFFECTS
 from imutui import batch_file, config, scenario
 from imutui.cli import COMMANDS
 from imutui.logbook import effects_file, schemas
+from imutui.settings import SETTINGS
 from imutui.tui.pages.base import PAGES, RACK
 
 ROOT = Path(__file__).parents[1]
@@ -135,12 +136,12 @@ def test_every_page_of_the_screen_is_told() -> None:
 
 
 def test_settings_named_anywhere_are_settings() -> None:
-    sections = {key.partition(".")[0] for key in config.DEFAULTS}
+    sections = {key.partition(".")[0] for key in SETTINGS}
     named = set(re.findall(rf"`(?:--set )?((?:{'|'.join(sections)})\.[a-z_0-9]+)[=`]", ALL))
     named |= set(re.findall(rf"--set ((?:{'|'.join(sections)})\.[a-z_0-9]+)=", ALL))
     assert named
-    assert named <= set(config.DEFAULTS), named - set(config.DEFAULTS)
-    variables = {"IMUTUI_" + key.upper().replace(".", "_") for key in config.DEFAULTS}
+    assert named <= set(SETTINGS), named - set(SETTINGS)
+    variables = {"IMUTUI_" + key.upper().replace(".", "_") for key in SETTINGS}
     assert set(re.findall(r"\bIMUTUI_[A-Z0-9_]+\b", ALL)) <= variables
 
 

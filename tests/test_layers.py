@@ -37,6 +37,7 @@ EVERYWHERE = {"filters.errors"} | {
         "estimate_history",
         "outside_file",
         "plain_text",
+        "settings",
         "toml_text",
     )
 }
@@ -51,6 +52,7 @@ FLOORS = {
     "imutui.outside_file": set(),
     "imutui.defects": set(),
     "imutui.declared": set(),
+    "imutui.settings": {"filters.channels"},
     "imutui.document_shape": set(),
     "filters": GROUND,
     "filters.motion": GROUND,
@@ -78,7 +80,7 @@ FLOORS = {
         "filters",
     },
     "imutui.session.snapshot": {"imutui.estimates", "filters.health.finding"},
-    "imutui.batch_file": {"filters.imu", "imutui.config", "imutui.instrument.names"},
+    "imutui.batch_file": {"filters.imu", "imutui.instrument.names"},
     "imutui.estimates": {"filters.channels", "filters.specification", "filters.tracing.trace_document"},
     "imutui.verdict": {
         "filters.channels",
@@ -110,7 +112,7 @@ FLOORS = {
         "imutui.report",
         "imutui.verdict",
     },
-    "imutui.config": {"filters", "imutui.logbook"},
+    "imutui.config": set(),
     "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }

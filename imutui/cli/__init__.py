@@ -15,38 +15,12 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from imutui.cli import (
-    apply,
-    attach,
-    campaign,
-    check,
-    collect,
-    config,
-    demo,
-    devices,
-    export,
-    foxglove,
-    import_,
-    info,
-    investigate,
-    mark,
-    note,
-    profile,
-    record,
-    recover,
-    replay,
-    report,
-    status,
-    stop,
-    table,
-    trace,
-    virtual,
-)
 from imutui.cli.exit_codes import USAGE, fail, flush, handled, tell, told
 
 _KINDS = {"valid integer": "a whole number", "valid number": "a number", "valid float": "a number"}
@@ -104,33 +78,43 @@ def _given(names: Sequence[str], args: Sequence[str]) -> tuple[str, str] | None:
 
 # ---------------------------------------------------------------------------------------------------------------- cli
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "demo": demo.command,
-    "devices": devices.command,
-    "record": record.command,
-    "attach": attach.command,
-    "status": status.command,
-    "mark": mark.command,
-    "note": note.command,
-    "stop": stop.command,
-    "foxglove": foxglove.command,
-    "virtual": virtual.command,
-    "table": table.command,
-    "import": import_.command,
-    "export": export.command,
-    "info": info.command,
-    "check": check.command,
-    "recover": recover.command,
-    "replay": replay.command,
-    "trace": trace.command,
-    "investigate": investigate.command,
-    "apply": apply.command,
-    "report": report.command,
-    "campaign": campaign.command,
-    "collect": collect.command,
-    "profile": profile.command,
-    "config": config.command,
-}
+COMMANDS = (
+    "demo",
+    "devices",
+    "record",
+    "attach",
+    "status",
+    "mark",
+    "note",
+    "stop",
+    "foxglove",
+    "virtual",
+    "table",
+    "import",
+    "export",
+    "info",
+    "check",
+    "recover",
+    "replay",
+    "trace",
+    "investigate",
+    "apply",
+    "report",
+    "campaign",
+    "collect",
+    "profile",
+    "config",
+)
+"""Names of the commands, in the order of help; each has a module, which is loaded when it is needed."""
+
+
+def command_of(name: str) -> Callable[..., None]:
+    """Return the function of a command."""
+    function: Callable[..., None] = import_module(f"imutui.cli.{_MODULES.get(name, name)}").command
+    return function
+
+
+_MODULES = {"import": "import_"}
 
 
 def _version(wanted: bool) -> None:
@@ -154,6 +138,8 @@ def _root(
     New here? `imutui demo` runs the whole job on a virtual instrument.
     """
     if context.invoked_subcommand is None:
+        from imutui.cli import attach
+
         handled(attach.open_ui)()
 
 
@@ -171,7 +157,7 @@ def _program(names: Iterable[str]) -> typer.Typer:
     )
     app.callback(invoke_without_command=True)(_root)
     for name in names:
-        app.command(name, cls=Command)(handled(COMMANDS[name]))
+        app.command(name, cls=Command)(handled(command_of(name)))
     return app
 
 
@@ -185,9 +171,9 @@ def main() -> None:
     atexit.register(gc.freeze)
     try:
         try:
-            # reading the options of all commands takes longer than those of one
+            # loading all commands takes longer than loading one
             named = [name for name in sys.argv[1:2] if name in COMMANDS]
-            _program(named or COMMANDS)(prog_name="imutui")
+            _program([] if sys.argv[1:] == ["--version"] else named or COMMANDS)(prog_name="imutui")
         finally:
             flush()
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - what is no command's own, such as help

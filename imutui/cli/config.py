@@ -34,18 +34,25 @@ def command(
 
 def _text(loaded: "Config") -> str:
     """Settings as TOML, in columns, each with its source and what else it may be."""
-    from imutui import toml_text
-    from imutui.config import ALLOWED
+    from imutui.settings import SETTINGS
 
     lines = ["# looked for, the last one wins; then the environment, then flags:"]
     lines += [f"#   {file.path} ({'read' if file.read else 'not there'})" for file in loaded.files]
-    shown = {key: toml_text.value(setting.value) for key, setting in loaded.settings.items()}
-    wide, wider = max(map(len, shown)), max(map(len, shown.values()))
+    shown = {key: _shown(setting.value) for key, setting in loaded.settings.items()}
+    wide, wider = max(map(len, shown)) + 1, max(map(len, shown.values()))
     section = ""
     for key, value in shown.items():
         if key.split(".")[0] != section:
             section = key.split(".")[0]
             lines.append("")
-        choice = f"; one of {', '.join(map(str, ALLOWED[key]))}" if key in ALLOWED else ""
-        lines.append(f"{key:<{wide}} = {value:<{min(wider, 24)}}  # {loaded.settings[key].source}{choice}")
+        allowed = SETTINGS[key].allowed
+        choice = f"; one of {', '.join(map(str, allowed))}" if allowed else ""
+        mark = "#" if loaded.settings[key].value is None else ""  # TOML has no word for it
+        lines.append(f"{mark + key:<{wide}} = {value:<{min(wider, 24)}}  # {loaded.settings[key].source}{choice}")
     return "\n".join(lines)
+
+
+def _shown(value: object) -> str:
+    from imutui import toml_text
+
+    return "as the unit has it" if value is None else toml_text.value(value)

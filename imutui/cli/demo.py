@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from imutui.cli.exit_codes import USAGE, fail
-from imutui.cli.options import Json, Rate
+from imutui.cli.options import Flags, Json, takes_settings
 
 if TYPE_CHECKING:
     from imutui.estimates import StateFields
     from imutui.logbook.results import RunDocument
 
 
+@takes_settings("acquisition.rate_hz")
 def command(
+    *,
     headless: Annotated[
         bool, typer.Option("--headless", help="No terminal UI: progress and the final estimates.")
     ] = False,
     seconds: Annotated[float | None, typer.Option("--seconds", metavar="S", help="Headless: how long (60).")] = None,
-    rate: Rate = None,
+    flags: Flags,
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
     json: Json = False,
 ) -> None:
@@ -41,7 +43,7 @@ def command(
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
-    settings = config.load().with_flags({"acquisition.rate_hz": rate or DEMO_RATE_HZ})
+    settings = config.load().with_flags({"acquisition.rate_hz": DEMO_RATE_HZ} | flags)
     if not headless:
         shown = demo(plan_from(settings, None, port="virtual"), settings.number("acquisition.rate_hz"), seed)
         _show(replace(shown, duration_s=seconds))

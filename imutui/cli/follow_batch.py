@@ -44,6 +44,7 @@ from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES
+from imutui.settings import SETTINGS
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -285,8 +286,7 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
         common = batches.base_of(batch, base)
     else:
         own: dict[str, Any] = {field: getattr(base, field) for field in given}
-        chosen = [field for field in base.explicit if field in given]
-        common = replace(first, **own, explicit=(*first.explicit, *chosen))
+        common = replace(first, **own)
     plans = batches.plans(batch, common)
     remarks = dict[str, None]()
     for number, plan in enumerate(plans, 1):
@@ -313,9 +313,9 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
         say(f"{', '.join(plan.name for plan in asked)}: as the batch began, {_in_words(common)}")
         for field in given:
             if field != "reference_file" and getattr(common, field) != getattr(first, field):
-                flag = _FLAGS.get(field, field).replace("_", "-")
+                flag = _FLAGS.get(field) or f"--{field.replace('_', '-')}"
                 said, others = (_value(getattr(plan, field)) for plan in (common, first))
-                say(f"--{flag} {said} is of this command; the batch began with {others}")
+                say(f"{flag} {said} is of this command; the batch began with {others}")
     for remark in remarks:
         say(remark)
     batches.begin(batch, first or common)
@@ -324,14 +324,14 @@ def record(path: Path, name: str | None, port: str | None, base: Plan, given: Se
 
 _KEYS = {"rate_hz": "rate", "reference": "profile"}
 """Keys of a batch's file for fields of a plan, where their names differ."""
-_FLAGS = {"rate_hz": "rate", "duration_s": "duration", "foxglove_port": "foxglove"}
+_FLAGS = {each.name: each.setting.flag for each in SETTINGS.values()} | {"duration_s": "--duration"}
 """Options for fields of a plan, where their names differ."""
 _LONGEST_VALUE = 60
 
 
 def _in_words(plan: Plan) -> str:
     """What a plan asks of all units of a batch."""
-    parts = [f"{plan.rate_hz:g} Hz", plan.sampling, f"filter {plan.filter}"]
+    parts = [f"{plan.rate_hz:g} Hz" if plan.rate_hz else "the unit's own rate", plan.sampling, f"filter {plan.filter}"]
     parts.append(f"reference {plan.reference_file[0] or plan.reference}")
     texts = ("note", "operator", "place", "table")
     parts += [f'{key} "{value}"' for key in texts if (value := getattr(plan, key))]

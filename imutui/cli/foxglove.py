@@ -53,7 +53,7 @@ def command(
         raise fail(USAGE, "LOG is one file, --name an acquisition and its files; give one of the two.")
     settings = config.load()
     host = host or settings.text("foxglove.host")
-    port = port or settings.integer("foxglove.port") or _PORT
+    port = port or int(settings.number("foxglove.port")) or _PORT
     check(host)
     source = _acquisition(name) if log is None else log
     title = f"imutui {source.name}"

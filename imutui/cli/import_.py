@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imutui.cli.exit_codes import USAGE, check_output, fail, print_json, say
-from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Json, Mount, SiteText, Start, parse_site
+from imutui.cli.options import End, Flags, Force, Json, SiteText, Start, parse_site, takes_settings
 
 if TYPE_CHECKING:
     from imutui.logbook.importing.recording import Recording
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from imutui.logbook.session_info import SessionInfo
 
 
+@takes_settings("instrument.accel_sign", "instrument.mount", "instrument.gyro_sign", "site.gravity_mps2")
 def command(
+    *,
     file: Annotated[
         Path,
         typer.Argument(
@@ -52,11 +54,8 @@ def command(
         typer.Option("--rate", metavar="HZ", help="Rate of the rows, instead of their times; as t=row:100Hz has it."),
     ] = None,
     drop: Annotated[str, typer.Option("--drop", metavar="ROW,FROM-TO", help="Rows to leave out; the first is 0.")] = "",
-    accel_sign: AccelSign = None,
-    mount: Mount = None,
-    gyro_sign: GyroSign = None,
+    flags: Flags,
     site: SiteText = None,
-    gravity: Gravity = None,
     reference: Annotated[
         str | None,
         typer.Option(
@@ -107,6 +106,7 @@ def command(
     from imutui.logbook.importing import recording as recordings
     from imutui.logbook.importing.table import Asked
     from imutui.logbook.importing.write import write
+    from imutui.settings import SETTINGS
     from imutui.verdict.rules import SITE_NOT_STATED
 
     if kind not in ("measured", "simulated", "unknown"):
@@ -117,16 +117,10 @@ def command(
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     check_output(output, force, file, *([continues] if continues else []))
     beside = import_reference.from_text(reference) if reference is not None else None
-    if accel_sign is None and bag.is_bag(file):
-        accel_sign = 1  # messages of ROS have specific force
-    flags = {
-        "instrument.accel_sign": accel_sign,
-        "instrument.mount": mount,
-        "instrument.gyro_sign": gyro_sign,
-        "site.gravity_mps2": gravity,
-        "filter.reference": reference if beside is None else beside.kind,
-    }
-    settings = config.load().with_flags(flags)
+    if bag.is_bag(file):
+        flags = {"instrument.accel_sign": 1} | flags  # messages of ROS have specific force
+    kind_of_reference = reference if beside is None else beside.kind
+    settings = config.load().with_flags(flags | {"filter.reference": kind_of_reference})
     info = session_from(settings, parse_site(site))
     info = replace(info, instrument=instrument, kind=kind)
     # refuse what cannot be before a long file is read
@@ -136,7 +130,7 @@ def command(
     if before is not None:
         power_on.check_same_unit(before, info)
     others = _words(
-        accel_sign=accel_sign, mount=mount, gyro_sign=gyro_sign, site=site, gravity=gravity, reference=reference,
+        **{SETTINGS[key].setting.flag[2:]: value for key, value in flags.items()}, site=site, reference=reference,
         continues=continues, instrument=instrument, kind=kind if kind != "unknown" else "", json=json, force=force,
     )  # fmt: skip
     if rate is not None and not 0.0 < rate < math.inf:
@@ -148,7 +142,7 @@ def command(
     if attachment is not None:
         info = replace(info, reference=attachment.kind)
     assumed = list(recording.assumed)
-    if accel_sign is None and not recording.lacks[3:].all():
+    if "instrument.accel_sign" not in flags and not recording.lacks[3:].all():
         up = info.accel_sign > 0
         assumed.append(
             f"--accel-sign {info.accel_sign:+d}: an axis that points {'up' if up else 'down'} reads +1 g at rest; if"
@@ -207,7 +201,7 @@ def _words(**options: object) -> tuple[str, ...]:
     for name, value in options.items():
         if value is None or value is False or value == "":
             continue
-        text = f"{value:+d}" if name == "accel_sign" else str(value)
+        text = f"{value:+d}" if name == "accel-sign" else str(value)
         out += [f"--{name.replace('_', '-')}", *([] if value is True else [text])]
     return tuple(out)
 

@@ -26,18 +26,13 @@ from imutui.cli.exit_codes import (
     say_if_not_kept,
 )
 from imutui.cli.options import (
-    AccelSign,
-    GyroSign,
+    Flags,
     Json,
     Limits,
-    Mount,
-    Operator,
-    Place,
-    Rate,
-    Table,
     YesMove,
     ask_to_move,
     refuse_unasked,
+    takes_settings,
 )
 
 if TYPE_CHECKING:
@@ -58,7 +53,12 @@ _LOGS = "logs"
 _LOOK_S = 0.2
 
 
+@takes_settings(
+    *("acquisition.rate_hz", "acquisition.operator", "acquisition.place", "acquisition.table"),
+    *("instrument.accel_sign", "instrument.mount", "instrument.gyro_sign"),
+)
 def command(
+    *,
     port: Annotated[
         str | None, typer.Option("--port", help="Of the unit: path, stable id, pyserial URL; not with --resume.")
     ] = None,
@@ -78,13 +78,7 @@ def command(
     ] = False,
     limits: Limits = "",
     yes_move: YesMove = False,
-    rate: Rate = None,
-    operator: Operator = None,
-    place: Place = None,
-    table: Table = None,
-    accel_sign: AccelSign = None,
-    mount: Mount = None,
-    gyro_sign: GyroSign = None,
+    flags: Flags,
     json: Json = False,
 ) -> None:
     """Find what is wrong with a unit on a table under command: plan, move, record, trace, until all is explained.
@@ -105,17 +99,8 @@ def command(
     if hours is not None and not 0.0 < hours < _MOST_H:
         raise fail(USAGE, f"--hours is {hours:g}; it is a time that the table is free, such as 2.")
     diary = _diary(output, resume, switched, port, controller, hours)
-    given = {
-        "acquisition.rate_hz": rate,
-        "acquisition.operator": operator,
-        "acquisition.place": place,
-        "acquisition.table": table,
-        "instrument.accel_sign": accel_sign,
-        "instrument.mount": mount,
-        "instrument.gyro_sign": gyro_sign,
-    }
     asked = diary.document["asked"]
-    asked["flags"] |= {key: value for key, value in given.items() if value is not None}
+    asked["flags"] |= flags
     limits = asked["limits"] = limits or asked["limits"]
     plan = _plan(diary, _name_of(output))
     refuse_unasked(yes_move=yes_move)

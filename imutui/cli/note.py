@@ -6,12 +6,14 @@ from typing import Annotated
 import typer
 
 from imutui.cli.exit_codes import USAGE, fail, tell
-from imutui.cli.options import Name, OfBatch, Operator, ask_each
+from imutui.cli.options import Flags, Name, OfBatch, ask_each, takes_settings
 
 
+@takes_settings("acquisition.operator")
 def command(
+    *,
     text: Annotated[str | None, typer.Argument(help='The note; "" for none.')] = None,
-    operator: Operator = None,
+    flags: Flags,
     log: Annotated[
         Path | None,
         typer.Option("--log", metavar="LOG", help="A finished log instead; the note goes into a file beside it."),
@@ -26,6 +28,7 @@ def command(
 
     Example: imutui note "second cold start" --log logs/sample.mcap
     """
+    operator = flags.get("acquisition.operator")
     if text is None and operator is None:
         raise fail(USAGE, 'nothing to write: say a note, --operator, or both, such as: imutui note "cold start".')
     if log is None:

@@ -47,14 +47,6 @@ Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
 ]
-AccelSign = Annotated[
-    int | None,
-    typer.Option(
-        "--accel-sign", metavar="-1|+1", help="-1: reads +1 g on Z when level, Z down. +1: reads specific force."
-    ),
-]
-Mount = Annotated[str | None, typer.Option("--mount", help='Table x, y, z in instrument axes, such as "x,-y,-z".')]
-GyroSign = Annotated[str | None, typer.Option("--gyro-sign", help='Signs of the gyro readings, such as "-1,1,1".')]
 Topic = Annotated[
     str | None,
     typer.Option(
@@ -70,17 +62,6 @@ StampsOf = Annotated[
     ),
 ]
 SiteText = Annotated[str | None, typer.Option("--site", metavar="LAT,LON,H", help="Site in degrees and metres.")]
-Gravity = Annotated[
-    float | None,
-    typer.Option("--gravity", metavar="M_S2", help="Local gravity; WGS-84 normal gravity at the site unless given."),
-]
-Rate = Annotated[
-    float | None,
-    typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to 133 Hz. An IMU381 gives 100 Hz at most."),
-]
-Operator = Annotated[str | None, typer.Option("--operator", help="Who; goes into the file.")]
-Place = Annotated[str | None, typer.Option("--place", help="Where, in words; goes into the file.")]
-Table = Annotated[str | None, typer.Option("--table", help="Which turn table; goes into the file.")]
 Limits = Annotated[
     str,
     typer.Option(
@@ -90,14 +71,6 @@ Limits = Annotated[
     ),
 ]
 YesMove = Annotated[bool, typer.Option("--yes-move", help="The table may move: ask no question on the terminal.")]
-RotateMinutes = Annotated[
-    float | None,
-    typer.Option("--rotate-minutes", metavar="MIN", help="Begin another file after so many minutes; 0 for never."),
-]
-RotateMb = Annotated[
-    float | None,
-    typer.Option("--rotate-mb", metavar="MB", help="Begin another file after so many megabytes; 0 for never."),
-]
 Start = Annotated[float | None, typer.Option("--start", metavar="S", help="First second to take.")]
 End = Annotated[float | None, typer.Option("--end", metavar="S", help="Last second to take.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.")]
@@ -178,17 +151,11 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     Raises InputError if --set names what a log that is made has for good, or there is no such filter.
     """
     from filters.errors import InputError
-    from imutui.config import ALLOWED, parse_pairs
+    from imutui.config import parse_pairs
+    from imutui.settings import SETTINGS
 
-    fields = {
-        "filter.name": "filter",
-        "filter.reference": "reference",
-        "filter.measurements": "measurements",
-        "filter.seed": "seed",
-        "filter.kappa": "kappa",
-        "filter.noise": "noise",
-        "site.gravity_mps2": "gravity_mps2",
-    }
+    fields = {key: each.name for key, each in SETTINGS.items() if key.startswith("filter.")}
+    fields["site.gravity_mps2"] = "gravity_mps2"
     values = parse_pairs(pairs)
     unusable = sorted(set(values) - set(fields))
     if unusable:
@@ -197,13 +164,42 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     if "gravity_mps2" in overrides:
         overrides["site_stated"] = True
     if filter_name is not None:
-        known = ALLOWED["filter.name"]
+        known = SETTINGS["filter.name"].allowed
         if filter_name not in known:
             raise InputError(f'--filter is "{filter_name}", not one of: {", ".join(map(str, known))}')
         overrides["filter"] = filter_name
     if reference is not None:
         overrides["reference"] = reference
     return overrides
+
+
+Flags: TypeAlias = "dict[str, Any]"
+"""Values of settings that a command line states, by their keys."""
+
+
+def takes_settings(*keys: str) -> "Callable[[Callable[..., None]], Callable[..., None]]":
+    """Return a decorator that gives a command the options of settings; of all that have one, if no keys are given.
+
+    The command's parameter `flags` has the values that were given, by the settings' keys.
+    """
+    from imutui.settings import SETTINGS
+
+    chosen = keys or sorted(SETTINGS, key=lambda key: key.partition(".")[0])
+    names = {SETTINGS[key].name: key for key in chosen if SETTINGS[key].setting.flag}
+
+    def gathered(given: Flags) -> Flags:
+        return {names[name]: value for name, value in given.items() if value is not None}
+
+    return functools.partial(_with_options, "flags", {name: option_of(key) for name, key in names.items()}, gathered)
+
+
+def option_of(key: str) -> "Any":
+    """Return the type of a command's parameter that is the option of a setting."""
+    from imutui.settings import SETTINGS
+
+    kind, setting = SETTINGS[key].kind, SETTINGS[key].setting
+    option: Any = typer.Option(setting.flag, metavar=setting.metavar, help=setting.help)
+    return Annotated[kind | None, option]
 
 
 ReadAs: TypeAlias = Callable[..., "Reading"]
@@ -215,22 +211,35 @@ def states_reading(command: Callable[..., None]) -> Callable[..., None]:
 
     The command's parameter `read_as` is a `ReadAs`.
     """
-    options = {
-        "topic": Topic, "stamps": StampsOf, "mount": Mount, "accel_sign": AccelSign, "gyro_sign": GyroSign,
-        "site": SiteText, "gravity": Gravity,
+    options: Flags = {
+        "topic": Topic, "stamps": StampsOf, "mount": option_of("instrument.mount"),
+        "accel_sign": option_of("instrument.accel_sign"), "gyro_sign": option_of("instrument.gyro_sign"),
+        "site": SiteText, "gravity": option_of("site.gravity_mps2"),
     }  # fmt: skip
+    return _with_options("read_as", options, lambda stated: functools.partial(_reading_of, **stated), command)
+
+
+def _with_options(
+    parameter: str,
+    options: Flags,
+    gathered: "Callable[[Flags], Any]",
+    command: Callable[..., None],
+) -> Callable[..., None]:
+    """Return a command with options in place of one of its parameters, which gets what is gathered from them."""
 
     @functools.wraps(command)
     def with_options(**given: "Any") -> None:
         stated = {name: given.pop(name) for name in options}
-        command(read_as=functools.partial(_reading_of, **stated), **given)
+        command(**{parameter: gathered(stated)}, **given)
 
-    signature = inspect.signature(command)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "read_as"]
-    new = [inspect.Parameter(name, own[0].kind, default=None, annotation=kind) for name, kind in options.items()]
+    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
+    parameters: list[inspect.Parameter] = []
+    for name, own in signature.parameters.items():
+        new = (inspect.Parameter(each, by_name, default=None, annotation=kind) for each, kind in options.items())
+        parameters += new if name == parameter else [own.replace(kind=by_name)]
     # typer makes the options of these two
-    vars(with_options)["__signature__"] = signature.replace(parameters=[*own, *new])
-    hints = {name: hint for name, hint in command.__annotations__.items() if name != "read_as"}
+    vars(with_options)["__signature__"] = signature.replace(parameters=parameters)
+    hints = {name: hint for name, hint in command.__annotations__.items() if name != parameter}
     with_options.__annotations__ = {**hints, **options}
     return with_options
 

@@ -8,33 +8,27 @@ import typer
 from imutui.cli.exit_codes import USAGE, check_output, fail
 from imutui.cli.foxglove import check
 from imutui.cli.options import (
-    AccelSign,
     Effects,
+    Flags,
     Force,
-    Gravity,
-    GyroSign,
     Json,
     Limits,
-    Mount,
     Name,
-    Operator,
     Output,
-    Place,
-    Rate,
     Reference,
-    RotateMb,
-    RotateMinutes,
     SiteText,
-    Table,
     YesMove,
     effects_of,
     parse_site,
     reference_of,
+    takes_settings,
 )
-from imutui.instrument.names import DEFAULT, NAMES
+from imutui.instrument.names import NAMES
 
 
+@takes_settings()
 def command(
+    *,
     port: Annotated[
         str | None, typer.Option("--port", help='Path such as /dev/ttyUSB0, stable id, pyserial URL, or "virtual".')
     ] = None,
@@ -47,32 +41,17 @@ def command(
             " that one there.",
         ),
     ] = None,
-    rate: Rate = None,
-    sampling: Annotated[
-        str | None,
-        typer.Option(
-            "--sampling",
-            metavar="stream|polled",
-            help="What the unit streams, or means of it over each period; or one request a period.",
-        ),
-    ] = None,
     instrument: Annotated[
         str | None,
         typer.Option("--instrument", metavar="|".join(NAMES), help="Which unit it is; unless given, it is asked."),
     ] = None,
-    baud: Annotated[int | None, typer.Option("--baud", help="Line speed.")] = None,
+    flags: Flags,
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="End so many seconds after the first packet.")
-    ] = None,
-    filter_name: Annotated[
-        str | None, typer.Option("--filter", metavar="spkf|spkf-paper|ekf|none", help="Filter to run.")
     ] = None,
     reference: Reference = None,
     effects: Effects = None,
     note: Annotated[str, typer.Option("--note", help="Goes into the file and its name.")] = "",
-    operator: Operator = None,
-    place: Place = None,
-    table: Table = None,
     controller: Annotated[
         str | None,
         typer.Option(
@@ -84,8 +63,6 @@ def command(
     ] = None,
     limits: Limits = "",
     yes_move: YesMove = False,
-    rotate_minutes: RotateMinutes = None,
-    rotate_mb: RotateMb = None,
     name: Name = None,
     unattended: Annotated[
         bool,
@@ -95,28 +72,8 @@ def command(
             " names the one before it.",
         ),
     ] = False,
-    foxglove: Annotated[
-        int | None,
-        typer.Option(
-            "--foxglove",
-            metavar="PORT",
-            help="Serve what is recorded to Foxglove at this TCP port; other units of a batch at the next ones.",
-        ),
-    ] = None,
-    foxglove_host: Annotated[
-        str | None,
-        typer.Option(
-            "--foxglove-host",
-            metavar="ADDR",
-            help="Address to serve at; 127.0.0.1, this computer, unless given.",
-        ),
-    ] = None,
     output: Output = None,
-    accel_sign: AccelSign = None,
-    mount: Mount = None,
-    gyro_sign: GyroSign = None,
     site: SiteText = None,
-    gravity: Gravity = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -154,30 +111,13 @@ def command(
     if output is not None:
         check_output(output, force)
     file, kind = reference_of(reference)
-    flags = {
-        "acquisition.rate_hz": rate,
-        "acquisition.sampling": sampling,
-        "acquisition.baud": baud,
-        "acquisition.operator": operator,
-        "acquisition.place": place,
-        "acquisition.table": table,
-        "acquisition.rotate_minutes": rotate_minutes,
-        "acquisition.rotate_mb": rotate_mb,
-        "foxglove.port": foxglove,
-        "foxglove.host": foxglove_host,
-        "filter.name": filter_name,
-        "filter.reference": kind,
-        "instrument.accel_sign": accel_sign,
-        "instrument.mount": mount,
-        "instrument.gyro_sign": gyro_sign,
-        "site.gravity_mps2": gravity,
-    }
+    settings = flags if kind is None else flags | {"filter.reference": kind}
     plan = plan_from(
-        config.load().with_flags(flags),
+        config.load().with_flags(settings),
         parse_site(site),
         checked=batch is None,
         port=port or "",
-        instrument=instrument or (DEFAULT if port == VIRTUAL_PORT else ""),
+        instrument=instrument or "",
         virtual=("--instrument", instrument) if instrument and port == VIRTUAL_PORT else (),
         record=True,
         duration_s=duration,
@@ -198,33 +138,15 @@ def command(
         check(plan.foxglove_host)
     if batch is not None:
         from imutui.cli import follow_batch
+        from imutui.settings import SETTINGS
 
-        given: dict[str, object] = {
-            "rate_hz": rate,
-            "sampling": sampling,
-            "baud": baud,
-            "duration_s": duration,
-            "instrument": instrument,
-            "filter": filter_name,
-            "reference": reference,
-            "reference_file": reference,
-            "effects": effects,
-            "note": note or None,
-            "operator": operator,
-            "place": place,
-            "table": table,
-            "rotate_minutes": rotate_minutes,
-            "rotate_mb": rotate_mb,
-            "foxglove_port": foxglove,
-            "foxglove_host": foxglove_host,
-            "unattended": unattended or None,
-            "accel_sign": accel_sign,
-            "mount": mount,
-            "gyro_sign": gyro_sign,
-            "site": site,
-            "gravity": gravity,
-        }
-        follow_batch.record(batch, name, port, plan, [key for key in given if given[key] is not None], json=json)
+        stated = {
+            "duration_s": duration, "instrument": instrument, "reference": reference, "reference_file": reference,
+            "effects": effects, "note": note or None, "unattended": unattended or None, "site": site,
+            "gravity": flags.pop("site.gravity_mps2", None),
+        }  # fmt: skip
+        given = [*(SETTINGS[key].name for key in flags), *(key for key, value in stated.items() if value is not None)]
+        follow_batch.record(batch, name, port, plan, given, json=json)
     if controller is not None and kind == "profile":
         plan = may_move(plan)
     follow(plan, json=json)

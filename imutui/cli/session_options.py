@@ -6,37 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 from imutui.cli.exit_codes import say
 from imutui.cli.options import ask_to_move
-from imutui.config import DEFAULTS, Config
+from imutui.config import Config
 from imutui.session.plan import Plan
+from imutui.settings import AcquisitionSettings, ReadingSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from filters.state import Place
     from imutui.logbook.session_info import SessionInfo
 
 
-# fields of a plan, and of a session, that are settings of the same meaning: their names are the keys' but for these
-_RENAMED = {
-    "foxglove.port": "foxglove_port",
-    "foxglove.host": "foxglove_host",
-    "filter.name": "filter",
-}
-_OTHERS = ("paths.logs", "site.", "screen.", "foxglove.origins")
-_SETTINGS = {_RENAMED.get(key, key.partition(".")[2]): key for key in DEFAULTS if not key.startswith(_OTHERS)}
-# fields of a plan that are the instrument's own where nobody chose
-_RANGES = ("rate_range_dps", "accel_range_g")
-_OF_INSTRUMENT = ("rate_hz", "baud", "accel_sign", *_RANGES)
 _PLACE = ("site.latitude_deg", "site.longitude_deg", "site.height_m")
-# fields of an imported recording's session that the configuration tells
-_OF_SESSION = (
-    *("accel_sign", "mount", "gyro_sign", "g_unit"),
-    *("filter", "reference", "measurements", "seed", "kappa", "noise"),
-)
-
-
-def _values(config: Config, names: "Iterable[str]") -> dict[str, Any]:
-    return {name: config.settings[_SETTINGS[name]].value for name in names}
 
 
 def site_of(config: Config, site: "Place | None") -> "Place | None":
@@ -57,10 +36,10 @@ def gravity_of(config: Config) -> float | None:
 
 def session_from(config: Config, site: "Place | None") -> "SessionInfo":
     """Return the session of an imported recording, as far as configuration and flags state it."""
-    from imutui.logbook.session_info import FOREIGN
+    from imutui.logbook.session_info import FOREIGN, SessionInfo
 
-    ranges = [name for name in _RANGES if config.settings[_SETTINGS[name]].source != "default"]
-    info = replace(FOREIGN, **_values(config, (*_OF_SESSION, *ranges)))
+    stated = {name: value for name, value in config.values(ReadingSettings).items() if value is not None}
+    info = replace(FOREIGN, **({"accel_sign": SessionInfo().accel_sign} | stated))
     return info.placed(site_of(config, site), gravity_of(config))
 
 
@@ -71,14 +50,9 @@ def plan_from(config: Config, site: "Place | None", *, checked: bool = True, **f
       or two; a plan that only fills a form is checked by the acquisition, when it is started.
     Raises InputError if something asked cannot be; the message names it.
     """
-    plan = Plan(
-        explicit=tuple(name for name in _OF_INSTRUMENT if config.settings[_SETTINGS[name]].source != "default"),
-        logs=str(Path(config.text("paths.logs")).resolve()),
-        site=site_of(config, site),
-        gravity=gravity_of(config),
-        **_values(config, _SETTINGS),
-        **fields,
-    )
+    values = config.values(AcquisitionSettings) | fields
+    values["logs"] = str(Path(values["logs"]).resolve())
+    plan = Plan(site=site_of(config, site), gravity=gravity_of(config), **values)
     for warning in config.warnings:
         say(f"imutui: {warning}")
     if (plan.rotate_minutes or plan.rotate_mb) and not plan.rotates:

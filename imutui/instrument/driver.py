@@ -185,12 +185,8 @@ class Driver(ABC):
     def start(self) -> None:
         """Have the unit stream."""
 
-    def stop(self) -> None:
-        """Stop the unit's stream, wait until the line is quiet, and forget the bytes that came."""
-        self.stop_stream()
-
-    def stop_stream(self, limit_s: float = _QUIET_LIMIT_S) -> bytes:
-        """Stop the unit's stream, wait for quiet for so long at most; return the bytes that came meanwhile."""
+    def stop(self, limit_s: float = _QUIET_LIMIT_S) -> bytes:
+        """Stop the unit's stream, and wait for quiet for so long at most; return the bytes that came meanwhile."""
         self.port.write(self._stop_command)
         heard, began = b"", time.monotonic()
         last = began

@@ -3,19 +3,22 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 import numpy as np
 
 from filters import specification
 from filters.errors import InputError
-from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
+from filters.imu import AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
 from filters.state import PAPER_PLACE, PAPER_SITE, Place, Site
 from filters.tracing.trace_document import IdentityEntry
+from imutui import declared
+from imutui.declared import Meta
 from imutui.plain_text import in_line
+from imutui.settings import AccelSign, LoggedSettings, Range
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import MakeEffects
@@ -41,8 +44,8 @@ def _axes(mount: str, accel_sign: int, gyro_sign: str) -> AxisMap:
     return AxisMap(parse_mount(mount), accel_sign, parse_signs(gyro_sign))
 
 
-@dataclass(frozen=True, slots=True)
-class SessionInfo:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionInfo(LoggedSettings):
     """One recording session. Every field is written as a string and read back; unknown ones are ignored."""
 
     # instrument, serial_number, firmware: what the unit said of itself, or what the recording's maker says
@@ -54,39 +57,24 @@ class SessionInfo:
     configuration: str = ""
     own_mount: str = ""
     kind: str = UNKNOWN  # "measured", "simulated" or "unknown": whether a sensor made the readings
-    # accel_sign, mount, gyro_sign: the axis map, see `filters.imu.AxisMap`
-    accel_sign: int = -1
-    mount: str = "x,y,z"
-    gyro_sign: str = "1,1,1"
-    g_unit: float = STANDARD_GRAVITY  # m/s² of one g in readings
-    # rate_range_dps, accel_range_g: full scale of the instrument's counts; 0 where it is not stated
-    rate_range_dps: float = 200.0
-    accel_range_g: float = 4.0
+    # the fields that follow are never None, as they may be in settings; 0 where a range is not stated
+    accel_sign: AccelSign = -1
+    rate_range_dps: Range = 200.0
+    accel_range_g: Range = 4.0
+    rate_hz: Annotated[float, Meta(least=1e-6, most=1e6)] = 133.0  # asked for; the nominal rate of output samples
+    baud: int = 0
     # mode, sampling: measurement mode; "stream" (averaged over each period), "polled", or "imported"
     mode: str = "scaled"
     sampling: str = "stream"
-    rate_hz: float = 133.0  # rate asked for; the output samples' nominal rate
     port: str = ""
-    baud: int = 0
     host: str = ""
-    # operator, note, place, table: who, a remark, where in words, which turn table
-    operator: str = ""
     note: str = ""
-    place: str = ""
-    table: str = ""
     # latitude_deg, longitude_deg, height_m, gravity_mps2: site; the default one where nobody stated another
-    latitude_deg: float = PAPER_PLACE[0]
-    longitude_deg: float = PAPER_PLACE[1]
-    height_m: float = PAPER_PLACE[2]
-    gravity_mps2: float = PAPER_SITE.gravity
+    latitude_deg: Annotated[float, Meta(least=-90.0, most=90.0)] = PAPER_PLACE[0]
+    longitude_deg: Annotated[float, Meta(least=-360.0, most=360.0)] = PAPER_PLACE[1]
+    height_m: Annotated[float, Meta(least=-1e5, most=1e6)] = PAPER_PLACE[2]
+    gravity_mps2: Annotated[float, Meta(least=0.0, most=100.0)] = PAPER_SITE.gravity
     site_stated: bool = False  # whether an option, a setting or a form stated the site or its gravity
-    # reference, filter, measurements, seed, kappa: see `filters.kalman.settings.Settings`
-    reference: str = "level"
-    filter: str = "spkf"
-    measurements: str = "exact"
-    seed: int = 0
-    kappa: float = 0.0
-    noise: str = TABLE_1  # "table1", or "log": measured on the log before it is filtered
     reference_sha256: str = ""  # of the file that the reference comes from, if it does
     effects_sha256: str = ""  # of the effects file, if effects join the filter
     software: str = ""
@@ -117,8 +105,12 @@ class SessionInfo:
     previous_id: str = ""
     previous_end: str = ""
     restart: str = ""
-    power_on_ns: int = 0  # UTC of the power-on's first known sample, ns; 0 for the log's own first one
-    clock_s: float = 0.0  # what an imported recording's own clock said at its first sample, s
+    power_on_ns: Annotated[int, Meta(least=0, most=2**63 - 1024)] = (
+        0  # UTC of the power-on's first known sample, ns; 0 for the log's own first one
+    )
+    clock_s: Annotated[float, Meta(least=-1e18, most=1e18)] = (
+        0.0  # what an imported recording's own clock said at its first sample, s
+    )
     # controller, controller_identity: URL of the table's controller, and what it said of itself; "" of a table that was
     # not under command
     controller: str = ""
@@ -202,18 +194,17 @@ class SessionInfo:
 
         Raises InputError if a number does not read as one, naming the field, or if its axes or settings cannot be.
         """
-        values: dict[str, Any] = {}
-        for f in fields(cls):
-            if f.name in strings:
-                convert = _CONVERTERS[type(f.default)]
+        values = asdict(FOREIGN)
+        for name, value in values.items():
+            if name in strings:
                 try:
-                    values[f.name] = convert(strings[f.name])
+                    values[name] = _CONVERTERS[type(value)](strings[name])
                 except ValueError as error:
-                    raise InputError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
-                low, high = _WITHIN.get(f.name, _NUMBERS)
-                if convert is not str and not low <= values[f.name] <= high:
-                    raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
-        info = replace(FOREIGN, **values)
+                    raise InputError(f'metadata field `{name}` is "{strings[name]}", not a number') from error
+        try:
+            info = declared.read(values, cls)
+        except InputError as error:
+            raise InputError(f"metadata field {error}") from error
         info.axes(), info.settings()
         return info
 
@@ -259,20 +250,6 @@ _CONVERTERS: dict[type, Callable[[str], Any]] = {
     float: float,
     str: str,
 }
-_NUMBERS = (-1e18, 1e18)
-_WITHIN = {
-    "g_unit": (1.0, 100.0),
-    "rate_range_dps": (0.0, 1e6),
-    "accel_range_g": (0.0, 1e6),
-    "rate_hz": (1e-6, 1e6),
-    "latitude_deg": (-90.0, 90.0),
-    "longitude_deg": (-360.0, 360.0),
-    "height_m": (-1e5, 1e6),
-    "gravity_mps2": (0.0, 100.0),
-    "kappa": (-15.0, 1e6),
-    "power_on_ns": (0.0, 2.0**63 - 1024.0),
-}
-"""What fields of the metadata may be; others, any number that is one."""
 
 
 def parse_signs(text: str) -> np.ndarray:

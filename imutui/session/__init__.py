@@ -8,7 +8,7 @@ the reader hands on, and their consumers' protocol · `acquisition` the list of 
 Its consumers: `recording` the files one after the other, `previous_log` what was before them · `run` a run of samples
 and its file, with `live_filter` · `channel_statistics` · `watches` of line, unit and clock · `guidance`.
 For viewers: `snapshot` what they see, records only · `requests` what they ask · `observe` fills the snapshot ·
-`ipc` the socket · `client` how they start an acquisition and
-talk to it, `preloaded` several that share memory · `end_report` how one ended.
+`ipc` the socket · `client` how they start an acquisition and talk to it, `preloaded` several that share memory ·
+`end_report` how one ended.
 `python -m imutui.session` is the process itself.
 """

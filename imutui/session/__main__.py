@@ -28,7 +28,7 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.origin_gate import AddressError
-from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
+from imutui.plain_text import visible
 from imutui.session import end_report, ipc, lifecycle, observe, requests
 from imutui.session.acquisition import Acquisition
 from imutui.session.commanded_table import CommandedTable
@@ -156,7 +156,8 @@ def _acquire(
 ) -> int:
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
-    plan = plan.of_instrument(plan.instrument or which_answers(port).name)
+    usual = DEFAULT if plan.port == VIRTUAL_PORT else ""  # a virtual unit of our own
+    plan = plan.of_instrument(plan.instrument or usual or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument](port, plan.rate_hz if plan.sampling == "stream" else None)
     with _left_as_found(host):
         try:
@@ -240,64 +241,45 @@ def _own_serial(plan: Plan, serial_number: str) -> Iterator[None]:
 
 def carry_out(engine: Engine, request: Request) -> Reply:
     """Do what a viewer asks; raises InputError with what is wrong with it, or what stands against it."""
-    patience_s = requests.seconds(request, "patience_s", 0.0, requests.LONGEST_WAIT_S)
-    patience_s = PATIENCE_S if patience_s is None else patience_s
-    who = requests.who(request)
+    asked, sender = requests.parse(request)
+    patience_s = PATIENCE_S if sender.patience_s is None else sender.patience_s
+    who = sender.who
 
     def call(function: Callable[[Acquisition], T], *, late: bool = False) -> T:
         return engine.call(function, patience_s, late=late)
 
-    match request["ask"]:
-        case "snapshot":
-            since = requests.whole(request, "since", 0)
+    match asked:
+        case requests.SnapshotRequest(since):
             return {"snapshot": call(lambda acquisition: observe.snapshot(acquisition, since), late=True)}
-        case "history":
-            has = HistoryWish(
-                requests.whole(request, "run", 0),
-                requests.seconds(request, "estimates_s"),
-                requests.seconds(request, "temperature_s"),
-            )
-            return {"history": call(lambda acquisition: acquisition.history(has), late=True)}
-        case "statistics":
-            channel = requests.whole(request, "channel")
+        case HistoryWish():
+            return {"history": call(lambda acquisition: acquisition.history(asked), late=True)}
+        case requests.StatisticsRequest(channel):
             return {"statistics": call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
-        case "begin_statistics":
+        case requests.BeginStatisticsRequest():
             call(lambda acquisition: acquisition.begin_statistics())
-        case "mark":
-            text = requests.text(request, "text")
+        case requests.MarkRequest(text):
             call(lambda acquisition: acquisition.mark(text, who))
-        case "record":
-            wish = requests.wish(request)
+        case requests.RecordRequest(wish):
             return {"path": call(lambda acquisition: acquisition.record(wish))}
-        case "describe":
-            note = requests.text_or_none(request, "note", NOTE_LIMIT)
-            operator = requests.text_or_none(request, "operator", NAME_LIMIT)
+        case requests.DescribeRequest(note, operator):
             call(lambda acquisition: acquisition.recording.describe(note, operator))
-        case "configure":
-            changes = requests.changes(request)
+        case requests.ConfigureRequest(changes):
             call(lambda acquisition: acquisition.configure(changes))
-        case "zero":
-            argument = requests.whole(request, "argument")
+        case requests.ZeroRequest(argument):
             return {"said": engine.zero(argument, patience_s)}
-        case "profile":
+        case requests.ProfileRequest():
             return {"profile": call(lambda acquisition: acquisition.profile(), late=True)}
-        case "guide":
-            do, wish = requests.text(request, "do"), requests.wish(request)
-            may_move = request.get("yes_move") is True
+        case requests.GuideRequest(do, wish, may_move):
             if do == "cancel":
-                engine.stop_table()  # before whatever the recording is busy with
+                engine.stop_table()  # before the worker comes to it, which may be busy with the recording
             call(lambda acquisition: acquisition.guide(do, wish, who, may_move=may_move))
-        case "stop_recording":
+        case requests.StopRecordingRequest():
             return {"result": call(lambda acquisition: acquisition.stop_recording(who))}
-        case "stop":
+        case requests.StopRequest():
             engine.request_stop(who)
             return _ending(engine)
-        case "wait":
-            # a thread that waited on for a viewer that has gone would stay, and its socket with it
-            limit = requests.seconds(request, "timeout_s", 0.0, requests.LONGEST_WAIT_S)
-            return _ending(engine) if engine.lifecycle.ended.wait(limit) else {"runs": True}
-        case unknown:
-            raise InputError(f'no such request: "{str(unknown)[:NAME_LIMIT]}"')
+        case requests.WaitRequest(timeout_s):
+            return _ending(engine) if engine.lifecycle.ended.wait(timeout_s) else {"runs": True}
     return {}
 
 

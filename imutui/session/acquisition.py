@@ -59,11 +59,11 @@ class Acquisition:
         self.started_ns = time.monotonic_ns()
         self.timebase = Timebase.now()
         self._instrument = instrument = INSTRUMENTS[plan.instrument]
-        scaling = instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
+        scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
         self.recording = Recording(plan, info, lifecycle, self.timebase, self.take)
         self.recent = RecentPackets(scaling, self.started_ns)
         self._statistics = ChannelStatistics(scaling, specification.of_model(info.instrument), self.started_ns)
-        self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(plan.rate_hz))
+        self.line = LineWatch(plan, info, self.timebase, instrument.packets_hz(info.rate_hz))
         self.status = StatusWords(instrument)
         self.guidance = Guidance(self.recording, self.record, table)
         self.events = EventLog(self.timebase)
@@ -72,9 +72,18 @@ class Acquisition:
         self._handled_ns: int | None = None  # when that was read which is being handled
         self._last_said_ns = 0
         # the file comes first: what the others say of an event is written behind it
-        self._consumers: list[Consumer] = [self.recording, self.recent, self._statistics, self.guidance]
-        self._consumers += [self.line, self.status, GravityCheck(instrument), ClockStepMonitor(self.timebase)]
-        self._consumers += [self.events] if foxglove is None else [foxglove, self.events]
+        self._consumers: list[Consumer] = [
+            self.recording,
+            self.recent,
+            self._statistics,
+            self.guidance,
+            self.line,
+            self.status,
+            GravityCheck(instrument),
+            ClockStepMonitor(self.timebase),
+            *([] if foxglove is None else [foxglove]),
+            self.events,
+        ]
 
     # -- the stream ---------------------------------------------------------------------------------------------------
 

@@ -72,7 +72,7 @@ def base_of(batch: Batch, base: Plan) -> Plan:
     stated = {key: getattr(batch, key) for key in ("filter", "note", "operator", "table", "place")}
     common: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
     if batch.rate is not None:
-        common |= {"rate_hz": batch.rate, "explicit": (*base.explicit, "rate_hz")}
+        common |= {"rate_hz": batch.rate}
     try:
         if batch.profile is not None:
             file = import_reference.from_text(batch.profile)

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, BinaryIO, Unpack, cast
 from imutui import document_shape
 from imutui.command_line import command, joined
 from imutui.estimate_history import HistorySnapshot
-from imutui.session import end_report, ipc, lifecycle, preloaded
+from imutui.session import end_report, ipc, lifecycle, preloaded, requests
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish, batch_of
 from imutui.session.preloaded import Forked, Parent
-from imutui.session.requests import CHANGES, EndFinding, FilterChanges, Reply, Request, StartReport
+from imutui.session.requests import CHANGES, Asked, EndFinding, FilterChanges, Reply, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
@@ -65,35 +65,35 @@ class Client:
 
     def snapshot(self, since: int = 0) -> Snapshot:
         """State for a screen; `series` holds the packets from number `since` on."""
-        return self._ask({"ask": "snapshot", "since": since})["snapshot"]
+        return self._ask(requests.SnapshotRequest(since))["snapshot"]
 
     def history(self, wish: HistoryWish) -> HistorySnapshot:
         """What a viewer that has `wish` lacks of the run's past, a piece of it."""
-        return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
+        return self._ask(wish)["history"]
 
     def statistics(self, channel: int) -> StatisticsSnapshot:
         """Allan deviation, spectrum and histogram of a channel, 0 to 6, over all packets since they were begun."""
-        return self._ask({"ask": "statistics", "channel": channel})["statistics"]
+        return self._ask(requests.StatisticsRequest(channel))["statistics"]
 
     def begin_statistics(self) -> None:
         """Begin the statistics of all channels anew, for every viewer: what was before counts no more."""
-        self._ask({"ask": "begin_statistics"})
+        self._ask(requests.BeginStatisticsRequest())
 
     def mark(self, text: str) -> None:
         """Put a mark into the recording."""
-        self._ask({"ask": "mark", "text": text})
+        self._ask(requests.MarkRequest(text))
 
     def record(self, wish: RecordingWish | None = None) -> str:
         """Start recording; returns the file's path. The filter starts anew with the file."""
-        return self._ask({"ask": "record", "wish": asdict(wish or RecordingWish())})["path"]
+        return self._ask(requests.RecordRequest(wish or RecordingWish()))["path"]
 
     def describe(self, note: str | None = None, operator: str | None = None) -> None:
         """Change note and operator of the file that is being written; None leaves one as it is."""
-        self._ask({"ask": "describe", "note": note, "operator": operator})
+        self._ask(requests.DescribeRequest(note, operator))
 
     def configure(self, **changes: Unpack[FilterChanges]) -> None:
         """Change what the filter takes from now on; it starts anew. Refused while recording."""
-        self._ask({"ask": "configure", "changes": changes})
+        self._ask(requests.ConfigureRequest(changes))
 
     def zero(self, argument: int) -> str:
         """Have the unit, held still, zero its rate sensors; returns what came of it. Snapshots do not wait meanwhile.
@@ -105,23 +105,22 @@ class Client:
         from imutui.instrument.registry import INSTRUMENTS
 
         limit = max(each.zeroing_patience_s(max(0, argument)) for each in INSTRUMENTS.values()) + _LEEWAY_S
-        return self._ask_separately({"ask": "zero", "argument": argument}, limit)["said"]
+        return self._ask_separately(requests.ZeroRequest(argument), limit)["said"]
 
     def profile(self) -> ProfileDescription | None:
         """The table profile that the reference comes from; None if there is none."""
-        return self._ask({"ask": "profile"})["profile"]
+        return self._ask(requests.ProfileRequest())["profile"]
 
     def guide(self, do: str, wish: RecordingWish | None = None, *, yes_move: bool = False) -> None:
         """Guide the operator: "begin" (records as wished if nothing does), "next", "cancel" or "resume".
 
         `yes_move`: somebody has said that a table under command may move, which "begin" and "resume" have it do.
         """
-        wish = wish or RecordingWish()
-        self._ask({"ask": "guide", "do": do, "wish": asdict(wish), "yes_move": yes_move})
+        self._ask(requests.GuideRequest(do, wish or RecordingWish(), yes_move))
 
     def stop_recording(self) -> "RunDocument":
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
-        result = self._ask_separately({"ask": "stop_recording"}, _STOP_S)["result"]
+        result = self._ask_separately(requests.StopRecordingRequest(), _STOP_S)["result"]
         assert result is not None
         return result
 
@@ -131,11 +130,11 @@ class Client:
         `by`: what asks for it, such as "Ctrl+C in imutui record"; None for this program. Who runs it is added.
         Raises SessionError if it ended with an error of its own.
         """
-        return self._ending({"ask": "stop", "by": by or _this_program()}, _STOP_S)
+        return self._ending(requests.StopRequest(), _STOP_S, by)
 
     def wait(self, timeout: float | None = None) -> "RunDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
-        return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
+        return self._ending(requests.WaitRequest(timeout), timeout and timeout + _REPLY_S)
 
     def end(self) -> EndReport | None:
         """How the acquisition ended, once it has; None if it left no word, as one that was killed leaves none."""
@@ -146,17 +145,17 @@ class Client:
         with self._lock:
             self._drop()
 
-    def _ask_separately(self, request: Request, timeout: float | None) -> Reply:
+    def _ask_separately(self, request: Asked, timeout: float | None, by: str | None = None) -> Reply:
         """Ask what takes its time on a connection of its own."""
         with contextlib.closing(_connect(self.name)) as connection:
             try:
-                return _exchange(connection, request, timeout, self.name)
+                return _exchange(connection, request, timeout, self.name, by)
             except TimeoutError as error:
                 said = f'the acquisition "{self.name}" has not answered for {timeout:.0f} s; it may still do what was'
                 raise SessionError(f"{said} asked. `imutui status` shows how it is.") from error
 
-    def _ending(self, request: Request, timeout: float | None) -> "RunDocument | None":
-        reply = self._ask_separately(request, timeout)
+    def _ending(self, request: Asked, timeout: float | None, by: str | None = None) -> "RunDocument | None":
+        reply = self._ask_separately(request, timeout, by)
         if "runs" in reply:
             raise TimeoutError
         self._await_exit()
@@ -173,7 +172,7 @@ class Client:
         while self.name in ipc.names() and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    def _ask(self, request: Request, timeout: float = _REPLY_S) -> Reply:
+    def _ask(self, request: Asked, timeout: float = _REPLY_S) -> Reply:
         with self._lock:
             if self._socket is None:
                 self._socket = _connect(self.name)
@@ -227,7 +226,7 @@ class Starting:
         self.plan, self._timeout = plan, timeout
         self._missing = end_report.missing_folders(plan)
         self._process, self._output = _begun(plan, parent)
-        self.deadline = time.monotonic() + timeout + 1.0 / plan.rate_hz
+        self.deadline = time.monotonic() + timeout + plan.period_s
 
     def fileno(self) -> int:
         """Of what it says."""
@@ -362,17 +361,20 @@ def _connect(name: str) -> socket.socket:
         raise SessionGoneError(_ended_message(name)) from error
 
 
-def _exchange(connection: socket.socket, request: Request, timeout: float | None, name: str) -> Reply:
-    if request["ask"] in ("stop", *CHANGES):
-        request = {"by": _this_program(), "terminal": _terminal(), **request}
-    if timeout is not None and request["ask"] in CHANGES:
+def _exchange(
+    connection: socket.socket, request: Asked, timeout: float | None, name: str, by: str | None = None
+) -> Reply:
+    fields = request._asdict()
+    if request.ask in ("stop", *CHANGES):
+        fields |= {"by": by or _this_program(), "terminal": _terminal()}
+    if timeout is not None and request.ask in CHANGES:
         # the acquisition gives up before the viewer does, and says whether the request is still carried out
-        request = {**request, "patience_s": min(_PATIENCE_S, _PATIENCE_SHARE * timeout)}
+        fields["patience_s"] = min(_PATIENCE_S, _PATIENCE_SHARE * timeout)
     try:
         pid = ipc.peer_of(connection)[1]
         connection.settimeout(timeout)
         with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
-            connection.sendall(json.dumps(request).encode() + b"\n")
+            connection.sendall(json.dumps(fields, default=asdict).encode() + b"\n")
         data = bytearray()
         while not data.endswith(b"\n"):
             part = connection.recv(1 << 16)

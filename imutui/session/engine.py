@@ -26,7 +26,7 @@ from imutui.session.commanded_table import CommandedTable
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent, ReaderFailed
+from imutui.session.reader_thread import LeftOtherwise, Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost
 from imutui.session.stream import ERROR, Stamper
 from imutui.session.watches import FoxgloveFollower
@@ -75,7 +75,7 @@ class Engine:
         lifecycle: Lifecycle | None = None,
     ) -> None:
         self.lifecycle = lifecycle or Lifecycle()
-        self._plan = plan
+        self._plan = plan = plan.of_instrument(plan.instrument)
         self._port = port = host.port
         self._instrument = instrument = INSTRUMENTS[plan.instrument]
         self._queue: queue.SimpleQueue[ReaderEvent | QueuedCall] = queue.SimpleQueue()
@@ -129,7 +129,7 @@ class Engine:
             live_filter.load()
         self._reader.start()
         self._worker.start()
-        deadline = time.monotonic() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
+        deadline = time.monotonic() + _FIRST_PACKET_S + (self._plan.period_s if polled else 0.0)
         stands = self.lifecycle
         while not stands.streaming.wait(0.05) and not stands.ended.is_set():
             # a busy machine may take longer to make a file of the first one
@@ -249,8 +249,8 @@ class Engine:
             case LeftOtherwise():
                 # the next host will see that the unit is not as it was found
                 self._acquisition.recording.find(lifecycle.FINDINGS, item.message)
-            case ReaderFailed(error):
-                raise error
+            case Exception():
+                raise item
             case QueuedCall():
                 self._carry_out(item)
             case _:

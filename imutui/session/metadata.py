@@ -6,7 +6,7 @@ import os
 import re
 import socket
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from imutui.session.identity import model_of
 from imutui.session.plan import Plan, batch_of
 from imutui.session.previous_log import boot_id
 from imutui.session.requests import FilterChanges
+from imutui.settings import LoggedSettings, settings_of
 
 STAMPS = (
     "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
@@ -36,13 +37,11 @@ STAMPS = (
 )
 
 
-_SHARED = [each.name for each in fields(Plan) if each.name in {own.name for own in fields(SessionInfo)}]
-_FOUND = {"port", "baud", "instrument", "filter", "operator"}
-
-
 def requested(plan: Plan) -> SessionInfo:
-    """Metadata as far as the plan tells them: what is only found with the unit is at its default."""
-    return SessionInfo(**{name: getattr(plan, name) for name in _SHARED if name not in _FOUND})
+    """Return the metadata that the plan states; what is only found with the unit has its default."""
+    stated = {each.name: getattr(plan, each.name) for each in settings_of(LoggedSettings).values()}
+    stated |= {"note": plan.note, "controller": plan.controller}
+    return SessionInfo(**{name: value for name, value in stated.items() if value is not None})
 
 
 def session_info(plan: Plan, port: Port, identity: Identity, controller_identity: str = "") -> SessionInfo:
@@ -102,21 +101,17 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple
 
     A reference that needs no file lays the present one aside, and a file says itself which reference it is.
     """
-    known = FilterChanges.__annotations__
-    unknown = sorted(set(changes) - known.keys())
-    if unknown:
-        raise InputError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(known)}")
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
-        name, text = (str(part) for part in changes.get("reference_file", ("", "")))
-        kind = str(changes.get("reference", "level"))
+        name, text = changes.get("reference_file", ("", ""))
+        kind = changes.get("reference", "level")
         if name:
             is_profile = isinstance(reference_file.parse(name, text.encode()), Profile)
             kind = "profile" if is_profile else "trajectory"
         plan = replace(plan, reference=kind, reference_file=(name, text))
     elif "reference" in changes:
-        plan = replace(plan, reference=str(changes["reference"]))
+        plan = replace(plan, reference=changes["reference"])
     if "effects" in changes:
-        plan = replace(plan, effects=str(changes["effects"]))
+        plan = replace(plan, effects=changes["effects"])
         if plan.effects and plan.filter != "spkf":
             raise InputError(
                 f'effects join the filter "spkf" only, and this acquisition runs "{plan.filter}". Connect again with'

@@ -1,83 +1,72 @@
-"""What is asked of an acquisition, as one record that travels to its process as JSON, and what can be asked."""
+"""What is asked of an acquisition, as one record that travels to its process as JSON."""
 
 import json
-import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
 
 from filters.errors import InputError
-from filters.imu import STANDARD_GRAVITY
 from filters.state import PAPER_PLACE as PAPER_PLACE
 from filters.state import Place
 from imutui import toml_text
+from imutui.declared import Meta, read, settle
 from imutui.instrument.driver import Driver as Driver
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
-from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
+from imutui.settings import AcquisitionSettings, Name, Note, NotNegative
 from imutui.table import acutrol
 from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
-POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
-SAMPLINGS = ("stream", "polled")
 _LONGEST_S = 10 * 366 * 86400.0
-LOOPBACK = "127.0.0.1"
-FILE_MODE = "0640"  # permissions of logs, unless configured
-MIN_FREE_MB = 200.0  # megabytes that recording leaves free, unless configured
+_UNIT = {"rate_hz": "most_rate_hz", "accel_sign": "accel_sign",
+         "rate_range_dps": "rate_range_dps", "accel_range_g": "accel_range_g"}  # fmt: skip
+"""Settings that a unit has for itself, and what they are called in its record."""
 
 
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
-@dataclass(frozen=True, slots=True)
-class HistoryWish:
-    """What a viewer lacks of a run's history."""
+class HistoryWish(NamedTuple):
+    """Request for what a viewer lacks of a run's history."""
 
     run: int = 0  # the run that it has rows of; of another one all is sent
     # instants of the last rows that it has, s since the run's first sample; None if it has none
     estimates_s: float | None = None
     temperature_s: float | None = None
+    ask: Literal["history"] = "history"
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingWish:
-    """What the operator says when a recording begins; None leaves it as the plan has it."""
+    """What the operator states when a recording begins; None leaves a field as the plan has it, "" empties it.
 
-    # note, operator, place, table: go into the file: remark, who, where in words, which turn table. Empty says that
-    # there is none.
-    note: str | None = None
-    operator: str | None = None
-    place: str | None = None
-    table: str | None = None
-    # rotate_minutes, rotate_mb: the file is finished, and the next one begun, after so many minutes or megabytes; 0 for
-    # never
-    rotate_minutes: float | None = None
-    rotate_mb: float | None = None
+    `note` is a remark; the other fields are settings.
+    """
+
+    note: Note | None = None
+    operator: Name | None = None
+    place: Name | None = None
+    table: Name | None = None
+    rotate_minutes: NotNegative | None = None
+    rotate_mb: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        _clean(self)
+        settle(self)
 
 
-_TEXTS = {"note": NOTE_LIMIT, "operator": NAME_LIMIT, "place": NAME_LIMIT, "table": NAME_LIMIT}
-
-
-def _not_given(rate_hz: float, *instruments: type[Driver]) -> str:
+def _rate_words(rate_hz: float, *instruments: type[Driver]) -> str:
     gives = [f"the {each.model} gives {MIN_RATE_HZ} to {each.most_rate_hz:g} Hz" for each in instruments]
     return f"`rate` is {rate_hz:g} Hz; {', '.join(gives)}"
 
 
-def _clean(record: "RecordingWish | Plan") -> None:
-    """Make what is typed one line of bounded length each; raises InputError for what is no text."""
-    for name, limit in _TEXTS.items():
-        text = getattr(record, name)
-        if text is None and isinstance(record, RecordingWish):
-            continue
-        if not isinstance(text, str):
-            raise InputError(f"`{name}` is no text")
-        object.__setattr__(record, name, one_line(text, limit))
+def _file_name(name: str) -> str:
+    if not name or "/" in name or name.startswith(".") or len(name) > 64:
+        raise InputError(f'`name` is "{name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters')
+    return name
 
 
 def parse_place(text: str) -> Place:
@@ -101,128 +90,67 @@ def batch_of(name: str) -> str:
     return name.partition(":")[0] if ":" in name else ""
 
 
-def check_rotation(minutes: float, mb: float) -> None:
-    """Refuse limits of a file that make no sense; raises InputError."""
-    for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
-            raise InputError(f"`{name}` is {value}, not a number of {unit}, or 0 for never")
-
-
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """One acquisition."""
+class Plan(AcquisitionSettings):
+    """One acquisition. A setting that is None is as the unit has it."""
 
     port: str  # path, stable id, pyserial URL, or "virtual"
-    rate_hz: float = MAX_RATE_HZ  # output rate, 0.1 to 133 Hz
-    # "stream": every packet at a rate that the unit has, else means over each period. "polled": one request a period.
-    sampling: str = "stream"
-    baud: int = POWER_UP_BAUD  # line speed
-    duration_s: float | None = None  # ends by itself so many seconds after the first packet, gaps included
+    _: KW_ONLY
+    # ends by itself so many seconds after the first packet, gaps included
+    duration_s: (
+        Annotated[float, Meta(above=0.0, most=_LONGEST_S, words="a positive time in seconds, ten years at most")] | None
+    ) = None
     record: bool = False  # whether recording starts with the first packet, or when a viewer asks
-    # filter, reference: names; filter "none" records only
-    filter: str = "spkf"
-    reference: str = "level"
-    name: str = "default"  # of the acquisition; one of a name a user. See `batch_of`.
-    logs: str = "logs"  # folder of recordings, absolute
-    file_mode: str = FILE_MODE  # permissions of files, octal, as "0640"
-    # megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit
-    min_free_mb: float = MIN_FREE_MB
+    name: Annotated[str, Meta(make=_file_name)] = "default"  # of the acquisition; one of a name a user. See `batch_of`.
     # output, overwrite: file of the first recording instead of a name made up in `logs`, and whether it may replace one
     output: str = ""
     overwrite: bool = False
-    # note, operator, place, table: go into the file: remark, who, where in words, which turn table
-    note: str = ""
-    operator: str = ""
-    place: str = ""
-    table: str = ""
-    # rotate_minutes, rotate_mb: a file is finished, and the next one begun, after so many minutes or megabytes; 0 for
-    # never. See `rotates`.
-    rotate_minutes: float = 0.0
-    rotate_mb: float = 0.0
-    accel_sign: int = -1
-    mount: str = "x,y,z"
-    gyro_sign: str = "1,1,1"
-    g_unit: float = STANDARD_GRAVITY
-    rate_range_dps: float = INSTRUMENTS[DEFAULT].rate_range_dps
-    accel_range_g: float = INSTRUMENTS[DEFAULT].accel_range_g
-    # site, gravity: where the unit stands, and its local gravity, m/s²; both None where nobody stated the site
-    site: Place | None = None
+    note: Note = ""  # remark, goes into the file
+    # site, gravity: where the unit stands, and its local gravity, m/s²; both None where the user states no site
+    site: tuple[float, float, float] | None = None
     gravity: float | None = None
-    measurements: str = "exact"
-    seed: int = 0
-    kappa: float = 0.0
-    noise: str = "table1"  # of the filter; "log" is refused, since it needs the whole log
     # name (its ending counts: .toml or .csv) and text of the file that the reference comes from, both empty if it comes
     # from none
     reference_file: tuple[str, str] = ("", "")
     effects: str = ""  # text of the effects file; empty for none
-    # foxglove_port, foxglove_host: TCP port and address at which `imutui foxglove` serves the logs; port 0: not at all
-    foxglove_port: int = 0
-    foxglove_host: str = LOOPBACK
-    unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
+    unattended: bool = False  # run as a service: a recording names the one before it, finished or not
     # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
     unwatched_s: float = 60.0
     # controller, limits: URL of the table's controller, "" for none, "virtual" for that of a virtual unit's own table;
     # and what its axes may do, as `imutui.table.motion.parse_limits` reads it
     controller: str = ""
     limits: str = ""
-    yes_move: bool = False  # somebody said that the table may move: the recording's profile is run on it
+    yes_move: bool = False  # the user has allowed the table to move: the recording's profile is run on it
     needs_viewer: bool = False  # ends, and stops the table, soon after its last viewer has gone, who gave the motion
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
-    instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
-    explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
+    # which kind of unit, by its name in the registry; empty for the one that answers
+    instrument: Annotated[str, Meta(allowed=("", *INSTRUMENTS))] = DEFAULT
 
     def __post_init__(self) -> None:
-        if self.instrument and self.instrument not in INSTRUMENTS:
-            raise InputError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
+        settle(self)
         possible = [INSTRUMENTS[self.instrument]] if self.instrument else list(INSTRUMENTS.values())
-        most = max(each.most_rate_hz for each in possible) if "rate_hz" in self.explicit else MAX_RATE_HZ
-        if not MIN_RATE_HZ <= self.rate_hz <= most:
-            raise InputError(_not_given(self.rate_hz, *possible))
-        if self.sampling not in SAMPLINGS:
-            raise InputError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
-        if not self.baud > 0:
-            raise InputError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
-        if self.duration_s is not None and not 0.0 < self.duration_s <= _LONGEST_S:
-            raise InputError(f"`duration` is {self.duration_s:g} s; it must be positive and at most ten years")
-        _clean(self)
-        check_rotation(self.rotate_minutes, self.rotate_mb)
-        self._check_table()
-        if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
-            raise InputError(
-                f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
-            )
-
-    def _check_table(self) -> None:
+        most = max(each.most_rate_hz for each in possible)
+        if self.rate_hz is not None and not MIN_RATE_HZ <= self.rate_hz <= most:
+            raise InputError(_rate_words(self.rate_hz, *possible))
         if self.controller:
             if not self.controller == self.port == VIRTUAL_PORT:
                 acutrol.parse(self.controller)
             parse_limits(self.limits)
 
-    def asking(self) -> "Plan":
-        """The plan where whatever answers at its port is taken; a virtual instrument of its own is the usual one."""
-        return replace(self, instrument=DEFAULT if self.port == VIRTUAL_PORT else "")
-
     def of_instrument(self, name: str) -> "Plan":
-        """The plan for an instrument: what nobody chose is as that one has it.
+        """Return the plan for an instrument: settings that are None become those of the instrument.
 
-        Raises InputError if it can't be asked of it.
+        The baud rate stays None: the unit is asked at which it speaks.
+        Raises InputError if the instrument cannot do what the plan asks.
         """
         instrument = INSTRUMENTS[name]
-        if name == DEFAULT:
-            return replace(self, instrument=name)
-        if self.rate_hz > instrument.most_rate_hz and "rate_hz" in self.explicit:
-            raise InputError(_not_given(self.rate_hz, instrument))
-        chosen = set(self.explicit)
-        return replace(
-            self,
-            instrument=name,
-            rate_hz=min(self.rate_hz, instrument.most_rate_hz),
-            accel_sign=self.accel_sign if "accel_sign" in chosen else instrument.accel_sign,
-            rate_range_dps=self.rate_range_dps if "rate_range_dps" in chosen else instrument.rate_range_dps,
-            accel_range_g=self.accel_range_g if "accel_range_g" in chosen else instrument.accel_range_g,
-            baud=self.baud if "baud" in chosen else instrument.power_up_bauds[0],
-        )
+        own = {field: getattr(instrument, of) for field, of in _UNIT.items() if getattr(self, field) is None}
+        return replace(self, instrument=name, **own)
+
+    @property
+    def period_s(self) -> float:
+        """Period of the samples, s; that of the unit's highest rate where the plan states none."""
+        return 1.0 / (self.rate_hz or INSTRUMENTS[self.instrument or DEFAULT].most_rate_hz)
 
     @property
     def rotates(self) -> bool:
@@ -244,18 +172,13 @@ class Plan:
         return int(self.file_mode, 8)
 
     def dumps(self) -> str:
-        """JSON text, on one line, for the process that carries the plan out."""
+        """Return JSON text on one line for the process that carries the plan out."""
         return json.dumps(asdict(self))
 
     @classmethod
     def loads(cls, text: str) -> "Plan":
-        """Plan of the JSON text that `dumps` gives; raises InputError as the constructor does."""
-        fields = json.loads(text)
-        fields["virtual"] = tuple(fields["virtual"])
-        fields["explicit"] = tuple(fields["explicit"])
-        fields["reference_file"] = tuple(fields["reference_file"])
-        fields["site"] = tuple(fields["site"]) if fields["site"] is not None else None
-        return cls(**fields)
+        """Return the plan of the JSON text that `dumps` gives; raises InputError as the constructor does."""
+        return read(json.loads(text), cls)
 
     def configuration(self) -> str:
         """Effective configuration as TOML, kept in the log."""
@@ -276,7 +199,7 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
     scenario = Path(__file__).with_name("demo.toml")
     return Plan(
         VIRTUAL_PORT,
-        rate_hz,
+        rate_hz=rate_hz,
         record=True,
         name=DEMO,
         note=DEMO,

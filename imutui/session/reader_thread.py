@@ -31,13 +31,6 @@ _SCATTER_NS = 154_508_497
 
 
 @dataclass(frozen=True, slots=True)
-class ReaderFailed:
-    """The reader ended by an exception that no code expects; it hands nothing on after this."""
-
-    error: Exception
-
-
-@dataclass(frozen=True, slots=True)
 class ZeroingFinished:
     """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between."""
 
@@ -67,8 +60,8 @@ class LeftOtherwise:
     message: str
 
 
-_LineEvent = LineLost | StillAway | LineReturned
-ReaderEvent = Block | Broke | ZeroingFinished | _LineEvent | LeftOtherwise | ReaderFailed
+ReaderEvent = Block | Broke | ZeroingFinished | LineLost | StillAway | LineReturned | LeftOtherwise | Exception
+"""What a reader emits; after an exception, which no code expects, nothing more."""
 
 
 class Reader:
@@ -147,7 +140,7 @@ class Reader:
         try:
             self._acquire_until_stopped()
         except Exception as error:  # noqa: BLE001 - the worker ends the acquisition, and its file, as failed
-            self._emit(ReaderFailed(error))
+            self._emit(error)
         finally:
             self.stopping.set()
 
@@ -233,7 +226,8 @@ class Reader:
         contiguous = False
         for event in events:
             if not isinstance(event, Discarded) and not self._repeated.take(event, host_ns, contiguous=contiguous):
-                self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
+                damage = self._damage(decoder)
+                self._arrived(PacketArrival(event, host_ns, contiguous, not contiguous, True, *damage))
             contiguous = not isinstance(event, Discarded)
         self._release()
         self._count(decoder)
@@ -319,8 +313,8 @@ class Reader:
                 alone = len(events) == 1
                 arrived_ns = host_ns if alone else arrival_before(host_ns, event.ticks, newest, self._host.counter)
                 if not self._repeated.take(event, arrived_ns, contiguous=self._follows):
-                    follows, quiet = self._follows, self._quiet
-                    self._arrived(event, arrived_ns, decoder, contiguous=follows, quiet=quiet, behind=behind)
+                    damage = self._damage(decoder)
+                    self._arrived(PacketArrival(event, arrived_ns, self._follows, self._quiet, behind, *damage))
                 self._follows, self._quiet = True, False
 
     def _poll(self, hz: float) -> None:
@@ -344,19 +338,13 @@ class Reader:
             if answer is None or self._repeated.take(answer.packet, answer.arrived_ns, asked=True):
                 continue
             if not self._answers_as_after_power_up(answer.packet, poller):
-                self._arrived(answer.packet, answer.arrived_ns, poller, requested_ns=answer.requested_ns)
+                damage, requested_ns = self._damage(poller), answer.requested_ns
+                self._arrived(
+                    PacketArrival(answer.packet, answer.arrived_ns, False, True, False, *damage, requested_ns)
+                )
 
-    def _arrived(
-        self,
-        packet: DataPacket,
-        host_ns: int,
-        counters: PacketStream | Poller,
-        *,
-        contiguous: bool = False,
-        quiet: bool = True,
-        behind: bool = False,
-        requested_ns: int | None = None,
-    ) -> None:
+    def _arrived(self, arrival: PacketArrival) -> None:
+        packet, host_ns, behind = arrival.packet, arrival.host_ns, arrival.behind
         if self._known is not None and not self._has_mode:
             return  # of a unit that is to be set up first
         if self._is_as_after_power_up(packet, None if behind else host_ns):
@@ -369,15 +357,15 @@ class Reader:
         self.last_packet_ns, self._last = host_ns, packet
         if not behind:
             self._in_time_ns = host_ns
-        bad = self._bad_checksums + counters.bad_checksums
-        discarded = self._discarded_bytes + counters.discarded_bytes
-        self._counted = bad, discarded
-        doubled = self._repeated.count
-        self._stamper.take(
-            PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns, doubled)
-        )
-        if requested_ns is not None:
+        self._counted = arrival.bad_checksums, arrival.discarded_bytes
+        self._stamper.take(arrival)
+        if arrival.requested_ns is not None:
             self._emit_blocks()
+
+    def _damage(self, counters: PacketStream | Poller) -> tuple[int, int, int]:
+        """Return bad checksums, discarded bytes and doubled packets of the line so far."""
+        bad, discarded = counters.bad_checksums, counters.discarded_bytes
+        return self._bad_checksums + bad, self._discarded_bytes + discarded, self._repeated.count
 
     def _is_as_after_power_up(self, packet: DataPacket, in_time_ns: int | None) -> bool:
         """Whether a unit that streams forgot how it was set up; only one that is known can be set up again."""

@@ -57,45 +57,35 @@ class Duration:
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
-        self._from_ns: int | None = None
-        self._until_ns = 0
+        self.begin()
 
     def begin(self) -> None:
         """Count anew, from the next packet on."""
-        self._from_ns = None
+        self._end_ns, self._until_ns = math.inf, 0
 
     def add(self, stamps_ns: np.ndarray) -> None:
         """Count packets by their stamps, monotonic, shape (N,)."""
-        self._from_ns = int(stamps_ns[0]) if self._from_ns is None else self._from_ns
+        if self._seconds is not None and self._end_ns == math.inf:
+            self._end_ns = int(stamps_ns[0]) + round(self._seconds * 1e9)
         self._until_ns = int(stamps_ns[-1])
 
     def has_all(self, read_ns: int) -> bool:
         """Return whether the packets reach the end, or one that was read then is too late to be waited for."""
-        end_ns = self._end_ns()
-        return end_ns is not None and (self._until_ns >= end_ns or read_ns >= self.late_ns())
+        return self._until_ns >= self._end_ns or read_ns >= self.late_ns()
 
     def room(self, stamps_ns: np.ndarray) -> int:
         """Return how many of these packets reach the end, shape (N,)."""
-        end_ns = self._end_ns()
-        if end_ns is None:
+        if self._end_ns == math.inf:
             return stamps_ns.size if self._seconds is None else 1
-        beyond = np.flatnonzero(stamps_ns >= end_ns)
-        return int(beyond[0]) + 1 if beyond.size else stamps_ns.size
+        return min(int(np.searchsorted(stamps_ns, self._end_ns)) + 1, stamps_ns.size)
 
     def is_over(self, now_ns: int) -> bool:
         """Return whether the end has come, by the packets or by the clock."""
-        end_ns = self._end_ns()
-        return end_ns is not None and (self._until_ns >= end_ns or now_ns >= end_ns + _LEEWAY_NS + BLOCK_NS)
+        return self._until_ns >= self._end_ns or now_ns >= self.late_ns() + BLOCK_NS
 
     def late_ns(self) -> float:
         """Return when a packet is read too late to be waited for."""
-        end_ns = self._end_ns()
-        return math.inf if end_ns is None else end_ns + _LEEWAY_NS
-
-    def _end_ns(self) -> int | None:
-        if self._seconds is None or self._from_ns is None:
-            return None
-        return self._from_ns + round(self._seconds * 1e9)
+        return self._end_ns + _LEEWAY_NS
 
 
 class DiskSpace:

@@ -51,8 +51,8 @@ class PacketArrival(NamedTuple):
     # of the line so far; doubled packets came a second time
     bad_checksums: int
     discarded_bytes: int
-    requested_ns: int | None = None  # when it was asked for; None if it came by itself
     doubled: int = 0
+    requested_ns: int | None = None  # when it was asked for; None if it came by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +115,7 @@ class Stamper:
 
     def _join(self, stamps: list[Stamp]) -> None:
         for stamp in stamps:
-            packet, host_ns, _, _, _, bad, discarded, requested_ns, doubled = self._unstamped.popleft()
+            packet, host_ns, _, _, _, bad, discarded, doubled, requested_ns = self._unstamped.popleft()
             if stamp.gap is not None or (bad, discarded, doubled) != self._line:
                 self._close()
                 line, self._line = self._line, (bad, discarded, doubled)

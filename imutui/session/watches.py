@@ -285,7 +285,7 @@ class LineWatch:
         unsaid = not_said(info.serial_number, info.firmware)
         if unsaid is not None:
             yield _said(unsaid)
-        if "baud" in plan.explicit and plan.baud != info.baud:
+        if plan.baud not in (None, info.baud):
             yield _said(
                 f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
             )

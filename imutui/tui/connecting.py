@@ -14,7 +14,7 @@ from filters.errors import InputError
 from imutui.session import batch as session_batch
 from imutui.session import client as session
 from imutui.session.client import Client, EndReport, SessionError
-from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Plan, demo
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting, messages
 from imutui.tui.background import in_thread
@@ -143,11 +143,11 @@ class Connector:
 
     def _start_with(self, changes: dict[str, Any]) -> None:
         """Start an acquisition with some fields of its plan."""
-        # a rate that somebody typed is not lowered to what the unit gives, but refused
-        typed = () if changes["rate_hz"] == self.defaults.rate_hz else ("rate_hz",)
-        explicit = tuple(dict.fromkeys((*self.defaults.explicit, *typed)))
+        # the form shows the highest rate where the plan states none
+        if changes["rate_hz"] == MAX_RATE_HZ:
+            changes = {**changes, "rate_hz": self.defaults.rate_hz}
         try:
-            plan = replace(self.defaults, explicit=explicit, **changes).asking()
+            plan = replace(self.defaults, instrument="", **changes)
         except InputError as error:
             self._context.connect_page.ready(str(error))
             return

@@ -473,7 +473,7 @@ REFUSED = {
         "good.mcap --start 2 --end 1": (2, "--end"),
         "good.mcap --set filter.kapa=1": (2, "filter.kapa", "filter.kappa"),
         "good.mcap --set filter.kappa": (2, "key=value"),
-        "good.mcap --set filter.kappa=x": (2, "filter.kappa", '"x"'),
+        "good.mcap --set filter.kappa=x": (2, "filter.kappa", "'x'"),
         "good.mcap --set filter.kappa=-100": (2, "kappa"),
         "good.mcap --set instrument.mount=x": (2, "instrument.mount", "filter.kappa"),
         "good.mcap --set site.gravity_mps2=nan": (2, "gravity"),

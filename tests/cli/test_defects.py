@@ -30,7 +30,7 @@ INSIDE = {
     "profile": "imutui.jobs.operator_steps.ready_made",
     "config --show": "imutui.config._file",
     "status": "imutui.session.ipc.names",
-    "record --port virtual": "imutui.session.plan.check_rotation",
+    "record --port virtual": "imutui.session.plan.settle",
 }
 """Commands, and a function deep inside of what each does."""
 

@@ -14,7 +14,7 @@ from imutui.session.plan import Plan
 
 def test_hours_of_packets_take_no_more_memory_and_no_more_descriptors(home: Path) -> None:
     """Through clock, recorder and filter, a flush and a snapshot a second; `benchmarks/soak.py` does so for a day."""
-    plan = Plan("none", 20.0, logs=str(home / "logs"), record=True)
+    plan = Plan("none", rate_hz=20.0, logs=str(home / "logs"), record=True)
     found = list(soak(home, plan, 101.0, 25.0))
     first, *_, before, last = found
     assert last.seconds == 100.0

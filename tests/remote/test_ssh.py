@@ -200,7 +200,7 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
 
 def test_a_frozen_link_costs_no_packet(home: Path, login: Login, server: SshServer, unit: str) -> None:
     """Started on the machine, watched over SSH; no end takes a byte for 3 s of packets; then the screen goes on."""
-    connection = client.start(Plan(unit, 20.0, record=True, logs=str(home / "logs")))
+    connection = client.start(Plan(unit, rate_hz=20.0, record=True, logs=str(home / "logs")))
     screen = login("attach")
     screen.wait_for("● REC", "asked 20", "? help")
     screen.send(signal.SIGSTOP)

@@ -27,6 +27,7 @@ from helpers.processes import LIMIT_S, wait_until
 from helpers.tap import packets_of
 from helpers.units import virtual
 
+from filters.errors import InputError
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.logbook import reader
@@ -289,7 +290,7 @@ def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path
     for part in result["parts"]:
         info = reader.read(Path(part["log"])).info
         assert (info.operator, info.place, info.table) == ("ana", "cellar", "AC-120")
-    assert '`acquisition.rotate_minutes` is "-1.0"' in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
+    assert "`acquisition.rotate_minutes` is -1.0" in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
 
 
 def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_next(home: Path, start: Start) -> None:
@@ -402,7 +403,7 @@ def test_the_filter_takes_another_reference_and_effects_between_recordings(start
         ({"reference_file": ("t.toml", "segment = 3")}, "t.toml is no table profile"),
         ({"effects": "version = 7"}, "version"),
         ({"effects": EFFECTS.replace("thermal_lin", "gremlins")}, "gremlins"),
-        ({"rate_hz": 5.0}, "cannot be changed while connected"),
+        ({"rate_hz": 5.0}, "changes: `rate_hz` is unknown; known: reference"),
     ):
         with pytest.raises(SessionError, match=words):
             connection.configure(**changes)
@@ -494,7 +495,7 @@ def test_the_guide_leads_through_a_profile_and_every_viewer_sees_it(start: Start
 def test_a_guided_recording_is_as_wished_and_the_next_can_be_level_again(start: Start) -> None:
     connection = start(record=False, rate_hz=20.0, filter="none")
     connection.configure(reference_file=("tumble.toml", PROFILE))
-    with pytest.raises(SessionError, match="rotate_minutes"):
+    with pytest.raises(InputError, match="rotate_minutes"):
         connection.guide("begin", RecordingWish(rotate_minutes=-1.0))
     assert connection.snapshot(2**62)["guide"] is None
     connection.guide("begin", RecordingWish("cold 1", "ana", "lab 2", "AC-120"))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from helpers.processes import LIMIT_S, children, command_line, has_ended, started, wait_until
 from helpers.runs import run_of
@@ -19,7 +20,7 @@ from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 
 
 def test_the_demo_leaves_the_configuration_of_real_units_out() -> None:
-    plan = demo(Plan("/dev/x", 133.0, logs="/data", operator="ana", mount="x,-y,-z", accel_sign=1), seed=3)
+    plan = demo(Plan("/dev/x", rate_hz=133.0, logs="/data", operator="ana", mount="x,-y,-z", accel_sign=1), seed=3)
     assert (plan.port, plan.rate_hz, plan.record, plan.logs, plan.operator) == (
         VIRTUAL_PORT,
         20.0,
@@ -49,7 +50,7 @@ def test_two_minutes_of_the_demo_are_traced_to_its_effect() -> None:
 
 
 def acquired(home: Path, port: str, unwatched_s: float) -> client.Client:
-    plan = Plan(port, 20.0, logs=str(home / "logs"), record=True, filter="none", unwatched_s=unwatched_s)
+    plan = Plan(port, rate_hz=20.0, logs=str(home / "logs"), record=True, filter="none", unwatched_s=unwatched_s)
     return client.start(plan)
 
 
@@ -71,7 +72,8 @@ def test_a_virtual_unit_ends_when_nobody_looks_on_with_its_file_finished(home: P
 
 def test_a_virtual_unit_ends_though_nobody_ever_looked(home: Path) -> None:
     """Whoever started it was killed before it had connected."""
-    plan = Plan(VIRTUAL_PORT, 20.0, name="demo", logs=str(home / "logs"), record=True, filter="none", unwatched_s=0.5)
+    wanted: dict[str, Any] = {"logs": str(home / "logs"), "record": True, "filter": "none", "unwatched_s": 0.5}
+    plan = Plan(VIRTUAL_PORT, rate_hz=20.0, name="demo", **wanted)
     line = [sys.executable, "-P", "-m", "imutui.session"]
     with started(line, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as process:
         assert process.stdin is not None

@@ -88,7 +88,7 @@ def test_the_command_says_that_the_unit_was_silent_at_the_end(home: Path) -> Non
 
 def test_status_and_stop_say_that_the_unit_is_silent(home: Path) -> None:
     with falling_silent() as path:
-        connection = client.start(Plan(path, 20.0, logs=str(home / "logs"), record=True, filter="none"))
+        connection = client.start(Plan(path, rate_hz=20.0, logs=str(home / "logs"), record=True, filter="none"))
         wait_until(lambda: (connection.snapshot(2**62)["silent_s"] or 0.0) > 1.1)
         assert "NO DATA" in imutui("status").stdout
         assert "silent at the end" in imutui("stop", check=1).stderr
@@ -257,7 +257,7 @@ def test_ctrl_c_just_after_the_start_leaves_no_acquisition_behind(home: Path, mo
     def interrupts(*_: object) -> None:
         raise KeyboardInterrupt
 
-    plan = Plan("virtual", 133.0, record=True, filter="none", logs=str(home / "logs"))
+    plan = Plan("virtual", rate_hz=133.0, record=True, filter="none", logs=str(home / "logs"))
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(client, "Client", interrupts)
         client.start(plan)

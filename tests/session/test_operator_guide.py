@@ -158,7 +158,7 @@ TURNED = profile_toml(dwell(10.0), dwell(10.0, 90.0), dwell(10.0, middle=-90.0),
 def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(home: Path) -> None:
     plan = Plan(
         VIRTUAL_PORT,
-        20.0,
+        rate_hz=20.0,
         logs=str(home / "logs"),
         reference="profile",
         reference_file=("three.toml", TURNED),

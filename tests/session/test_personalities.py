@@ -295,7 +295,8 @@ def acquired(it: Personality, folder: Path) -> Run:
     device = served(it.made(), line=line, link=folder / "imu", on_packet=sent)
     with device as path, Port(path, instrument.power_up_bauds[0]) as port:
         plan = Plan(
-            path, instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True, filter="none",
+            path, rate_hz=instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True,
+            filter="none",
             baud=it.baud, accel_sign=instrument.accel_sign,
         )  # fmt: skip
         host = instrument(port, plan.rate_hz)

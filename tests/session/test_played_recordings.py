@@ -32,7 +32,8 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
         for name in ("PYTHONPATH", "IMUTUI_TEST_UNIT_TIME"):
             monkeypatch.setenv(name, environment[name])
         asked = Plan(
-            port, 20.0, instrument="imu381", logs=str(home / "logs"), record=True, filter="none", duration_s=SECONDS,
+            port, rate_hz=20.0, instrument="imu381", logs=str(home / "logs"), record=True, filter="none",
+            duration_s=SECONDS,
             accel_sign=1, mount="x,-y,-z", reference="gravity",
         )  # fmt: skip
         live = client.start(asked).wait(240.0)

@@ -89,12 +89,12 @@ def test_the_fake_of_the_tests_has_the_shape_of_a_real_acquisition(recording: bo
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"packets": None}, "`snapshot.packets` is not a whole number"),
-        ({"silent_s": "long"}, "`snapshot.silent_s` is not a number"),
-        ({"guide": {"state": "go"}}, "`snapshot.guide.segment` is missing"),
-        ({"state": "asleep"}, "`snapshot.state` is 'asleep'"),
-        ({"extra": 1}, "`snapshot.extra` is not known"),
+        ({"packets": None}, "snapshot: `packets` is None, not a whole number"),
+        ({"silent_s": "long"}, "snapshot: `silent_s` is 'long', not a finite number"),
+        ({"guide": {"state": "go"}}, "snapshot, guide: `segment` is missing; it is a whole number"),
+        ({"state": "asleep"}, "snapshot: `state` is 'asleep', not one of: connecting"),
+        ({"extra": 1}, "snapshot: `extra` is unknown; known: name"),
     ],
 )
 def test_what_has_another_shape_is_found(change: dict[str, Any], said: str) -> None:
-    assert mismatch(travelled(FakeClient().snapshot() | change), Snapshot, "snapshot") == said
+    assert mismatch(travelled(FakeClient().snapshot() | change), Snapshot, "snapshot").startswith(said)

@@ -17,7 +17,7 @@ from helpers.processes import wait_until
 
 from filters.errors import InputError
 from imutui.session import __main__ as process
-from imutui.session import client, ipc
+from imutui.session import client, ipc, requests
 from imutui.session.client import SessionError
 from imutui.session.ipc import NameTakenError
 from imutui.session.requests import Reply, Request
@@ -130,7 +130,7 @@ def test_a_client_that_is_one_too_many_is_told_in_words(server: ipc.Server) -> N
     with full(server):
         for _ in range(5):
             with pytest.raises(SessionError, match="viewers are connected already"):
-                client._exchange(client._connect("asked"), {"ask": "guide", "do": "x" * 200_000}, 60.0, "asked")
+                client._exchange(client._connect("asked"), requests.GuideRequest("x" * 200_000), 60.0, "asked")
 
 
 def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Server) -> None:
@@ -145,21 +145,21 @@ def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Serve
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"ask": "record", "wish": {"x": 1}}, "`x` is unknown in `wish`"),
-        ({"ask": "record", "wish": 5}, "`wish` is no JSON object"),
-        ({"ask": "guide", "wish": {}}, "`do` is no text"),
-        ({"ask": "record", "wish": {"note": 5}}, "`note` is no text"),
-        ({"ask": "configure", "changes": [1]}, "`changes` is no JSON object"),
+        ({"ask": "record", "wish": {"x": 1}}, "wish: `x` is unknown; known: note, operator"),
+        ({"ask": "record", "wish": 5}, "`wish` is 5, not a table [wish]"),
+        ({"ask": "guide", "wish": {}}, "`do` is missing"),
+        ({"ask": "record", "wish": {"note": 5}}, "`note` is 5, not a text"),
+        ({"ask": "configure", "changes": [1]}, "`changes` is [1], not a table [changes]"),
         ({"ask": "configure", "changes": {"reference_file": "ab"}}, "not a name and a text"),
         ({"ask": "configure", "changes": {"reference_file": ["n" * 999, "x"]}}, "longer than 200"),
-        ({"ask": "configure", "changes": {"effects": 1}}, "`effects` is no text"),
-        ({"ask": "mark"}, "`text` is no text"),
-        ({"ask": "zero", "argument": True}, "no whole number"),
-        ({"ask": "snapshot", "since": 2**70}, "no whole number"),
-        ({"ask": "statistics"}, "`channel` is no whole number"),
-        ({"ask": "wait", "timeout_s": "x"}, "no time"),
-        ({"ask": "wait", "timeout_s": -1}, "no time"),
-        ({"ask": "x" * 9999}, "no such request"),
+        ({"ask": "configure", "changes": {"effects": 1}}, "changes: `effects` is 1, not a text"),
+        ({"ask": "mark"}, "`text` is missing"),
+        ({"ask": "zero", "argument": True}, "`argument` is True, not a whole number"),
+        ({"ask": "snapshot", "since": 2**70}, "not a whole number"),
+        ({"ask": "statistics"}, "`channel` is missing; it is a whole number"),
+        ({"ask": "wait", "timeout_s": "x"}, "`timeout_s` is 'x', not a finite number from 0 to 86400"),
+        ({"ask": "wait", "timeout_s": -1}, "`timeout_s` is -1, not"),
+        ({"ask": "x" * 9999}, "not one of: snapshot, history"),
     ],
 )
 def test_a_field_that_does_not_fit_is_named(request_: dict[str, Any], words: str) -> None:

@@ -126,7 +126,7 @@ def test_packets_are_one_block_up_to_a_gap_or_damage_of_the_line() -> None:
 
     stamper = Stamper(Clock(0.0, COUNTER, polled=True))
     for k, (bad, discarded, doubled) in enumerate([(0, 0, 0), (0, 0, 0), (1, 18, 0), (1, 18, 0), (1, 20, 2)]):
-        stamper.take(PacketArrival(packet(k), k, True, False, False, bad, discarded, None, doubled))
+        stamper.take(PacketArrival(packet(k), k, True, False, False, bad, discarded, doubled))
     counted = [(len(b.rows), b.bad_checksums, b.discarded_bytes, b.doubled) for b in stamper.blocks()]
     assert counted == [(2, 0, 0, 0), (2, 1, 18, 0), (1, 0, 2, 2)]
 

@@ -22,7 +22,7 @@ PROFILE = profile_toml(dwell(30.0), align="marks")
 def test_who_marks_stops_and_presses_esc_is_in_the_log_and_in_the_events(home: Path) -> None:
     with virtual() as port:
         plan = Plan(
-            port, 20.0, logs=str(home / "logs"), filter="none", record=True,
+            port, rate_hz=20.0, logs=str(home / "logs"), filter="none", record=True,
             reference="profile", reference_file=("p.toml", PROFILE),
         )  # fmt: skip
         connection = client.start(plan)
@@ -53,7 +53,7 @@ def test_who_marks_stops_and_presses_esc_is_in_the_log_and_in_the_events(home: P
 
 def test_who_ends_a_recording_is_in_its_file(home: Path) -> None:
     with virtual() as port:
-        connection = client.start(Plan(port, 20.0, logs=str(home / "logs"), filter="none", record=True))
+        connection = client.start(Plan(port, rate_hz=20.0, logs=str(home / "logs"), filter="none", record=True))
         wait_until(lambda: (connection.snapshot(2**62)["recording"] or {}).get("samples", 0) > 5)
         result = connection.stop_recording()
         connection.stop()

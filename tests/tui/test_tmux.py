@@ -234,7 +234,8 @@ def trace_and_load(terminal: Terminal) -> None:
 def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Terminal) -> None:
     with ExitStack() as units:
         for name in ("east", "west"):
-            asked = Plan(units.enter_context(virtual()), 20.0, name=name, logs=str(terminal.logs), filter="none")
+            port, logs = units.enter_context(virtual()), str(terminal.logs)
+            asked = Plan(port, rate_hz=20.0, name=name, logs=logs, filter="none")
             units.callback(client.start(asked).stop)
         terminal.type(f"{sys.executable} -m imutui\n")
         terminal.wait_for("Several acquisitions are running: choose one", '"east"', '"west"')

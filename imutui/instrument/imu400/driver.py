@@ -102,7 +102,7 @@ class Imu400cd(Driver):
         if baud is not None:
             self.port.set_baud(baud)
             # one that streams stops within a packet: whatever goes on sending is another
-            self.stop_stream(_STOPS_WITHIN_S)
+            self.stop(_STOPS_WITHIN_S)
             return self._ping()[0]
         try:
             self.find_speed(POWER_UP_BAUD)
@@ -142,14 +142,14 @@ class Imu400cd(Driver):
         heard, first = b"", self.port.baud
         for speed in dict.fromkeys((first, wanted, *speeds)):
             self.port.set_baud(speed)
-            heard += self.stop_stream()
+            heard += self.stop()
             for _ in range(_TRIES if speed == first else 1):
                 has_answered, noise = self._ping()
                 heard += noise
                 if has_answered:
                     return
                 if noise:
-                    heard += self.stop_stream()
+                    heard += self.stop()
         raise InstrumentError(_no_answer(self.port, heard))
 
     def identify(self) -> Identity:

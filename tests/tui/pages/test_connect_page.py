@@ -40,7 +40,7 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
         await see("→ no serial port | press v for the DEMO | virtual, 133 Hz, stream")
         await see("enter → gx, deg/s")
     own = {"site": PAPER_PLACE, "controller": "virtual"}  # it stands on a table that can be commanded
-    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path), **own)]
+    assert machine == [Plan("virtual", instrument="", logs=str(tmp_path), **own)]
 
 
 @pytest.mark.parametrize("asks", ["looks for ports", "looks in vain", "asks at a port"])
@@ -83,11 +83,11 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
 
 
 async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
-    async with opened(None, options={"defaults": Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)}) as see:
+    async with opened(None, options={"defaults": Plan("virtual", rate_hz=50.0, mount="x,-y,-z", accel_sign=1)}) as see:
         await see("→ virtual, 50 Hz")
         await see("enter → gx, deg/s")
     own = {"site": PAPER_PLACE, "controller": "virtual"}
-    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1, **own)]
+    assert machine == [Plan("virtual", instrument="", rate_hz=50.0, mount="x,-y,-z", accel_sign=1, **own)]
 
 
 async def test_the_site_is_asked_for_once_where_a_filter_would_start_without_one(machine: list[Plan]) -> None:
@@ -151,7 +151,7 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
 
 async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "running", lambda: ["demo"])
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see("→ An acquisition is running")
         await see("v → gx, deg/s")
@@ -211,7 +211,7 @@ async def test_a_unit_that_answered_is_offered_what_it_gives(
         await see("home shift+end delete '7' enter → Where does the table stand?")
         await see("enter → gx, deg/s")
     (plan,) = machine
-    assert (plan.port, plan.rate_hz, plan.explicit) == ("/dev/ttyUSB0", 7.0, ("rate_hz",))
+    assert (plan.port, plan.rate_hz) == ("/dev/ttyUSB0", 7.0)
 
 
 async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,7 +280,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
         raise SessionError(reason, 4)
 
     monkeypatch.setattr(session, "start", fail)
-    async with opened(None, options={"plan": Plan("/dev/ttyUSB7", 20.0)}) as see:
+    async with opened(None, options={"plan": Plan("/dev/ttyUSB7", rate_hz=20.0)}) as see:
         screen = await see("→ Could not connect. | press Enter.")
         assert " ".join(screen.split()).find(reason) > 0
         assert "ttyUSB7, 20 Hz, stream" in screen
@@ -291,7 +291,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
 
 async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "running", lambda: ["default"])
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see('→ running acquisition "default"')
         await see("enter → gx, deg/s")
@@ -303,7 +303,7 @@ async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
 ) -> None:
     running: list[str] = []
     monkeypatch.setattr(session, "running", lambda: list(running))
-    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
+    monkeypatch.setattr(session, "attach", lambda name: FakeClient(name))
     async with opened(None) as see:
         await see("→ virtual, 133 Hz")
         running.append("default")

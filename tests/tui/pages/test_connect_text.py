@@ -4,8 +4,8 @@ from helpers.fake_client import FakeClient
 from helpers.shapes import whole
 
 from filters.kalman.settings import FILTERS
-from imutui.session.plan import SAMPLINGS
 from imutui.session.snapshot import ProbeAnswer
+from imutui.settings import SETTINGS
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.connect import text
 
@@ -15,8 +15,9 @@ def _plain(parts: StyledText) -> str:
 
 
 def test_every_filter_and_sampling_is_offered() -> None:
-    assert tuple(text.FILTERS) == (*FILTERS, "none")
-    assert tuple(text.SAMPLINGS) == SAMPLINGS
+    offered = {key: tuple(value for value, _ in each.setting.offers) for key, each in SETTINGS.items()}
+    assert offered["filter.name"] == SETTINGS["filter.name"].allowed == (*FILTERS, "none")
+    assert offered["acquisition.sampling"] == SETTINGS["acquisition.sampling"].allowed
 
 
 def test_an_answer_stands_in_place_of_the_description() -> None:

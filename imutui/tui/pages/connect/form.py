@@ -19,13 +19,15 @@ from textual.widgets.option_list import Option
 from filters.errors import InputError
 from imutui.session import client as session
 from imutui.session.plan import MAX_RATE_HZ, PAPER_PLACE, VIRTUAL_PORT, Driver, Plan, of_model, parse_place
+from imutui.settings import SETTINGS
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.connect import text
 
-_CHOSEN = {"sampling": text.SAMPLINGS, "filter": text.FILTERS, "reference": text.REFERENCES}
+_CHOSEN = {each.name: dict(each.setting.offers) for each in SETTINGS.values() if each.setting.offers}
+_LABELS = {each.name: each.setting.label for each in SETTINGS.values()}
 
 
 class PortList(OptionList):
@@ -57,12 +59,12 @@ class ConnectForm(Vertical):
             yield Label("controller")
             yield Input(id="controller", placeholder="of the table, such as acutrol://HOST:PORT; or none", compact=True)
         with Horizontal(classes="row"):
-            yield Label("rate, Hz")
+            yield Label(_LABELS["rate_hz"])
             yield Input(f"{MAX_RATE_HZ:g}", id="rate", compact=True)
             yield Static(id="rate-verdict")
         for name, values in _CHOSEN.items():
             with Horizontal(classes="row"):
-                yield Label(name)
+                yield Label(_LABELS[name])
                 yield Radio(values, id=name)
         with Horizontal(classes="row"):
             yield Label("site")
@@ -82,7 +84,7 @@ class ConnectForm(Vertical):
         """Put in what was asked for on the command line, to be mended here."""
         if plan.port != VIRTUAL_PORT:
             self.query_one("#port", Input).value = plan.port
-        self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
+        self.query_one("#rate", Input).value = f"{plan.rate_hz or MAX_RATE_HZ:g}"
         self.query_one("#controller", Input).value = plan.controller.removeprefix(VIRTUAL_PORT)
         self.query_one("#site", Input).value = "" if plan.site is None else ",".join(map(repr, plan.site))
         self._has_gravity = plan.gravity is not None

@@ -14,9 +14,6 @@ ABOUT = (
     "imutui records an IMU400CD or IMU381 on a turn table and estimates its biases\n"
     "while it records. Then it traces what they do not explain to a physical cause."
 )
-SAMPLINGS = {"stream": "every packet, or means of them", "polled": "one packet asked for each period"}
-FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
-REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
 ASK_SITE = (
     "Gravity depends on it, and with it the bias of the accelerometer along the vertical:"
     " type LAT,LON,H at site. Without it (Enter again) that bias is known to ± 7.8 mg (3 sd) only."

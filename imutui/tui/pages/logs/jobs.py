@@ -14,7 +14,7 @@ from textual.widget import Widget
 from imutui.jobs import log_files, tasks
 from imutui.jobs.worker import RUNNING, Worker
 from imutui.report import logs
-from imutui.session.plan import FILE_MODE
+from imutui.settings import SETTINGS
 from imutui.tui import formatting
 from imutui.tui.pages.logs import result_text
 from imutui.tui.pages.logs.result_text import Outcome
@@ -34,7 +34,9 @@ class Job:
     made: Callable[[Any], Outcome]  # what its result comes to
 
 
-def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = int(FILE_MODE, 8)) -> Job:
+def over_one(
+    kind: str, path: Path, writing: Collection[Path] = (), mode: int = int(SETTINGS["paths.file_mode"].default, 8)
+) -> Job:
     """Info, check, recover or replay of a recording.
 
     `kind`, `path`: what is done to which.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from filters.errors import InputError
 from imutui.session.plan import RecordingWish, of_model
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
+from imutui.settings import SETTINGS
 from imutui.tui import formatting, messages
 
 if TYPE_CHECKING:
@@ -15,14 +16,8 @@ FLUSH_LIMIT_S = 3.0  # age of the last flush above which the disk does not keep 
 HOUR_S = 3600.0
 WARN_S, HURRY_S = 1800.0, 300.0
 """Time until the disk has no room for more that is worth a colour, and that is worth to be quick."""
-FIELDS = {
-    "operator": "operator",
-    "place": "place",
-    "table": "table id",
-    "note": "note",
-    "rotate_minutes": "new file every, min",
-    "rotate_mb": "or every, MB",
-}
+_LABELS = {each.name: each.setting.label for each in SETTINGS.values()} | {"note": "note"}
+FIELDS = {name: _LABELS[name] for name in ("operator", "place", "table", "note", "rotate_minutes", "rotate_mb")}
 """Fields of the form and what they are called; names of the snapshot and of `RecordingWish`."""
 NUMBERS = ("rotate_minutes", "rotate_mb")
 
