@@ -104,7 +104,7 @@ def _status(url: str, limits: str, json: bool) -> None:
 
 
 def _stop(url: str, json: bool) -> None:
-    """Stop over a link of its own, whatever else has one; the first lines sent are the stop."""
+    """Stop over a link of its own, whichever program commands the table; the first lines sent are the stop."""
     from imutui.table.acutrol import connect
     from imutui.table.keeper import stop_for_certain
 
@@ -156,9 +156,9 @@ def _turn(
 def _motions(
     action: str, values: list[str | float], table: "KeptTable", how: tuple[float | None, float | None]
 ) -> "tuple[Motion, ...]":
-    """Return the motions to command; without options at the usual speeds, or slower where limits are lower.
+    """Return the motions to command; without options at the usual speeds, or slower if limits are lower.
 
-    Raises InputError for what is not within limits.
+    Raises InputError for a motion beyond limits.
     """
     from filters.motion.segments import AXES
     from imutui.table.motion import Begin, Move, Turn, limits_of
@@ -222,7 +222,7 @@ def _next(table: "KeptTable") -> "TableState":
 
 
 def _wait_until_there(table: "KeptTable", motions: "tuple[Motion, ...]") -> None:
-    """Wait until all motions are there; the keeper ends if they do not follow."""
+    """Wait until all motions are there; the keeper ends if the axes do not follow."""
     from imutui.table.motion import Readings
 
     readings = Readings()

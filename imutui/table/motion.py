@@ -15,7 +15,7 @@ from typing import ClassVar, Final, Literal, TypeAlias
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
+from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment
 
 OFF: Final = "off"
 POSITION: Final = "position"
@@ -383,20 +383,9 @@ def _mean(values: Sequence[float]) -> float:
 # ------------------------------------------------------------------------------------------------------------- profiles
 
 
-def in_degrees(angle: float) -> float:
+def _degrees(angle: float) -> float:
     """Convert an angle or a rate from radians, without the rounding of the conversion."""
     return round(math.degrees(angle), 9)
-
-
-def moves(angles_deg: Mapping[str, float], limits: Limits, rate_dps: float, accel_dps2: float) -> tuple[Move, ...]:
-    """Return the moves of some axes to angles, at the pace of the slowest axis if that is less than asked.
-
-    Raises InputError if the table has no such axis.
-    """
-    own = [limits_of(axis, limits) for axis in angles_deg]
-    rate = min([rate_dps, *(each.rate_dps for each in own)])
-    accel = min([accel_dps2, *(each.accel_dps2 for each in own)])
-    return tuple(Move(axis, angle, rate, accel) for axis, angle in angles_deg.items())
 
 
 def of_segment(segment: Segment, profile: Profile, limits: Limits) -> tuple[Motion, ...]:
@@ -404,21 +393,20 @@ def of_segment(segment: Segment, profile: Profile, limits: Limits) -> tuple[Moti
 
     Raises InputError if a controller can't be commanded so, or the table has no such axis.
     """
-    rate, accel = in_degrees(profile.slew), in_degrees(profile.accel)
-    match segment:
-        case Dwell():
-            wanted = zip(AXES, map(in_degrees, segment.angles), strict=True)
-            return moves(
-                {axis: angle for axis, angle in wanted if axis in limits or abs(angle) > _EPSILON}, limits, rate, accel
-            )
-        case Rate():
-            own = limits_of(segment.axis, limits)
-            return (Turn(segment.axis, in_degrees(segment.rate), min(accel, own.accel_dps2)),)
-        case Sine():
-            own = limits_of(segment.axis, limits)
-            return (Swing(segment.axis, in_degrees(segment.amplitude), segment.hz, own.accel_dps2),)
-        case Sampled():
-            raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
+    rate, accel = _degrees(profile.slew), _degrees(profile.accel)
+    if isinstance(segment, Dwell):
+        angles = dict(zip(AXES, map(_degrees, segment.angles), strict=True))
+        wanted = [axis for axis, angle in angles.items() if axis in limits or abs(angle) > _EPSILON]
+        every = [limits_of(axis, limits) for axis in wanted]
+        rate = min([rate, *(own.rate_dps for own in every)])
+        accel = min([accel, *(own.accel_dps2 for own in every)])
+        return tuple(Move(axis, angles[axis], rate, accel) for axis in wanted)
+    if isinstance(segment, Sampled):
+        raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
+    own = limits_of(segment.axis, limits)
+    if isinstance(segment, Rate):
+        return (Turn(segment.axis, _degrees(segment.rate), min(accel, own.accel_dps2)),)
+    return (Swing(segment.axis, _degrees(segment.amplitude), segment.hz, own.accel_dps2),)
 
 
 def check_profile(profile: Profile, limits: Limits, begin_deg: Sequence[float]) -> None:

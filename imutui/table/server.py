@@ -19,14 +19,13 @@ from imutui.table.acutrol_virtual import VirtualAcutrol
 _LOOK_UP_S = 0.02
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
-
 LONGEST_LINE = 4096
 """Bytes after which a line without an end is given up."""
 
-# the eight characters are made up: a driver cuts them off unseen, and then takes "OK" for the whole of the rest
+# the eight characters are made up: a driver cuts them off unread, and compares the rest with "OK"
 TCP = b"00000000"
 BUS = b""
-"""As on GPIB, and as it is assumed of a serial line: no prefix, a line end, and commands are not answered."""
+"""As on GPIB, and assumed of a serial line: no prefix, a line end, and no answer to a command that asks nothing."""
 
 
 @dataclass(slots=True)
@@ -53,7 +52,7 @@ class Lines:
 
 
 def encode_answer(said: Sequence[tuple[bool, str]], prefix: bytes) -> bytes:
-    """Return what `VirtualAcutrol.carry_out` answers as it stands on a line with a prefix or on one without."""
+    """Return the answers of `VirtualAcutrol.carry_out` as a line: `TCP` or `BUS`, by its prefix."""
     texts = [text for asks, text in said if asks or prefix]
     return prefix + ";".join(texts).encode("ascii", "replace") + b"\n" * (not prefix) if texts else b""
 
@@ -96,7 +95,7 @@ class TableServer:
         self._thread = threading.Thread(target=self._serve, name="table", daemon=True)
 
     def known(self) -> float:
-        """Have the table go on; returns the time until which its motion is known, s."""
+        """Advance the table; returns the time until which its motion is known, s."""
         with self._lock:
             self._controller.advance(self._clock() + self._ahead_s)
             return self._controller.table.now
@@ -138,7 +137,7 @@ class TableServer:
         return min(max(min(due) - self._clock(), 0.0), _LOOK_UP_S) if due else _LOOK_UP_S
 
     def _served(self, host: _Host, is_ready: bool) -> bool:
-        """Carry out the lines of a host and send the answers that are due; returns whether it is still there."""
+        """Carry out the lines of a host and send the answers that are due; returns False if it has gone."""
         now = self._clock()
         if self._fault("cut", now) is not None:
             return False
