@@ -25,7 +25,7 @@ _SAY_SO = "the table would move by itself: say that it may (yes, or --yes-move) 
 
 
 class Operator:
-    """Turns the table by hand; `is_there` is set when asked for the next segment. `CommandedTable` has the same methods."""
+    """Turns the table by hand; the guide sets `is_there` at "next". `CommandedTable` has the same methods."""
 
     has_ramps = True  # the ramps of a motion belong to its segment
 
