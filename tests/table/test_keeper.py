@@ -13,11 +13,12 @@ import pytest
 from helpers.processes import wait_until
 from helpers.tables import Served, served, strike
 
+from filters.errors import InputError
 from filters.simulation import TableFault, TableModel
-from imutui.table import owner
+from imutui.table import messages, owner
 from imutui.table.links import TableError
-from imutui.table.messages import Command
-from imutui.table.motion import Motion, Move, Swing, Turn
+from imutui.table.messages import Command, Report
+from imutui.table.motion import AxisLimits, Motion, Move, Swing, TableState, Turn
 from imutui.table.owner import KeptTable
 
 TURNING = math.radians(5.0)
@@ -216,6 +217,23 @@ def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> N
         assert it.told == before
         assert not table.has_ended
         assert abs(it.table.axes["inner"].rate) > TURNING
+
+
+def test_messages_are_read_as_they_were_written() -> None:
+    motions = Move("inner", 1.0, 2.0, 3.0), Turn("outer", -1.0, 2.0), Swing("middle", 1.0, 2.0, 3.0)
+    for command in (Command("beat"), Command("go", motions, stops=2, number=7)):
+        assert messages.command(messages.encode(command)) == command
+    state = TableState(1, 2, (0.0, 1.0, 2.0), (3.0, 4.0, 5.0), "rate", "")
+    limits = {"inner": AxisLimits(1.0, 2.0, None, 3.0)}
+    for report in (
+        Report(),
+        Report("table", ("inner",), limits),
+        Report(state=state, to=3, refused="no"),
+        Report(ended=True),
+    ):
+        assert messages.report(messages.encode(report)) == report
+    with pytest.raises(InputError, match="not whole"):
+        messages.report(messages.encode(Report(state=state))[:-9])
 
 
 def test_an_answer_belongs_to_its_command() -> None:
