@@ -35,15 +35,18 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
     "runs": (lambda d: {**d, "runs": []}, "`result.runs` is empty"),
     "seconds": (
         lambda d: {**d, "runs": [{**d["runs"][0], "seconds": "60"}]},
-        "`result.runs[0].seconds` is not a number",
+        "result, runs 1: `seconds` is '60', not a finite number",
     ),
-    "status": (lambda d: {**d, "status": {"gx": "fine"}}, "`result.status.gx` is 'fine'"),
-    "ends": (lambda d: {**d, "error": [{**d["error"][0], "ci95": [1.0]}]}, "`result.error[0].ci95` has not 2 numbers"),
+    "status": (lambda d: {**d, "status": {"gx": "fine"}}, "result, status: `gx` is 'fine', not one of: "),
+    "ends": (
+        lambda d: {**d, "error": [{**d["error"][0], "ci95": [1.0]}]},
+        "result, error 1: `ci95` is [1.0], not a list of 2",
+    ),
     "huge": (
         lambda d: {**d, "error": [{**d["error"][0], "before": 1e300}]},
-        "`result.error[0].before` is not a number",
+        "result, error 1: `before` is 1e+300, not",
     ),
-    "lack": (lambda d: {key: value for key, value in d.items() if key != "weak"}, "`result.weak` is missing"),
+    "lack": (lambda d: {key: value for key, value in d.items() if key != "weak"}, "result: `weak` is missing"),
     "other": (lambda d: {"name": "x"}, "it states no version"),
 }
 

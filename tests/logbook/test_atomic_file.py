@@ -294,7 +294,7 @@ ELSEWHERE = {
     "imutui/defects.py": "mkstemp in the temporary folder, where nothing of imutui may be needed any more",
     "imutui/session/batch.py": "a link, not a file",
     "imutui/session/client.py": "appends to what the process says, in the private runtime folder",
-    "imutui/session/ipc.py": "locks and links in the private runtime folder",
+    "imutui/session/ipc.py": "locks in the private runtime folder",
     "imutui/jobs/campaign/results_folder.py": "the journal, which only grows, and its lock; no link is followed",
     "imutui/instrument/pseudo_terminal.py": "a link to a terminal",
     "imutui/logbook/reader.py": "replaces a field of a record",
@@ -302,7 +302,6 @@ ELSEWHERE = {
     "imutui/logbook/export/formats.py": "fills the file that atomic_file made",
     "imutui/logbook/bag.py": "unpacks into the file that atomic_file made",
     "imutui/cli/virtual.py": "streams into the files that atomic_file made",
-    "imutui/instrument/virtual.py": "empties the stream that atomic_file made",
 }
 CALLS = {"write_text", "write_bytes", "savez", "savez_compressed", "touch", "link", "symlink_to", "hardlink_to"}
 RECORDS = re.compile(r"atomic_file\.|log_files\.rename|(line|left|row|.*self\.line\(.*\))\.truncate")

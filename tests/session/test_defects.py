@@ -80,12 +80,16 @@ def test_a_fault_while_the_file_is_finished_costs_the_result_and_not_the_file(
 SPOILED = """
 import sys, threading
 if "imutui.session" in sys.orig_argv:
+    import pathlib, time
     import numpy
     def broken(*_, **__):
         numpy.empty(0).min()
     def spoil():
+        while not any(pathlib.Path({home!r}).rglob("*.mcap")):
+            time.sleep(0.1)
+        time.sleep(1.0)
         {spoil}
-    threading.Timer(2.0, spoil).start()
+    threading.Thread(target=spoil, daemon=True).start()
 """
 PLACES = {
     "reader": "from imutui.instrument.frame_search import FrameDecoder; FrameDecoder.feed = broken",
@@ -97,9 +101,9 @@ PLACES = {
 
 @contextmanager
 def spoiled(home: Path, monkeypatch: pytest.MonkeyPatch, place: str) -> Iterator[str]:
-    """Port of a unit, while an acquisition that is started meets a fault after some seconds."""
+    """Port of a unit, while an acquisition that is started meets a fault a second after its file has begun."""
     (home / "spoil").mkdir()
-    (home / "spoil" / "sitecustomize.py").write_text(SPOILED.format(spoil=PLACES[place]))
+    (home / "spoil" / "sitecustomize.py").write_text(SPOILED.format(spoil=PLACES[place], home=str(home)))
     monkeypatch.setenv("PYTHONPATH", str(home / "spoil"))
     with virtual() as port:
         yield port

@@ -28,7 +28,7 @@ def test_the_demo_leaves_the_configuration_of_real_units_out() -> None:
         "/data",
         "ana",
     )
-    assert (plan.mount, plan.accel_sign) == ("x,y,z", -1)
+    assert (plan.mount, plan.accel_sign) == ("x,y,z", None)  # as the unit has them
     assert plan.virtual[:2] == ("--seed", "3")
 
 

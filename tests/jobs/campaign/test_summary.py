@@ -233,10 +233,10 @@ def row_with(**fields: Any) -> dict[str, Any]:
 BAD: list[tuple[Any, str]] = [
     ([], "`results` is not an object"),
     (results(), "has no row in it"),
-    (results(1), "`results.rows[0]` is not an object"),
-    (results(row_with(final=...)), "`results.rows[0].final` is missing"),
-    (results(row_with(sd={"accel_bias_mg": [float("nan"), 0, 0]})), "is missing"),
-    (results(row_with(wall_s=float("nan"))), "`results.rows[0].wall_s` is not a number"),
+    (results(1), "results: item 1 of `rows` is 1, not a table"),
+    (results(row_with(final=...)), "results, rows 1: `final` is missing"),
+    (results(row_with(sd={"accel_bias_mg": [float("nan"), 0, 0]})), "sd: item 1 of `accel_bias_mg` is nan"),
+    (results(row_with(wall_s=float("nan"))), "results, rows 1: `wall_s` is nan, not a finite number"),
     (results(fleets.row("a"), version=0), "its version is 0, not 1"),
     ({"rows": []}, "it states no version"),
 ]
