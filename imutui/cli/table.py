@@ -44,12 +44,12 @@ def command(
     yes_move: YesMove = False,
     json: Json = False,
 ) -> None:
-    """Say where a turn table is, move it, turn an axis, or stop it, through its controller.
+    """Report where a turn table is, move it, turn an axis, or stop it, through its controller.
 
-    `status` only asks. `move OUTER MIDDLE INNER` goes to three angles and ends there; an axis that the table has not
-    is 0. `rate AXIS DPS` turns an axis until Ctrl+C. `stop` brings all axes to rest and turns their modes off, whoever
-    set them going. Nothing moves before somebody has said so, and nothing goes beyond the limits that the controller or
-    --limits says. Ctrl+C stops the table, and so does the end of this process, whatever the cause.
+    `status` only asks. `move OUTER MIDDLE INNER` goes to three angles and ends there; the angle of a missing axis is 0.
+    `rate AXIS DPS` turns an axis until Ctrl+C. `stop` brings all axes to rest and turns their modes off, whichever
+    program set them going. Nothing moves before the user has allowed it, and nothing goes beyond the limits of the
+    controller and of --limits. Ctrl+C stops the table, and so does any other end of this process.
 
     Example: imutui table move 0 0 -90 --controller acutrol://192.168.1.53:9888
     """

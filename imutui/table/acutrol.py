@@ -41,7 +41,7 @@ DONE = "OK"
 """The answer over TCP to a command that asks nothing. Over GPIB there is none."""
 
 ABSOLUTE_LIMITS = ("rate", "acceleration", "jerk", "low", "high", "trip")
-"""What `:limit:absolute? N` answers, in deg and seconds; "trip" is a rate at which the drive trips."""
+"""The answer to `:limit:absolute? N`, in deg and seconds; "trip" is a rate at which the drive trips."""
 
 USAGE = "acutrol://HOST:PORT, acutrol+serial:PORT?baud=N or acutrol+gpib:RESOURCE"
 _OPTIONS = ("baud", "axes")
@@ -340,9 +340,9 @@ class Acutrol:
             self._of_axes(":", "mode", "interlock"), lambda texts: all(text.isalpha() for text in texts[:count])
         )
         self._modes = {axis: _mode(text) for axis, text in zip(self.axes, said, strict=False)}
-        told = [f"the {axis} axis's interlock says {text}" for axis, text in zip(self.axes, said[count:], strict=True)]
-        at_fault = [words for words in told if "fault" in words.lower()]
-        opened = [words for words in told if words.lower().endswith("says open")]
+        locks = [f"the {axis} axis's interlock says {text}" for axis, text in zip(self.axes, said[count:], strict=True)]
+        at_fault = [words for words in locks if "fault" in words.lower()]
+        opened = [words for words in locks if words.lower().endswith("says open")]
         self._fault = "; ".join(at_fault or (opened if set(self._modes.values()) - {OFF} else []))
         self._modes_ns = time.monotonic_ns()
         return at_fault + opened

@@ -177,7 +177,7 @@ class Keeper:
     def _go(self, command: Command) -> None:
         self._refuse_before_a_stop(command)
         if not self._enabled:
-            raise InputError("nothing moves before it is enabled: somebody must say so, and the interlock be closed")
+            raise InputError("nothing moves before it is enabled: ask the user, then enable the table")
         if not self._follower.angles_deg:
             raise InputError("no angles were read yet; ask again")
         if len({motion.axis for motion in command.motions}) < len(command.motions):

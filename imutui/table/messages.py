@@ -34,7 +34,7 @@ class Report:
     to: int = 0  # number of a command that was carried out or refused
     refused: str = ""  # why it was refused
     said: str = ""
-    error: str = ""  # why the keeper ends, if not as told
+    error: str = ""  # why the keeper ends, if its owner did not ask for it
     ended: bool = False  # the last report: the keeper has done what it could for the table to stand still
 
 
