@@ -20,9 +20,10 @@ from imutui.cli.virtual_readings import Asked
 from imutui.cli.virtual_table import VirtualTable
 from imutui.instrument import names
 from imutui.instrument.imu400 import crossbow
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import scaling as imu400cd_scaling
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
+from imutui.instrument.uut.frames import Frame
 from imutui.instrument.virtual import Wire
 from imutui.table.acutrol import connect
 from imutui.table.motion import Turn
@@ -138,10 +139,10 @@ def test_an_axis_that_does_not_follow_ends_the_command() -> None:
 
 
 ASKED_FOR_DATA = {
-    names.IMU400CD: (crossbow.encode(crossbow.Command.SCALED_MODE), crossbow.encode(crossbow.Command.START_STREAM)),
-    names.IMU381: (messages.encode(messages.SetFields(messages.Memory.RAM, ((1, 1),))),),
+    names.IMU400CD: (crossbow.Command.SCALED_MODE, crossbow.Command.START_STREAM),
+    names.IMU381: (messages.encode(Frame(b"SF", messages.pairs(((1, 1),)))),),
 }
-LSB_DPS = {names.IMU400CD: Scaling().rate_lsb_dps, names.IMU381: messages.SCALING.rate_lsb_dps}
+LSB_DPS = {names.IMU400CD: imu400cd_scaling().rate_lsb_dps, names.IMU381: messages.SCALING.rate_lsb_dps}
 
 
 @pytest.mark.parametrize("name", names.NAMES)
