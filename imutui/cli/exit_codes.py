@@ -280,7 +280,7 @@ _CODES = {
         "imutui.origin_gate.AddressError",
         "imutui.session.client.SessionError",
         "imutui.jobs.campaign.cluster.ClusterError",
-        "imutui.table.controller.TableError",
+        "imutui.table.links.TableError",
     ),
     UNREADABLE: (
         "imutui.batch_file.BatchError",

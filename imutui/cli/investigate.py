@@ -222,9 +222,9 @@ def _plan(diary: "Diary", name: str) -> "Plan":
 def _axes(url: str, limits: str) -> "Axes":
     """What the table's axes can do, as its controller and the operator say."""
     from filters.tracing.table_motions import AxisRange
-    from imutui.table.controller import TableError
+    from imutui.table.acutrol import connect
+    from imutui.table.links import TableError
     from imutui.table.motion import narrower, parse_limits
-    from imutui.table.registry import connect
 
     given = parse_limits(limits)
     try:

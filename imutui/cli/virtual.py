@@ -97,7 +97,7 @@ def command(
     from imutui.cli.virtual_table import VirtualTable
     from imutui.cli.virtual_units import UNITS, instrument_of, recorded_unit
     from imutui.instrument.pseudo_terminal import PseudoTerminal
-    from imutui.instrument.virtual import BURST_BYTES, SentPackets, Wire, serve
+    from imutui.instrument.virtual import BURST_BYTES, Wire, sent_packets, serve
     from imutui.logbook.atomic_file import create
 
     if not 0.0 < speed < math.inf:
@@ -146,7 +146,7 @@ def command(
         truth = None
         if sent is not None:
             stream = files.enter_context(open(create(sent, overwrite=force), "w", encoding="ascii"))
-            truth = SentPackets(stream, made.unit)
+            truth = sent_packets(stream, made.unit)
         url = None if table is None else files.enter_context(table.served(made.unit))
         try:
             pty = files.enter_context(PseudoTerminal(link))

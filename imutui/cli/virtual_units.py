@@ -16,7 +16,6 @@ from imutui.instrument import names
 from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field
-from imutui.instrument.uut.messages import Version
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual import Line
@@ -35,7 +34,7 @@ _IMU381_PLAIN = Scenario(axes=AxisMap(accel_sign=1), spec=IMU440CA_200)
 # The one recorded stream that there is comes without an identity; this is what its maker's own stand-in says.
 _RECORDED_SERIAL_NUMBER = 2008705635
 _RECORDED_TEXT = "IMU381ZA-400 5020-1383-01 10.00.01"
-_RECORDED_VERSION = Version(10, 0, 1, 0, 0)
+_RECORDED_VERSION = (10, 0, 1, 0, 0)
 _RECORDED_BIT = 2
 # what a scenario may have that would change readings, and how files call it
 _OF_READINGS = {
@@ -79,7 +78,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     made = on_the_line(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
     options = UnitOptions(
         serial_number=serial_number_of(asked, made.seed) if serial_number is None else serial_number,
-        text=made.text(f"{_IMU381} {made.version.partition(' ')[2]}"),
+        text=made.text(f"{_IMU381} {made.version.partition(' ')[2]}") + "\0",
         clock_skew_ppm=made.personality.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(made.readings, options, made.seed)
@@ -143,7 +142,6 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     options = UnitOptions(
         serial_number=_RECORDED_SERIAL_NUMBER if serial_number is None else serial_number,
         text=_RECORDED_TEXT,
-        text_ends_with_zero=False,
         version=_RECORDED_VERSION,
         fields=tuple(fields.items()),
         packet_types=(stream.kind,),

@@ -32,7 +32,7 @@ _AGAIN_NS = 40e6
 _SOON = 0.888
 # the least late packet may still be late by so much
 _SLACK_NS = 4e6
-# the tick must be known so well to tell wraps apart, as a part of one
+# the tick must be known so well to distinguish wraps, as a part of one
 _AMBIGUOUS = 0.25
 # no unit pauses by itself for less: what is missing on a quiet line was lost
 _LONGEST_LOSS_NS, _LOSS_PERIODS = 60e6, 5.5
@@ -88,7 +88,7 @@ class Clock:
     `line_ns`: time that a packet spends on the line, subtracted from its arrival.
     `counter`: the packets' counter.
     `polled`: True if packets come on request: then steps are longer than the counter's wrap and only arrivals count.
-    `period_ns`: time from packet to packet that the unit was told; 0 if it was told none.
+    `period_ns`: time from packet to packet that the host asked for; 0 if it asked for none.
     """
 
     def __init__(self, line_ns: float, counter: CounterSpec, *, polled: bool = False, period_ns: float = 0.0) -> None:
@@ -214,7 +214,7 @@ class Clock:
         joint, wraps = self._joint(held, most, caught_up=caught_up)
         stamps = [self._advance(packet, 0) for packet in held[:joint]]
         if wraps and self._least_late * self._time.tick_sd_ns > _AMBIGUOUS * SPAN * self.tick_ns**2:
-            # after so long a pause the tick, as far as it is known, cannot tell wraps apart
+            # after so long a pause the tick, as far as it is known, does not distinguish wraps
             self._gap_from_ns = self._last
             return stamps + self._open(held[joint:])
         doubt = 0.0 if caught_up else self._least_late

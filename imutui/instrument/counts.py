@@ -55,8 +55,7 @@ _PART_OF_WRAP = 0.9
 class RepeatedPackets:
     """Finds packets that came twice over the line: their counter and all else are equal.
 
-    Packets of a still unit may read the same; their counters tell them apart. A counter that stands still does not, nor
-    does one that has wrapped meanwhile.
+    Packets of a still unit may read the same; their counters distinguish them, unless they stand still or have wrapped.
 
     `wrap_ns`: how long a wrap of the counter takes. `period_ns`: from packet to packet of a stream; 0 if unknown, and
       then less than a wrap. `count`: of packets that came again.
@@ -96,19 +95,23 @@ class RepeatedPackets:
 
 
 COUNT_LIMITS = (-(2**15), 2**15 - 1)
-"""Least and largest count of a word of 16 bits with sign; a reading there says only "this or more"."""
+"""Least and largest count of a word of 16 bits with sign; a reading there means "this or more"."""
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Scales of words of 16 bits with sign that are 0 at zero; an instrument whose words are others overrides some.
+    """Scales of the words in packets: rates and accelerations have 16 bits with sign and are 0 at zero.
 
     Each method takes an int, a tuple or an array of any shape, and returns a numpy scalar or array of that shape.
     """
 
     rate_lsb_dps: float  # deg/s a count
     accel_lsb_g: float  # g a count
-    temperature_lsb_degc: float  # degC a count
+    # temperature, degC: degc_per_unit · (count · temperature_lsb - temperature_zero)
+    temperature_lsb: float
+    temperature_zero: float = 0.0
+    degc_per_unit: float = 1.0
+    temperature_limits: tuple[int, int] = COUNT_LIMITS
 
     def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Angular rate, deg/s."""
@@ -120,7 +123,7 @@ class Scaling:
 
     def temperature_degc(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Temperature, degC."""
-        return np.asarray(counts, np.float64) * self.temperature_lsb_degc
+        return self.degc_per_unit * (np.asarray(counts, np.float64) * self.temperature_lsb - self.temperature_zero)
 
     def rate_counts(self, rates_dps: ArrayLike) -> NDArray[np.int64]:
         """Nearest counts of an angular rate in deg/s, clipped to the word."""
@@ -132,7 +135,8 @@ class Scaling:
 
     def temperature_counts(self, temperature_degc: ArrayLike) -> NDArray[np.int64]:
         """Nearest counts of a temperature in degC, clipped to the word."""
-        return nearest(temperature_degc, self.temperature_lsb_degc)
+        units = np.asarray(temperature_degc, np.float64) / self.degc_per_unit + self.temperature_zero
+        return nearest(units, self.temperature_lsb, self.temperature_limits)
 
 
 def nearest(values: ArrayLike, lsb: float, limits: tuple[int, int] = COUNT_LIMITS) -> NDArray[np.int64]:

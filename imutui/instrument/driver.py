@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
+from filters.errors import InputError
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import COUNT_LIMITS, DataPacket, Scaling
 from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder
@@ -29,7 +30,7 @@ PacketStream: TypeAlias = FrameDecoder[DataPacket]
 
 
 class InstrumentError(Exception):
-    """The instrument is absent, is another one, or does not behave; the message says what to do next."""
+    """The instrument is absent, is another one, or does not behave; the message names the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class Identity:
 def origin_of(text: str) -> tuple[str, str]:
     """Split a unit's text into its own, and the origin of a virtual unit's readings behind " from "; "" of a real one.
 
-    A virtual unit says so itself: nothing simulated may pass for measured.
+    A virtual unit names itself so: no simulated log may pass for a measured one.
     """
     own, _, source = text.partition(" from ") if "VIRTUAL" in text.upper() else (text, "", "")
     return one_line(own, NAME_LIMIT), one_line(source, NOTE_LIMIT)
@@ -75,7 +76,7 @@ class Driver(ABC):
     model: ClassVar[str]
     """Model of a unit that does not report one."""
     is_one_model: ClassVar[bool] = False
-    """True if every accepted unit is of `model`, whatever its version text says."""
+    """True if every accepted unit is of `model`, whatever its version text is."""
     power_up_bauds: ClassVar[tuple[int, ...]]
     """Line speeds after power-up; the first one is tried first."""
     packet_bytes: ClassVar[int]
@@ -112,7 +113,7 @@ class Driver(ABC):
     """True if it streams after power-up, so that a running stream is no proof that it kept power."""
 
     stream_hz = 0.0
-    """Rate that the unit was told to stream at, Hz; 0 if it cannot be told."""
+    """Rate of the stream that the driver asked for, Hz; 0 if the unit has only one."""
 
     def __init_subclass__(cls) -> None:
         if hasattr(cls, "rates_hz"):
@@ -145,10 +146,10 @@ class Driver(ABC):
         names: Sequence[str] = () if cls.status_names is None else cls.status_names(word)
         return f"0x{word:04X} ({', '.join(names) or 'nothing set'})"
 
-    @staticmethod
-    @abstractmethod
-    def check_zeroing(argument: int) -> None:
+    @classmethod
+    def check_zeroing(cls, argument: int) -> None:
         """Raise InputError if the rate sensors cannot be zeroed with this argument."""
+        raise InputError(f"an {cls.models[0]} has no command that zeroes its rate sensors; the filter has their biases")
 
     @staticmethod
     def zeroing_patience_s(argument: int) -> float:
@@ -159,7 +160,7 @@ class Driver(ABC):
 
     @abstractmethod
     def find(self) -> Identity:
-        """Find the unit's speed and ask it who it is, no more; raises InstrumentError if it does not answer."""
+        """Find the unit's speed and identify it, no more; raises InstrumentError if it does not answer."""
 
     @abstractmethod
     def answers(self, baud: int | None = None) -> bool:
@@ -290,7 +291,7 @@ class Poller:
     `giving_up`: returns True to stop waiting.
     `decoder`: makes events of the unit's bytes.
     `request`: bytes that ask for a packet, and the packet's class.
-    `check`: bytes that ask something else, and the class of the answer.
+    `check`: bytes that ask something else, and a function that returns how many answers to that an event is.
     """
 
     def __init__(
@@ -299,16 +300,17 @@ class Poller:
         giving_up: Callable[[], bool],
         decoder: FrameDecoder[Any],
         request: tuple[bytes, type[DataPacket]],
-        check: tuple[bytes, type],
+        check: tuple[bytes, Callable[[Any], int]],
     ) -> None:
         self._port, self._packet_bytes = driver.port, driver.packet_bytes
         self._giving_up = giving_up
         self._decoder = decoder
         self._request, self._packet = request
-        self._check, self._checked = check
+        self._check, self._answers = check
         self._patience_s = _LEAST_PATIENCE_S
         self._last: DataPacket | None = None
-        self._unasked = 0
+        self._unasked = 0  # packets
+        self._answered_bytes = 0  # of answers to `check` that the decoder discards
         self.doubled = 0
         """Answers that came a second time."""
         self.unanswered = False
@@ -322,7 +324,7 @@ class Poller:
     @property
     def discarded_bytes(self) -> int:
         """Bytes that belonged to no answer."""
-        return self._decoder.discarded_bytes + self._unasked * self._packet_bytes
+        return self._decoder.discarded_bytes - self._answered_bytes + self._unasked * self._packet_bytes
 
     def poll(self) -> Answer | None:
         """Poll a packet and wait for it; None if it certainly does not come, or the poller gives up.
@@ -335,7 +337,7 @@ class Poller:
         again = sum(event == self._last for event in events)
         self.doubled += again
         self._unasked += sum(isinstance(event, self._packet) for event in events) - again
-        self._count_checks(events)
+        self._count_answers(events)
         requested_ns = time.monotonic_ns()
         self.unanswered = True
         found = exchange(
@@ -366,7 +368,7 @@ class Poller:
             if data:
                 came, since = True, time.monotonic()
             answer = answer or self._first(events, requested_ns)
-            said += self._count_checks(events)
+            said += self._count_answers(events)
             # an answer that did not come with the others is lost, and so it is where only the packet came
             if said >= asked or (rested and (said or answer is not None)):
                 break
@@ -379,6 +381,8 @@ class Poller:
         packets = (Answer(event, requested_ns, arrived_ns) for event in events if isinstance(event, self._packet))
         return next(packets, None)
 
-    def _count_checks(self, events: Sequence[Any]) -> int:
+    def _count_answers(self, events: Sequence[Any]) -> int:
         """Return how often the unit has answered the other question."""
-        return sum(isinstance(event, self._checked) for event in events)
+        answers = [event for event in events if self._answers(event)]
+        self._answered_bytes += sum(len(event.data) for event in answers if isinstance(event, Discarded))
+        return sum(map(self._answers, answers))

@@ -65,47 +65,49 @@ def noise(held: bytearray, at: int, header: bytes, *, skip: int = 0, spoiled: in
     return Judged(end - at, spoiled=spoiled) if end > at else None
 
 
-@dataclass(frozen=True, slots=True)
-class FrameForm:
-    """Layout of frames whose sum makes them sure."""
-
-    header: bytes  # first bytes of each frame
-    head_bytes: int  # bytes that `length` needs
-    least_bytes: int  # length of the shortest frame
-    # length of a frame by its first `head_bytes` bytes: None if more of them must come, 0 if no frame begins so
-    length: Callable[[bytes, Rest], int | None]
-    is_whole: Callable[[bytes], bool]  # True if the sum of a frame is right
-    answer: bytes = b"\0"  # first bytes of the frame that answers a question amid a stream
-
-
 class SumFrames(Generic[EventT_co]):
     """A rule for frames whose sum makes them sure: a frame counts if its sum is right.
 
     The bytes of a frame that has begun are held until its end, or until the line rests.
 
+    `header`: first bytes of each frame.
+    `length`: returns the length of the frame that begins at a position; None if more bytes must come to know it, 0 if
+      no frame begins so.
+    `is_whole`: returns True if the sum of a frame is right.
     `read`: makes the event of a frame; see `Judged.event`.
+    `least_bytes`: length of the shortest frame.
+    `answer`: first bytes of the frame that answers a question amid a stream.
     """
 
-    def __init__(self, form: FrameForm, read: Callable[[bytes], EventT_co | Discarded | None]) -> None:
+    def __init__(
+        self,
+        header: bytes,
+        length: Callable[[bytearray, int, Rest], int | None],
+        is_whole: Callable[[bytes], bool],
+        read: Callable[[bytes], EventT_co | Discarded | None],
+        *,
+        least_bytes: int,
+        answer: bytes = b"\0",
+    ) -> None:
         self.answers = 0
-        self._form, self._read = form, read
-        self._usual_bytes = form.least_bytes  # length of the last frame
+        self._header, self._answer, self._least_bytes = header, answer, least_bytes
+        self._length, self._is_whole, self._read = length, is_whole, read
+        self._usual_bytes = least_bytes  # length of the last frame
 
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
         """Judge as `Rule.judge` does."""
-        form = self._form
-        if not held.startswith(form.header, at):
-            return noise(held, at, form.header)
+        if not held.startswith(self._header, at):
+            return noise(held, at, self._header)
         length = self._length(held, at, rest)
         if length is None or at + length > len(held):
             return self._covered(held, at, rest) if rest else None
         frame = bytes(held[at : at + length])
-        if not length or not form.is_whole(frame):
-            return noise(held, at, form.header, skip=1, spoiled=length)
+        if not length or not self._is_whole(frame):
+            return noise(held, at, self._header, skip=1, spoiled=length)
         event = self._read(frame)
         is_event = event is not None and not isinstance(event, Discarded)
-        self.answers = 0 if is_event else self.answers + frame.startswith(form.answer)
-        self._usual_bytes = max(length, form.least_bytes)
+        self.answers = 0 if is_event else self.answers + frame.startswith(self._answer)
+        self._usual_bytes = max(length, self._least_bytes)
         return Judged(length, True, event)
 
     def missing(self, held: bytearray) -> int:
@@ -113,15 +115,12 @@ class SumFrames(Generic[EventT_co]):
         length = self._length(held, 0, Rest.NONE) if held else None
         return max((length or self._usual_bytes) - len(held), 1)
 
-    def _length(self, held: bytearray, at: int, rest: Rest) -> int | None:
-        return self._form.length(bytes(held[at : at + self._form.head_bytes]), rest)
-
     def _covered(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
         """Return the noise up to a whole frame within one that has only begun; None if there is none."""
         inner = at
-        while (inner := held.find(self._form.header, inner + 1)) >= 0:
+        while (inner := held.find(self._header, inner + 1)) >= 0:
             length = self._length(held, inner, rest)
-            if length and inner + length <= len(held) and self._form.is_whole(bytes(held[inner : inner + length])):
+            if length and inner + length <= len(held) and self._is_whole(bytes(held[inner : inner + length])):
                 return Judged(inner - at)
         return None
 
@@ -131,13 +130,11 @@ class FrameDecoder(Generic[EventT_co]):
 
     `rule`: finds the messages.
     `due`: True if a message is to come with the first byte, so that a damaged one is counted.
-    `once`: True if one message is expected, and nothing behind it.
     """
 
-    def __init__(self, rule: Rule[EventT_co], *, due: bool = False, once: bool = False) -> None:
-        self._rule, self._once = rule, once
+    def __init__(self, rule: Rule[EventT_co], *, due: bool = False) -> None:
+        self._rule = rule
         self._held = bytearray()
-        self._done = False
         self._behind: int | None = 0 if due else None  # bytes since the last frame
         self.bad_checksums = 0
         """Packets and replies that were due, began rightly and had a wrong sum."""
@@ -178,7 +175,7 @@ class FrameDecoder(Generic[EventT_co]):
 
         A reader that asks the port for so many wakes at a packet's end, neither before nor a packet late.
         """
-        return 1 if self._done else self._rule.missing(self._held)
+        return self._rule.missing(self._held)
 
     @property
     def answers(self) -> int:
@@ -189,7 +186,7 @@ class FrameDecoder(Generic[EventT_co]):
         events: list[EventT_co | Discarded] = []
         held, begin, at, damaged = self._held, 0, 0, False  # noise is from `begin` to `at`
         while at < len(held):
-            judged = Judged(len(held) - at) if self._done else self._rule.judge(held, at, rest)
+            judged = self._rule.judge(held, at, rest)
             if judged is None:
                 if rest is not Rest.LONG:
                     break
@@ -201,7 +198,7 @@ class FrameDecoder(Generic[EventT_co]):
                     self._behind += judged.length
                 continue
             events += self._discard(bytes(held[begin : at - judged.length]), damaged)
-            begin, damaged, self._behind, self._done = at, False, 0, self._once
+            begin, damaged, self._behind = at, False, 0
             if isinstance(judged.event, Discarded):
                 self.discarded_bytes += len(judged.event.data)
             if judged.event is not None:

@@ -9,7 +9,6 @@ import socket
 import termios
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ _HANGUP = (OSError, termios.error, TypeError)
 
 
 class PortError(Exception):
-    """The port cannot be used; the message says which, why, and what to do next."""
+    """The port cannot be used; the message names it, the cause and the next step."""
 
 
 class PortAbsentError(PortError):
@@ -37,7 +36,7 @@ class PortInfo:
 
     device: str  # path
     stable_id: str  # name that survives replugging, or the path
-    description: str  # what the adapter says of itself
+    description: str  # the adapter's own
 
 
 def available() -> list[PortInfo]:
@@ -49,7 +48,7 @@ def available() -> list[PortInfo]:
     return sorted(ports, key=lambda p: (p.stable_id == p.device, p.device))
 
 
-class Port:
+class Port(contextlib.AbstractContextManager["Port"]):
     """An open line, held exclusively.
 
     `name`: path, name under /dev/serial/by-id, or any pyserial URL.
@@ -77,8 +76,6 @@ class Port:
             raise PortError(
                 f"{device} is a pseudo-terminal: its number is soon another's, only a link leads to it again"
             )
-        if is_terminal(device):
-            raise PortError(f"{device} is somebody's terminal by now")
         self._serial = _open(self.name, device, baud)
         self._claim()
 
@@ -194,16 +191,11 @@ class Port:
         with contextlib.suppress(*_HANGUP):  # closing a line that hung up is no news
             self._serial.close()
 
-    def __enter__(self) -> "Port":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _gone(self, error: BaseException) -> str:
-        # what pyserial says of an end of file is a guess of two lines
+        # pyserial's message at an end of file is a guess of two lines
         why = "it hung up" if "returned no data" in str(error) else error
         return f"{self.name} went away ({why}). Check the cable and the adapter."
 
@@ -225,24 +217,6 @@ def lasting_name(name: str) -> str:
         return device
     links = sorted(_BY_ID.glob("*")) if _BY_ID.is_dir() else []
     return next((str(link) for link in links if os.path.realpath(link) == os.path.realpath(device)), device)
-
-
-def is_terminal(device: str) -> bool:
-    """Return True if processes run in this terminal: the number of a pseudo-terminal is soon another's."""
-    try:
-        number = Path(device).stat().st_rdev if os.path.realpath(device).startswith("/dev/pts/") else 0
-    except OSError:
-        return False
-    return number != 0 and any(_terminal_of(process) == number for process in Path("/proc").glob("[0-9]*"))
-
-
-def _terminal_of(process: Path) -> int:
-    """Return the device number of a process's controlling terminal; 0 for none."""
-    try:
-        # pid (comm) state ppid pgrp session tty_nr: the name may hold blanks and parentheses
-        return int((process / "stat").read_text().rpartition(")")[2].split()[4])
-    except (OSError, ValueError, IndexError):  # it has just ended
-        return 0
 
 
 def _open(name: str, device: str, baud: int) -> "serial.SerialBase":

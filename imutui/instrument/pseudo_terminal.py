@@ -6,8 +6,6 @@ import os
 import termios
 import tty
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 _BAUD_OF_TERMIOS = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
@@ -17,17 +15,21 @@ _BAUD_OF_TERMIOS = {
 _TIOCGEXCL = 0x80045440
 
 
-class PseudoTerminal:
+class PseudoTerminal(contextlib.AbstractContextManager["PseudoTerminal"]):
     """The unit's end of a pseudo-terminal, raw, at the power-up speed.
 
     Its other end is kept open here too: so the unit's end never gets an I/O error when the host closes, and bytes that
     a host left unread wait for the next one.
 
-    `link`: symbolic link to make to the terminal while it is in use, in a `with`. It may replace a symbolic link;
-      entering raises FileExistsError if something else has that name.
+    `link`: symbolic link to make to the terminal until its `with` ends. It may replace a symbolic link.
+    Raises FileExistsError if something else has the name of the link.
     """
 
     def __init__(self, link: Path | None) -> None:
+        if link is not None and link.is_symlink():
+            link.unlink()
+        elif link is not None and link.exists():
+            raise FileExistsError(f"{link} exists and is not a symbolic link; choose another name or remove it")
         self._link = link
         self._unit, self._host = os.openpty()
         tty.setraw(self._host)
@@ -37,33 +39,12 @@ class PseudoTerminal:
         os.set_blocking(self._unit, False)
         os.set_blocking(self._host, False)
         self.name = os.ttyname(self._host)
+        if link is not None:
+            link.symlink_to(self.name)
 
-    def __enter__(self) -> Self:
-        try:
-            self._show()
-        except OSError:
-            self._close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._hide()
-        self._close()
-
-    def _show(self) -> None:
-        if self._link is None:
-            return
-        if self._link.is_symlink():
-            self._link.unlink()
-        elif self._link.exists():
-            raise FileExistsError(f"{self._link} exists and is not a symbolic link; choose another name or remove it")
-        self._link.symlink_to(self.name)
-
-    def _hide(self) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self.name:
             self._link.unlink()
-
-    def _close(self) -> None:
         os.close(self._unit)
         os.close(self._host)
 

@@ -50,7 +50,7 @@ class Transmitter:
         """Yield speed and bytes of everything that has left by `now` and was not taken before."""
         while self._sendings:
             start, baud, data = self._sendings[0]
-            left = _left(start, baud, data, now)
+            left = min(len(data), max(0, math.floor((now - start + SAME_INSTANT_S) / transfer_s(1, baud))))
             if left > self._taken:
                 yield baud, data[self._taken : left]
                 self._taken = left
@@ -65,8 +65,3 @@ class Transmitter:
             return None
         start, baud, data = self._sendings[0]
         return start + transfer_s(len(data), baud)
-
-
-def _left(start: float, baud: int, data: bytes, now: float) -> int:
-    """Return how many of the bytes that are sent from `start` on have left by `now`."""
-    return min(len(data), max(0, math.floor((now - start + SAME_INSTANT_S) / transfer_s(1, baud))))

@@ -196,7 +196,7 @@ def serve(
     burst_bytes: int = 0,
     on_idle: Callable[[float], None] | None = None,
 ) -> None:
-    """Run a unit on a pseudo-terminal until told to stop.
+    """Run a unit on a pseudo-terminal until `stop`.
 
     Packets leave on the unit's own time grid: waking late delays bytes, never the ones after them.
 
@@ -243,23 +243,19 @@ def _hear(wire: Wire[PacketT, CommandT], data: bytes, now: float, host_baud: int
         log(f"line noise: {len(data)} bytes at {host_baud} baud, the unit is at {unit_baud}")
 
 
-class SentPackets(Generic[PacketT, CommandT]):
-    """The truth about a unit's stream, as CSV: a row for each packet, in the order in which the unit began them.
+def sent_packets(file: TextIO, unit: VirtualInstrument[PacketT, CommandT]) -> Callable[[PacketT, float], None]:
+    """Return a function that writes the truth about a unit's stream as CSV: a row for each packet.
 
-    `file`: where to write. Rows are whole, and there at once.
-    `unit`: the unit.
+    It takes a packet and the host's monotonic time when the unit sampled it, s. Rows are whole, and there at once.
     """
 
-    def __init__(self, file: TextIO, unit: VirtualInstrument[PacketT, CommandT]) -> None:
-        self._file = file
-        self._unit = unit
-        self._write("sampled_monotonic_ns,mode,ticks,frame")
+    def write(row: str) -> None:
+        file.write(row + "\n")
+        file.flush()
 
-    def __call__(self, packet: PacketT, sampled_s: float) -> None:
-        """Add a packet and the host's monotonic time when it was sampled, s."""
-        mode, ticks, frame = self._unit.in_columns(packet)
-        self._write(f"{round(sampled_s * 1e9)},{mode},{ticks},{frame.hex()}")
+    def add(packet: PacketT, sampled_s: float) -> None:
+        mode, ticks, frame = unit.in_columns(packet)
+        write(f"{round(sampled_s * 1e9)},{mode},{ticks},{frame.hex()}")
 
-    def _write(self, row: str) -> None:
-        self._file.write(row + "\n")
-        self._file.flush()
+    write("sampled_monotonic_ns,mode,ticks,frame")
+    return add

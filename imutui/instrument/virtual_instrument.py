@@ -11,6 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
+import numpy as np
+
+from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.transmitter import SAME_INSTANT_S, Transmitter, as_heard
 
 PacketT = TypeVar("PacketT")
@@ -90,11 +93,13 @@ class VirtualInstrument(ABC, Generic[PacketT, CommandT]):
     with each call, since a real host changes its own without asking.
 
     `options`: which unit this is.
+    `seed`: of the counter's start; without a seed it starts at 0.
     """
 
     options: UnitOptions
 
-    def __init__(self, options: UnitOptions) -> None:
+    def __init__(self, options: UnitOptions, seed: int | None) -> None:
+        self._first_count = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self.options = options
         self.on_packet: Callable[[PacketT, float], None] = lambda packet, instant: None
         """Called with every packet that the unit begins to send, and the instant that it sampled."""

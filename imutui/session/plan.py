@@ -17,7 +17,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
 from imutui.plain_text import NAME_LIMIT
 from imutui.settings import AcquisitionSettings, Name, Note, NotNegative
-from imutui.table import registry
+from imutui.table import acutrol
 from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
@@ -152,9 +152,8 @@ class Plan(AcquisitionSettings):
         if self.rate_hz is not None and not MIN_RATE_HZ <= self.rate_hz <= most:
             raise InputError(_rate_words(self.rate_hz, *possible))
         if self.controller:
-            own = self.controller == self.port == VIRTUAL_PORT
-            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
-                raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
+            if not self.controller == self.port == VIRTUAL_PORT:
+                acutrol.parse(self.controller)
             parse_limits(self.limits)
 
     def of_instrument(self, name: str) -> "Plan":

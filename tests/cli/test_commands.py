@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS, each_log, exit_codes, status
 from imutui.instrument.uut.frames import Frame, framed
-from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields, encode
+from imutui.instrument.uut.messages import PacketS1, encode, numbers, pairs
 from imutui.logbook import schemas
 from imutui.session.batch import Answer
 
@@ -199,10 +199,10 @@ def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
     (home / "a.raw").write_bytes(stream)
     with virtual_process("--from", "a.raw") as (port, _), serial.Serial(port, 115200, timeout=LIMIT_S) as line:
         identity = (2008705635).to_bytes(4, "big") + b"IMU381ZA-400 5020-1383-01 10.00.01"
-        line.write(encode(GetPacket(b"ID")))
+        line.write(encode(Frame(b"GP", b"ID")))
         assert line.read(7 + len(identity)) == framed(Frame(b"ID", identity))
-        line.write(encode(SetFields(Memory.RAM, ((1, 1),))))
-        assert line.read(10 + len(stream)) == encode(FieldsSet(Memory.RAM, (1,))) + stream
+        line.write(encode(Frame(b"SF", pairs(((1, 1),)))))
+        assert line.read(10 + len(stream)) == encode(Frame(b"SF", numbers((1,)))) + stream
 
 
 def test_a_played_recording_is_silent_after_its_end(home: Path) -> None:

@@ -23,7 +23,8 @@ from imutui.cli.spoil import load as function
 from imutui.cli.virtual_readings import Asked, SimulatedReadings, on_the_line
 from imutui.cli.virtual_units import imu381_unit, instrument_of
 from imutui.instrument.uut.decoder import Decoder
-from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
+from imutui.instrument.uut.frames import Frame
+from imutui.instrument.uut.messages import SCALING, PacketS1, encode, identification, pairs
 from imutui.instrument.virtual import Wire
 from imutui.instrument.virtual_instrument import Reading
 from imutui.logbook import reader
@@ -261,10 +262,12 @@ def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) 
     (home / "warm.toml").write_text("[temperature]\nconstant_degc = 31.0\n")
     setting = imu381_unit(Asked(home / "warm.toml", seed=3), None)
     wire = Wire(setting.unit, setting.line, began=0.0)
-    wire.receive(encode(SetFields(Memory.RAM, ((1, 1),))) + encode(GetPacket(b"ID")), 0.0, 115200)
+    wire.receive(encode(Frame(b"SF", pairs(((1, 1),)))) + encode(Frame(b"GP", b"ID")), 0.0, 115200)
     events = Decoder().feed(wire.arrived(5.0, 115200))
     packets = [event for event in events if isinstance(event, PacketS1)]
     assert len(packets) >= 498
     assert SCALING.accels_g([p.accels for p in packets]).mean(axis=0) == pytest.approx([0.0, 0.0, -1.0], abs=0.03)
     assert SCALING.temperature_degc(packets[0].board_temperature) == pytest.approx(31.0, abs=0.01)
-    assert [event.text for event in events if isinstance(event, Identification)] == ["IMU381ZA-200 VIRTUAL SIM"]
+    assert [identification(e.payload)[1] for e in events if isinstance(e, Frame) and e.type == b"ID"] == [
+        "IMU381ZA-200 VIRTUAL SIM"
+    ]

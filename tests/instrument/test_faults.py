@@ -8,11 +8,11 @@ from helpers.faulty_lines import FaultyLine, LineFault
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.frame_search import Discarded
-from imutui.instrument.imu400.crossbow import PACKET_BYTES, AnyReply, Mode, Packet, encode
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, Mode, Packet, encode
 from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.transmitter import transfer_s
 
-Event = Packet | AnyReply | Discarded
+Event = Packet | str | Discarded
 
 PACKET_S = transfer_s(PACKET_BYTES, 38400)
 COUNT = 400

@@ -1,12 +1,9 @@
 """Names of a port that lead to the same adapter again, and lines that must not be opened."""
 
 import os
-import signal
-import subprocess
 from pathlib import Path
 
 import pytest
-from helpers.processes import wait_until
 
 from imutui.instrument import port
 from imutui.instrument.port import Port, PortError
@@ -57,25 +54,3 @@ def test_a_pseudo_terminal_named_by_its_number_is_not_opened_again(device: str) 
     """The next virtual instrument may have that number, and the same serial number."""
     with Port(device, 38400) as line, pytest.raises(PortError, match="soon another's"):
         line.reopen(38400)
-
-
-def test_a_pseudo_terminal_that_became_somebodys_terminal_is_left_alone(tmp_path: Path, device: str) -> None:
-    """The number of a virtual instrument that ended is soon given to a shell."""
-    _, slave = os.openpty()
-    shell = os.ttyname(slave)
-    # the first terminal that the leader of a session opens is its terminal
-    child = subprocess.Popen(["sh", "-c", f"exec 0<>{shell}; sleep 100"], start_new_session=True)
-    try:
-        wait_until(lambda: port.is_terminal(shell))
-        assert not port.is_terminal(device)
-        link = tmp_path / "imu"
-        link.symlink_to(device)
-        with Port(str(link), 38400) as line:
-            link.unlink()
-            link.symlink_to(shell)
-            assert line.has_moved()
-            with pytest.raises(PortError, match="somebody's terminal"):
-                line.reopen(38400)
-    finally:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()

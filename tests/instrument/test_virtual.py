@@ -18,7 +18,7 @@ from helpers.units import Serving
 from reliability.ports import is_exclusive
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.imu400.crossbow import PACKET_BYTES, Mode, Packet, SerialNumber, encode
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, Mode, Packet, serial_number_frame
 from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.pseudo_terminal import PseudoTerminal
@@ -73,7 +73,7 @@ def test_a_host_streams_from_a_pty(served: Serving) -> None:
     assert discarded == 0
     assert numbers(packets) == list(range(packets[0].rates[0], packets[0].rates[0] + 266))
     assert set(steps(packets)) <= {9493, 9494}
-    assert served.log == ["P: stop, polled mode", "c: scaled mode", "C: stream, continuous mode"]
+    assert served.log == ["P: stop stream", "c: scaled mode", "C: start stream"]
 
 
 def test_a_pty_keeps_the_units_pace(served: Serving) -> None:
@@ -119,7 +119,7 @@ def test_a_host_that_does_not_read_blocks_nothing() -> None:
         port.write(b"v")
         wait_until(lambda: "v: version" in served.log)
         port.write(b"P")
-        wait_until(lambda: "P: stop, polled mode" in served.log)
+        wait_until(lambda: "P: stop stream" in served.log)
         stale = read_until_quiet(port)
         assert served.tap.getvalue() == b"C" + stale
         port.write(b"R")
@@ -132,7 +132,7 @@ def test_bytes_left_unread_wait_for_the_next_host(served: Serving) -> None:
         wait_until(lambda: port.in_waiting == 6)
         descriptor = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
     try:
-        assert os.read(descriptor, 100) == encode(SerialNumber(9911750))
+        assert os.read(descriptor, 100) == serial_number_frame(9911750)
     finally:
         os.close(descriptor)
     with opened(served) as port:

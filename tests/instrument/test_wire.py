@@ -66,7 +66,7 @@ def test_a_reset_breaks_off_and_leaves_the_unit_as_after_power_up() -> None:
     host.send(b"G")
     (packet,) = packets(host.listen(0.1), Mode.VOLTAGE)
     # since the reset, but for what the reading is old
-    assert (packet.ticks + 1.502 / TICK_S) % SPAN < 1 / 213.3 / TICK_S
+    assert (packet.ticks + 1.502 / TICK_S) % SPAN < 1 / LOOP_HZ / TICK_S
 
 
 def test_a_unit_may_fall_into_the_other_mode_in_a_stream() -> None:

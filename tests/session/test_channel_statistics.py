@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from filters import allan
 from filters.allan import RunningAllan
 from filters.errors import InputError
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import scaling as imu400cd_scaling
 from imutui.session.channel_statistics import LENGTHS, ChannelStatistics, RunningSpectrum
 
 Integers = NDArray[np.int64]
-SCALING = Scaling()
+SCALING = imu400cd_scaling()
 PERIOD = 0.0075
 SEEDS = 24
 

@@ -123,7 +123,7 @@ class Recorded:
 
 def test_a_mover_is_sent_to_each_segment_once_and_left_when_the_guide_is_cancelled() -> None:
     mover = Recorded()
-    one, (first, second, _) = Guide(PROFILE, mover), PROFILE.segments
+    one, (first, second, _) = Guide(PROFILE, mover), PROFILE.segments  # type: ignore[arg-type]
     assert (one.look(0), one.look(S)) == (None, None)
     with pytest.raises(ValueError, match="by itself"):
         one.do("next", S, recording=True)

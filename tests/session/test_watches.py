@@ -1,6 +1,5 @@
 """What is said of gravity where a unit may turn its own axes, and of status words."""
 
-import itertools
 import re
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from filters.motion.segments import Dwell
 from imutui.instrument.clock import Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.instrument.uut.fields import Field, Orientation
+from imutui.instrument.uut.fields import ORIENTATIONS, Field, Orientation
 from imutui.instrument.uut.messages import PacketS1
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
@@ -25,25 +24,14 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.session.stream import Block, Second
 from imutui.session.watches import GravityCheck, StatusWords, unexpected_gravity
 
-OVER = Orientation(signs=(1, -1, -1))
+OVER = next(each for each in ORIENTATIONS.values() if (each.axes, each.signs) == ((0, 1, 2), (1, -1, -1)))
 
 
-def orientations() -> list[Orientation]:
-    """All that a unit takes."""
-    found = []
-    for axes, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3)):
-        try:
-            found.append(Orientation(axes, signs))  # type: ignore[arg-type]
-        except ValueError:
-            continue
-    return found
-
-
-@pytest.mark.parametrize("orientation", orientations(), ids=lambda o: o.text.replace(" ", ""))
+@pytest.mark.parametrize("orientation", ORIENTATIONS.values(), ids=lambda o: o.text.replace(" ", ""))
 def test_a_level_case_with_turned_axes_is_told_how_to_name_them(orientation: Orientation) -> None:
     """What packets read when the case is level: the mounting that is named reads -1 g on the body's Z."""
     packets = np.zeros((3, 3))
-    packets[range(3), orientation.axes] = orientation.signs
+    packets[range(3), list(orientation.axes)] = orientation.signs
     assert np.array_equal(parse_mount(orientation.mount) @ packets, np.eye(3))
     accels_g = packets @ np.array([0.0, 0.0, -1.0])
     said = unexpected_gravity(accels_g, AxisMap(accel_sign=1), orientation.mount)

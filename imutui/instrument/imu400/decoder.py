@@ -5,25 +5,20 @@ and nothing else.
 """
 
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.frame_search import FrameDecoder, FrameForm, Judged, Rest, Rule, SumFrames, noise
+from imutui.instrument.frame_search import FrameDecoder, Judged, Rest, Rule, SumFrames, noise
 from imutui.instrument.imu400.crossbow import (
     HEADER,
-    LETTER_REPLY,
+    LETTER_REPLIES,
     PACKET_BYTES,
     SERIAL_BYTES,
     TICK_S,
-    AnyCommand,
-    AnyReply,
     Command,
     Mode,
     Packet,
-    Reply,
-    Version,
-    ZeroRateSensors,
     checksum,
     is_whole,
     packet_of,
-    serial_number_of,
+    serial_number_in,
 )
 
 # "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back show another.
@@ -36,8 +31,6 @@ _STEP_TOLERANCE = 0.02
 # The manual says "ASCII string"; units send 0xFF, text, checksum, of 26 bytes. A virtual unit's text may be longer.
 _VERSION_BYTES = 255
 
-_SERIAL_NUMBER = FrameForm(HEADER, len(HEADER), SERIAL_BYTES, lambda head, rest: SERIAL_BYTES, is_whole)
-
 
 def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
     """Return a decoder of data packets. It holds less than 36 bytes between feeds.
@@ -49,24 +42,20 @@ def packet_decoder(mode: Mode, *, streaming: bool) -> FrameDecoder[Packet]:
     return FrameDecoder(Crossbow(mode, streaming=streaming), due=not streaming)
 
 
-def reply_decoder(command: AnyCommand) -> FrameDecoder[AnyReply]:
-    """Return a decoder of the reply to a command; it discards the bytes before and behind the reply.
+def reply_decoder(command: bytes) -> FrameDecoder[str]:
+    """Return a decoder of the reply to a command, as text; it discards the bytes before and behind the reply.
 
     `command`: one that is answered by a letter, a serial number or a version.
-    Raises ValueError if the unit answers `command` with packets or not at all.
     """
-    rule: Rule[AnyReply]
-    if command is Command.SERIAL_NUMBER:
-        rule = SumFrames(_SERIAL_NUMBER, serial_number_of)
-    elif command is Command.VERSION:
+    rule: Rule[str]
+    if command == Command.SERIAL_NUMBER:
+        rule = SumFrames(HEADER, lambda *_: SERIAL_BYTES, is_whole, serial_number_in, least_bytes=SERIAL_BYTES)
+    elif command == Command.VERSION:
         rule = _VersionText()
-    elif isinstance(command, ZeroRateSensors):
-        rule = _Letter(Reply.RATES_ZEROED)
-    elif isinstance(command, Command) and command in LETTER_REPLY:
-        rule = _Letter(LETTER_REPLY[command])
     else:
-        raise ValueError(f"`command` must be one that is answered by a reply, not {command}")
-    return FrameDecoder(rule, due=True, once=True)
+        letter = LETTER_REPLIES[Command(command[:1])].encode()
+        rule = SumFrames(letter, lambda *_: 1, lambda frame: True, bytes.decode, least_bytes=1)
+    return FrameDecoder(rule, due=True)
 
 
 class Crossbow:
@@ -147,59 +136,35 @@ def _ticks(frame: bytes) -> int:
     return int.from_bytes(frame[15:17], "big")
 
 
-class _Letter:
-    """The rule for a reply of one letter."""
-
-    answers = 0
-
-    def __init__(self, reply: Reply) -> None:
-        self._reply = reply
-
-    def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
-        if held.startswith(self._reply.value, at):
-            return Judged(1, True, self._reply)
-        return noise(held, at, self._reply.value)
-
-    def missing(self, held: bytearray) -> int:
-        return 1
-
-
 class _VersionText:
     """The rule for the version text. Its length is not documented: it ends when the line rests, or with 255 bytes."""
 
     answers = 0
 
-    def __init__(self) -> None:
-        self._found: Judged | None = None  # the text, where noise stands before it
-
     def judge(self, held: bytearray, at: int, rest: Rest) -> Judged | None:
-        if self._found is not None:
-            return self._found
-        if (begin := held.find(HEADER, at, at + _VERSION_BYTES)) > at:
+        begin = held.find(HEADER, at, at + _VERSION_BYTES)
+        if begin > at:
             return Judged(begin - at)
         reply = bytes(held[at : at + _VERSION_BYTES])
         if len(reply) < _VERSION_BYTES and not rest:
             return None
-        before, text = _version_text(reply)
+        text = _version_text(reply)
         if text is None:
             return Judged(len(reply), spoiled=len(reply) if begin == at else 0)
-        self._found = Judged(len(reply) - before, True, Version(text))
-        return Judged(before) if before else self._found
+        return Judged(len(reply), True, text)
 
     def missing(self, held: bytearray) -> int:
         return min(PACKET_BYTES, _VERSION_BYTES - len(held))
 
 
-def _version_text(reply: bytes) -> tuple[int, str | None]:
-    """Read a version reply: length of the noise before it, and the text if there is one."""
-    position = reply.find(HEADER)
-    while position >= 0:
+def _version_text(reply: bytes) -> str | None:
+    """Return the text of a version reply, perhaps behind noise; None if there is none."""
+    for position in range(len(reply)):
         body = reply[position + 1 : -1]
-        if body and _is_text(body) and checksum(body) == reply[-1]:
-            return position, body.decode("ascii")
-        position = reply.find(HEADER, position + 1)
+        if reply.startswith(HEADER, position) and body and _is_text(body) and checksum(body) == reply[-1]:
+            return body.decode("ascii")
     body = reply.lstrip(HEADER).strip(b"\0\r\n ")
-    return 0, body.decode("ascii") if body and _is_text(body) else None
+    return body.decode("ascii") if body and _is_text(body) else None
 
 
 def _is_text(body: bytes) -> bool:

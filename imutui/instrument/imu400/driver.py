@@ -8,30 +8,36 @@ something else.
 import re
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
 
 from filters.errors import InputError
 from filters.imu import LOOP_HZ
-from imutui.instrument import driver, names
+from imutui.instrument import names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
-from imutui.instrument.driver import REPLY_S, Driver, Identity, InstrumentError, PacketStream, exchange, origin_of
+from imutui.instrument.driver import (
+    REPLY_S,
+    Driver,
+    Identity,
+    InstrumentError,
+    PacketStream,
+    Poller,
+    exchange,
+    origin_of,
+)
 from imutui.instrument.frame_search import Discarded, FrameDecoder
 from imutui.instrument.imu400.crossbow import (
+    LETTER_REPLIES,
     PACKET_BYTES,
     POWER_UP_BAUD,
     TICK_S,
     Command,
     Mode,
     Packet,
-    Reply,
-    SerialNumber,
-    Version,
-    ZeroRateSensors,
-    encode,
+    serial_number_frame,
+    zero_rates,
 )
 from imutui.instrument.imu400.decoder import Crossbow, packet_decoder, reply_decoder
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import SCALED_A_VOLTAGE_COUNT, VOLTAGE_AT_REST, VOLTAGE_LIMITS, scaling
 from imutui.instrument.port import Port
 
 COUNTER = CounterSpec(TICK_S * 1e9, 0.006, -1)
@@ -45,13 +51,11 @@ _OTHERS = re.compile(
 _PONG_S = 0.2
 _STOPS_WITHIN_S = 0.25
 _TRIES = 3
-_PONG = encode(Reply.PONG)
+_PONG = LETTER_REPLIES[Command.PING].encode()
 
 _MOST_ARGUMENT = 255
 _MOST_SAMPLES_PER_UNIT = 100
 _ZEROING_MARGIN_S = 10.0
-
-ReplyT = TypeVar("ReplyT", Reply, SerialNumber, Version)
 
 
 class Imu400cd(Driver):
@@ -71,17 +75,17 @@ class Imu400cd(Driver):
     counter = COUNTER
     rate_range_dps = 200.0
     accel_range_g = 4.0
-    scaling = staticmethod(Scaling)
+    scaling = staticmethod(scaling)
     zeroes_rates = True
     as_after_power_up = "the unit measures in volts, as after power-up"
-    _stop_command = encode(Command.STOP_STREAM)
+    _stop_command = Command.STOP_STREAM
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         super().__init__(port, rate_hz)
         self._streamed: Crossbow | None = None
 
-    @staticmethod
-    def check_zeroing(argument: int) -> None:
+    @classmethod
+    def check_zeroing(cls, argument: int) -> None:
         if not 0 <= argument <= _MOST_ARGUMENT:
             raise InputError(
                 f"`argument` is {argument}; it travels as one byte, 0 to {_MOST_ARGUMENT}; 0 erases the stored zero"
@@ -154,15 +158,13 @@ class Imu400cd(Driver):
 
     def identify(self) -> Identity:
         """Ask a unit that is polled, on a quiet line at its own speed, for its serial number and version."""
-        number = self._ask(Command.SERIAL_NUMBER, SerialNumber)
-        version = self._ask(Command.VERSION, Version)
+        number, version = self._ask(Command.SERIAL_NUMBER), self._ask(Command.VERSION)
         # a unit that answers only one of them is asked once more: a byte may have been lost
         if version is not None and number is None:
-            number = self._ask(Command.SERIAL_NUMBER, SerialNumber)
+            number = self._ask(Command.SERIAL_NUMBER)
         if number is not None and version is None:
-            version = self._ask(Command.VERSION, Version)
-        text, source = origin_of(version.text if version else "")
-        return Identity(str(number.number) if number else "", text, source)
+            version = self._ask(Command.VERSION)
+        return Identity(number or "", *origin_of(version or ""))
 
     def check_model(self, identity: Identity) -> None:
         version = identity.version.upper().replace(" ", "")
@@ -174,23 +176,23 @@ class Imu400cd(Driver):
             )
 
     def set_up(self) -> bool:
-        return any(self._ask(Command.SCALED_MODE, Reply) is not None for _ in range(_TRIES))
+        return any(self._ask(Command.SCALED_MODE) is not None for _ in range(_TRIES))
 
     def _move_speed(self, baud: int) -> None:
         found = self.port.baud
-        if self._ask(Command.REQUEST_BAUD, Reply) is not None:
+        if self._ask(Command.REQUEST_BAUD) is not None:
             self.port.set_baud(baud)
-            if self._ask(Command.MEASURE_BAUD, Reply) is not None:
+            if self._ask(Command.MEASURE_BAUD) is not None:
                 return
         raise InstrumentError(
             f"{self.port.name}: the unit answers at {found} baud and will not go to {baud}."
             f" Connect with --baud {found}, or power it off and on."
         )
 
-    def _ask(self, command: Command, kind: type[ReplyT]) -> ReplyT | None:
+    def _ask(self, command: Command) -> str | None:
         """Send a command on a quiet line and return its reply; None if it does not come, or comes damaged twice."""
         for _ in range(2):
-            found, noise = self._reply(command, kind, REPLY_S)
+            found, noise = self._reply(command, REPLY_S)
             if found is not None:
                 return found
             if not noise:
@@ -199,47 +201,53 @@ class Imu400cd(Driver):
 
     def _ping(self) -> tuple[bool, bytes]:
         """Send a ping; returns True if a unit answers it, and the other bytes that came."""
-        pong, noise = self._reply(Command.PING, Reply, _PONG_S)
+        pong, noise = self._reply(Command.PING, _PONG_S)
         return pong is not None, noise
 
-    def _reply(self, command: Command, kind: type[ReplyT], patience_s: float) -> tuple[ReplyT | None, bytes]:
+    def _reply(self, command: Command, patience_s: float) -> tuple[str | None, bytes]:
         """Send a command; returns its reply, if one comes that stands alone, and the other bytes that came."""
         noise = b""
 
-        def is_end(event: object) -> bool:
+        def is_end(event: str | Discarded) -> bool:
             nonlocal noise
-            if isinstance(event, Discarded):
-                noise += event.data
-                return event.bad_checksum or len(noise) >= PACKET_BYTES
-            return isinstance(event, kind)
+            if isinstance(event, str):
+                return True
+            noise += event.data
+            return event.bad_checksum or len(noise) >= PACKET_BYTES
 
-        found = exchange(self.port, reply_decoder(command), encode(command), is_end, patience_s)
-        if isinstance(found, Reply):
+        found = exchange(self.port, reply_decoder(command), command, is_end, patience_s)
+        if isinstance(found, str) and command in LETTER_REPLIES:
             # a unit that was pinged twice answers twice; anything else around a letter makes it noise
             noise += self.port.read(PACKET_BYTES).strip(_PONG)
             found = None if noise else found
-        return (found if isinstance(found, kind) else None), noise
+        return (found if isinstance(found, str) else None), noise
 
     # -------------------------------------------------------------------------------------------------------- packets
 
     def start(self) -> None:
-        self.port.write(encode(Command.START_STREAM))
+        self.port.write(Command.START_STREAM)
 
     def packets(self) -> PacketStream:
         self._streamed = Crossbow(Mode.SCALED, streaming=True)
         return FrameDecoder(self._streamed)
 
-    def poller(self, giving_up: Callable[[], bool]) -> driver.Poller:
-        return Poller(self, giving_up)
+    def poller(self, giving_up: Callable[[], bool]) -> Poller:
+        """Return a poller that sets a late unit's mode once more; its decoder discards the letter of the reply."""
+        decoder, letter = packet_decoder(Mode.SCALED, streaming=False), LETTER_REPLIES[Command.SCALED_MODE].encode()
+
+        def replies(event: object) -> int:
+            return len(event.data) if isinstance(event, Discarded) and not event.data.strip(letter) else 0
+
+        return Poller(self, giving_up, decoder, (Command.GET_PACKET, Packet), (Command.SCALED_MODE, replies))
 
     def ask_for_life(self) -> None:
-        self.port.write(encode(Command.STOP_STREAM) + encode(Command.PING))
+        self.port.write(Command.STOP_STREAM + Command.PING)
 
     def ask_amid(self, identity: Identity) -> None:
-        """Ask for the serial number: no document says that this changes anything, as a ping may."""
+        """Ask for the serial number: by no document does this change anything, as a ping may."""
         if self._streamed is not None and identity.serial_number:
-            self._streamed.reply = encode(SerialNumber(int(identity.serial_number)))
-            self.port.write(encode(Command.SERIAL_NUMBER))
+            self._streamed.reply = serial_number_frame(int(identity.serial_number))
+            self.port.write(Command.SERIAL_NUMBER)
 
     def may_have_forgotten(self, packet: DataPacket) -> bool:
         return may_be_volts(packet)
@@ -254,36 +262,12 @@ class Imu400cd(Driver):
         it.
         """
         self.stop()
-        command, began = ZeroRateSensors(argument), time.monotonic()
+        command, began = zero_rates(argument), time.monotonic()
         found = exchange(
-            self.port, reply_decoder(command), encode(command), lambda event: event is Reply.RATES_ZEROED,
+            self.port, reply_decoder(command), command, lambda event: isinstance(event, str),
             self.zeroing_patience_s(argument), stopping,
         )  # fmt: skip
         return None if found is None else time.monotonic() - began
-
-
-class Poller(driver.Poller):
-    """See `driver.Poller`: a late unit is told once more to measure in scaled mode, which it does already."""
-
-    _LETTER = encode(Reply.SCALED_MODE)
-
-    def __init__(self, unit: Imu400cd, giving_up: Callable[[], bool]) -> None:
-        decoder = packet_decoder(Mode.SCALED, streaming=False)
-        # the letter by which it answers is no packet, hence discarded
-        request = encode(Command.GET_PACKET), Packet
-        super().__init__(unit, giving_up, decoder, request, (encode(Command.SCALED_MODE), Discarded))
-        self._letters = 0
-
-    @property
-    def discarded_bytes(self) -> int:
-        return super().discarded_bytes - self._letters
-
-    def _count_checks(self, events: Sequence[Any]) -> int:
-        """Return how often the unit answered that its mode is set, and nothing else with it."""
-        said = [event.data for event in events if isinstance(event, Discarded)]
-        count = sum(len(data) for data in said if not data.strip(self._LETTER))
-        self._letters += count
-        return count
 
 
 def _no_answer(port: Port, heard: bytes) -> str:
@@ -302,11 +286,8 @@ def _no_answer(port: Port, heard: bytes) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- volts
 
-# Packets in volts and in scaled units have the same length and header. What distinguishes them: voltage words have 12
-# bits, and both kinds of words agree, as 2.5 V stands for zero, 0 and 5 V for the ends of the scaled range.
-_MOST_VOLTS = 4095
-_VOLTS_AT_ZERO = 2048
-_SCALED_A_VOLT_COUNT = 16
+# Packets in volts and in scaled units have the same length and header. Two things distinguish them: voltage words have
+# 12 bits, and both kinds of words agree about the motion.
 # an eighth of the range within a packet's time; and no word of scaled packets in a row goes so far in three channels
 _MOVED = 256
 _JUMPED = 512
@@ -316,7 +297,7 @@ _JUMPS = 3
 def may_be_volts(packet: DataPacket) -> bool:
     """Return True if all six words are possible as voltages."""
     words = _words(packet)
-    return min(words) >= 0 and max(words) <= _MOST_VOLTS
+    return min(words) >= 0 and max(words) <= VOLTAGE_LIMITS[1]
 
 
 def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
@@ -324,7 +305,7 @@ def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
     if not may_be_volts(packet):
         return False
     now, then = _words(packet), _words(scaled)
-    expected = [_VOLTS_AT_ZERO + word // _SCALED_A_VOLT_COUNT for word in then]
+    expected = [VOLTAGE_AT_REST + word // SCALED_A_VOLTAGE_COUNT for word in then]
     agrees = all(abs(word - volts) <= _MOVED for word, volts in zip(now, expected, strict=True))
     jumps = sum(abs(word - old) > _JUMPED for word, old in zip(now, then, strict=True))
     return agrees and jumps >= _JUMPS

@@ -7,7 +7,7 @@ centred on 2.5 V and reach 1.5 times the range.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,39 +16,30 @@ from numpy.typing import ArrayLike, NDArray
 from filters.imu import LOOP_HZ
 from imutui.instrument import virtual_instrument
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.counts import COUNT_LIMITS, triple
+from imutui.instrument.counts import nearest, triple
 from imutui.instrument.imu400.crossbow import (
-    LETTER_REPLY,
+    LETTER_REPLIES,
     PACKET_BYTES,
     POWER_UP_BAUD,
-    SET_MODE,
     TICK_S,
-    AnyCommand,
-    AnyReply,
     Command,
     CommandDecoder,
     Mode,
     Packet,
-    Reply,
-    SerialNumber,
-    Version,
-    ZeroRateSensors,
     encode,
+    framed,
     in_words,
+    serial_number_frame,
 )
-from imutui.instrument.imu400.scaling import VOLTS_SPAN, Scaling
-from imutui.instrument.transmitter import SAME_INSTANT_S, same_speed, transfer_s
+from imutui.instrument.imu400.scaling import SCALED_A_VOLTAGE_COUNT, VOLTAGE_AT_REST, VOLTAGE_LIMITS, scaling
+from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, VirtualInstrument
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _BAUD_PATIENCE_S = 10.0
 
-_SCALING = Scaling()
-# a voltage loop may run as fast as the line carries its packets
-_VOLTAGE_LOOP_HZ = 213.3
-# "Sensor voltages: 2.5 V at rest": the middle of what a word can say
-_VOLTS_AT_REST = VOLTS_SPAN / 2.0
+_SCALING = scaling()
 
 
 @dataclass(frozen=True)
@@ -65,17 +56,7 @@ class UnitOptions(virtual_instrument.UnitOptions):
     version_plain_text: bool = False  # True if `v` is answered without header and checksum, as the manuals can be read
 
 
-@dataclass(slots=True)
-class _Zeroing:
-    """An average of the rate sensors under way."""
-
-    next_sample: int
-    remaining: int
-    total_dps: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    count: int = 0
-
-
-class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
+class VirtualUnit(VirtualInstrument[Packet, bytes]):
     """An IMU400CD; see `VirtualInstrument`.
 
     `source`: its readings.
@@ -88,13 +69,11 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
     in_words = staticmethod(in_words)
 
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
-        super().__init__(options or UnitOptions())
+        super().__init__(options or UnitOptions(), seed)
         self._source = source
-        self._loops = {Mode.SCALED: SamplingLoop(LOOP_HZ), Mode.VOLTAGE: SamplingLoop(_VOLTAGE_LOOP_HZ)}
+        self._loop = SamplingLoop(LOOP_HZ)
         self._last_sample = -1
-        self._last_read = 0
         self.ended = False  # True once the source has no more: the unit sends no packets, but still answers
-        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake()
 
     def _wake(self) -> None:
@@ -104,7 +83,7 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         self._measuring_until = -math.inf
         self.mode = Mode.VOLTAGE  # of measurement
         self.streaming = False  # True in continuous mode
-        self._zeroing: _Zeroing | None = None
+        self._zeroing = range(0)  # samples of an average of the rate sensors under way
         self._zero_dps = np.zeros(3)
 
     def in_columns(self, packet: Packet) -> tuple[str, int, bytes]:
@@ -116,32 +95,32 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
 
     @property
     def source_begins(self) -> float:
-        return self._loops[Mode.SCALED].instant(0)
+        return self._loop.instant(0)
 
     @property
     def baud(self) -> int:
         return self._baud
 
-    def receive(self, data: bytes, now: float, host_baud: int) -> list[AnyCommand]:
-        commands: list[AnyCommand] = []
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[bytes]:
+        commands: list[bytes] = []
         for byte in data:
             self._advance(now)
             commands += self._receive_byte(bytes([byte]), now, host_baud)
         return commands
 
     def _next_left(self) -> float:
-        if self._zeroing is not None:
-            return self._loop.instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
+        if self._zeroing:
+            return self._loop.instant(self._zeroing[-1])
         if self.streaming and not self.ended:
             return self._next_packet()[1] + transfer_s(PACKET_BYTES, self._baud)
         return math.inf
 
     # ------------------------------------------------------------------------------------------------------- commands
 
-    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[AnyCommand]:
-        if self._zeroing is not None:
+    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[bytes]:
+        if self._zeroing:
             return []
-        measures = now <= self._measuring_until and byte == encode(Command.MEASURE_BAUD)
+        measures = now <= self._measuring_until and byte == Command.MEASURE_BAUD
         if not measures and not same_speed(self._baud, host_baud):
             return []
         commands = self._commands.feed(byte)
@@ -149,52 +128,40 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
             self._obey(command, now, host_baud)
         return commands
 
-    def _obey(self, command: AnyCommand, now: float, host_baud: int) -> None:
-        match command:
+    def _obey(self, command: bytes, now: float, host_baud: int) -> None:
+        match command[:1]:
             case Command.PING:
-                self._answer(Reply.PONG, now)
-                self._ping(now)
+                self._answer(command, now)
+                self.streaming &= self.options.ping == "keeps"
+                self.mode = Mode.VOLTAGE if self.options.ping == "resets" else self.mode
             case Command.SCALED_MODE | Command.VOLTAGE_MODE:
-                self._answer(LETTER_REPLY[command], now)
-                self._set_mode(Mode.SCALED if command is SET_MODE[Mode.SCALED] else Mode.VOLTAGE, now)
+                self._answer(command, now)
+                self.mode = Mode.SCALED if command == Command.SCALED_MODE else Mode.VOLTAGE
             case Command.STOP_STREAM:
                 self.streaming = False
             case Command.START_STREAM:
                 self._start_stream(now)
             case Command.GET_PACKET:
                 self.streaming = False
-                self._send_newest(now)
+                self._loop.begin(now)
+                self._send(self._loop.newest(now), now)
             case Command.SERIAL_NUMBER:
-                self._answer(SerialNumber(self.options.serial_number), now)
-            case Command.VERSION if self.options.version_plain_text:
-                self._line.send(self.options.version.encode("ascii"), now, self._baud)
+                self._line.send(serial_number_frame(self.options.serial_number), now, self._baud)
             case Command.VERSION:
-                self._answer(Version(self.options.version), now)
-            case ZeroRateSensors(argument):
-                self._zero(argument, now)
+                text = self.options.version.encode("ascii")
+                self._line.send(text if self.options.version_plain_text else framed(text), now, self._baud)
+            case Command.ZERO_RATES:
+                self._zero(command[1], now)
             case Command.REQUEST_BAUD:
-                self._answer(Reply.BAUD_READY, now)
+                self._answer(command, now)
                 self._measuring_until = now + _BAUD_PATIENCE_S
             case Command.MEASURE_BAUD:
                 self._measure_baud(now, host_baud)
         # "reply to an unknown byte: open; silence"
 
-    def _answer(self, reply: AnyReply, now: float) -> None:
-        self._line.send(encode(reply), now, self._baud)
-
-    def _ping(self, now: float) -> None:
-        if self.options.ping != "keeps":
-            self.streaming = False
-        if self.options.ping == "resets":
-            self._set_mode(Mode.VOLTAGE, now)
-
-    def _set_mode(self, mode: Mode, now: float) -> None:
-        if mode is self.mode:
-            return
-        self.mode = mode
-        if self.streaming:
-            # each mode has a loop rate, hence a count of samples, of its own
-            self._last_sample = self._loop.last_before(now)
+    def _answer(self, command: bytes, now: float) -> None:
+        """Answer a command with its letter."""
+        self._line.send(LETTER_REPLIES[Command(command)].encode("ascii"), now, self._baud)
 
     def _measure_baud(self, now: float, host_baud: int) -> None:
         if now > self._measuring_until:
@@ -203,52 +170,36 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         if measured is not None:
             self._measuring_until = -math.inf
             self._baud = measured
-            self._answer(Reply.BAUD_SET, now)
+            self._answer(Command.MEASURE_BAUD, now)
 
     def _start_stream(self, now: float) -> None:
         if self.streaming:
             return
         self.streaming = True
-        self._begin_loop(now)
+        self._loop.begin(now)
         self._last_sample = self._loop.last_before(now)
-
-    def _send_newest(self, now: float) -> None:
-        self._begin_loop(now)
-        packet = self._packet(self._loop.newest(now))
-        if packet is not None:
-            self._line.send(encode(packet), now, self._baud)
 
     def _zero(self, argument: int, now: float) -> None:
         if argument == 0:
             self._zero_dps = np.zeros(3)
-            self._answer(Reply.RATES_ZEROED, now)
+            self._answer(Command.ZERO_RATES, now)
             return
-        self._begin_loop(now)
+        self._loop.begin(now)
         self._last_sample = self._loop.last_before(now)
-        self._zeroing = _Zeroing(self._last_sample + 1, argument * self.options.zero_samples_per_unit)
+        first = self._last_sample + 1
+        self._zeroing = range(first, first + argument * self.options.zero_samples_per_unit)
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
-    @property
-    def _loop(self) -> SamplingLoop:
-        """Loop of the present mode; both begin together."""
-        return self._loops[self.mode]
-
-    def _begin_loop(self, now: float) -> None:
-        for loop in self._loops.values():
-            loop.begin(now)
-
     def _advance(self, now: float) -> None:
-        if self._zeroing is not None:
-            self._advance_zeroing(self._zeroing, now)
-        while self.streaming and self._zeroing is None and not self.ended:
+        if self._zeroing and self._loop.instant(self._zeroing[-1]) <= now:
+            self._end_zeroing()
+        while self.streaming and not self._zeroing and not self.ended:
             sample, start = self._next_packet()
             if start > now:
                 return
             self._last_sample = sample
-            packet = self._packet(sample)
-            if packet is not None:
-                self._line.send(encode(packet), start, self._baud)
+            self._send(sample, start)
 
     def _next_packet(self) -> tuple[int, float]:
         """Return sample and start of the stream's next packet: the newest sample when the line is free, or the next."""
@@ -256,37 +207,26 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
         sample = max(newest, self._last_sample + 1)
         return sample, max(self._loop.instant(sample), self._line.free_at)
 
-    def _advance_zeroing(self, zeroing: _Zeroing, now: float) -> None:
-        while zeroing.remaining and self._loop.instant(zeroing.next_sample) <= now:
-            reading = self._read(zeroing.next_sample)
-            if reading is None:
-                self._zeroing = None
-                return
-            zeroing.total_dps += reading.rates_dps
-            zeroing.count += 1
-            zeroing.remaining -= 1
-            zeroing.next_sample += 1
-        if zeroing.remaining == 0:
-            self._zero_dps = zeroing.total_dps / zeroing.count
-            self._last_sample = zeroing.next_sample - 1
-            self._zeroing = None
-            self._answer(Reply.RATES_ZEROED, self._loop.instant(self._last_sample))
+    def _end_zeroing(self) -> None:
+        """Take the mean of the rates for zero, and answer; without an answer if the source ended meanwhile."""
+        readings = [self._read(sample) for sample in self._zeroing]
+        self._last_sample, self._zeroing = self._zeroing[-1], range(0)
+        if not self.ended:
+            self._zero_dps = np.mean([reading.rates_dps for reading in readings if reading is not None], axis=0)
+            self._answer(Command.ZERO_RATES, self._loop.instant(self._last_sample))
 
     def _read(self, sample: int) -> Reading | None:
-        """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
-        # a mode whose instants lie otherwise would ask for a reading just before the last one
-        number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * LOOP_HZ)
-        self._last_read = max(number, self._last_read)
-        reading = None if self.ended else self._source.reading(self._last_read)
+        reading = None if self.ended else self._source.reading(sample)
         self.ended = reading is None
         return reading
 
     # ---------------------------------------------------------------------------------------------------------- words
 
-    def _packet(self, sample: int) -> Packet | None:
+    def _send(self, sample: int, start: float) -> None:
+        """Send the packet of a sample, unless the source has ended."""
         reading = self._read(sample)
         if reading is None:
-            return None
+            return
         if self.mode is Mode.SCALED:
             rates = _SCALING.rate_counts(reading.rates_dps - self._zero_dps)
             accels = _SCALING.accel_counts(reading.accels_g)
@@ -294,16 +234,12 @@ class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
             rates = _sensor_words(reading.rates_dps, _SCALING.rate_lsb_dps)
             accels = _sensor_words(reading.accels_g, _SCALING.accel_lsb_g)
         temperature, instant = int(_SCALING.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
-        packet = Packet(self.mode, triple(rates), triple(accels), temperature, self._ticks(instant))
+        ticks = (self._first_count - math.floor(instant / TICK_S)) % SPAN
+        packet = Packet(self.mode, triple(rates), triple(accels), temperature, ticks)
         self.on_packet(packet, instant)
-        return packet
-
-    def _ticks(self, instant: float) -> int:
-        return (self._first_ticks - math.floor(instant / TICK_S)) % SPAN
+        self._line.send(encode(packet), start, self._baud)
 
 
 def _sensor_words(values: ArrayLike, lsb: float) -> NDArray[np.int64]:
-    """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at the ends of scaled words."""
-    return _SCALING.volts_counts(
-        _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (-COUNT_LIMITS[0] * lsb))
-    )
+    """Return sensor voltages as words."""
+    return np.clip(VOLTAGE_AT_REST + nearest(values, SCALED_A_VOLTAGE_COUNT * lsb), *VOLTAGE_LIMITS)

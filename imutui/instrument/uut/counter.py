@@ -1,7 +1,7 @@
 """Detect from the counter of S1 that a unit was reset or exchanged; no I/O, reads no clock.
 
 The counter of a 381 and a 383 counts time, 65536 a second, so that it wraps each second: missing whole seconds do not
-show in it, and at 1 Hz it says nothing. Documents of the 440 and the 380 have it count packets: such a counter is not
+show in it, and at 1 Hz it is useless. Documents of the 440 and the 380 have it count packets: such a counter is not
 used. `clock.Clock` counts the packets that are missing.
 """
 
@@ -39,7 +39,7 @@ class CounterWatch:
     A unit of the family streams from power-up on, at its own rate: only the counter shows that it was reset, exchanged,
     or sends at another rate than asked.
 
-    `rate_hz`: packets a second that the unit was told to send.
+    `rate_hz`: packets a second that the host asked for.
     Raises ValueError if `rate_hz` is not positive.
     """
 
@@ -60,7 +60,7 @@ class CounterWatch:
     def began_anew(self, counter: int, elapsed_s: float | None) -> bool:
         """Take a packet; return True if it does not go on where the last one was.
 
-        `elapsed_s`: since the arrival of the last packet that had it, s; None if the arrival says nothing, since the
+        `elapsed_s`: since the arrival of the last packet that had it, s; None if the arrival is of no use, since the
           host reads late.
         """
         last, self._last = self._last, counter
@@ -97,7 +97,7 @@ class CounterWatch:
         return abs(step - self._period) <= _TOLERANCE * self._period
 
     def _is_other_rate(self, step: int) -> bool:
-        """Return True if packets come faster than the unit was told, or slower for long."""
+        """Return True if packets come faster than the host asked, or slower for long."""
         is_slower = step > _SLOWER * self._period and abs(step - self._step) <= _TOLERANCE * self._period
         self._step, self._alike = step, self._alike + 1 if is_slower else 0
         return 0 < step < (1.0 - _TOLERANCE) * self._period or self._alike >= _SLOWER_IN_A_ROW

@@ -1,13 +1,13 @@
 """Both ends of the line of a 440, 380 or 381: bytes in, frozen events out.
 
-Every frame names its type, so no decoder has to be told what to expect: replies stand between the packets of a stream.
+Every frame names its type, so a decoder needs no expectation: replies stand between the packets of a stream.
 A frame may end in 0x55, so that three of them follow each other, and the true preamble begins with the second.
 """
 
 from collections.abc import Callable
 from functools import partial
 
-from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder, FrameForm, Rest, SumFrames
+from imutui.instrument.frame_search import Discarded, EventT, FrameDecoder, Rest, SumFrames
 from imutui.instrument.uut.frames import (
     CRC_BYTES,
     FIXED_LENGTHS,
@@ -18,7 +18,7 @@ from imutui.instrument.uut.frames import (
     crc16,
     frame_of,
 )
-from imutui.instrument.uut.messages import Measurement, Reply, Request, read_reply, read_request
+from imutui.instrument.uut.messages import PacketS1, content_of
 
 # "The ping may be sent without length and CRC": the text UUPK.
 BARE_PING = PREAMBLE + b"PK"
@@ -34,38 +34,30 @@ def frame_decoder(
     `ping_at_once`: True if the four bytes of a bare ping are a ping as soon as they are there, as for a unit, which
       cannot wait for more. Else they are one when something other than the rest of a whole ping follows, or nothing.
     """
-    length = partial(_length, ping_at_once=ping_at_once)
-    head_bytes = len(BARE_PING) + len(_REST_OF_PING)
-    form = FrameForm(PREAMBLE, head_bytes, OVERHEAD_BYTES, length, _is_whole, answer=BARE_PING)
-    return FrameDecoder(SumFrames(form, lambda data: read(frame_of(data))))
+    return FrameDecoder(
+        SumFrames(
+            PREAMBLE,
+            partial(_length, ping_at_once=ping_at_once),
+            _is_whole,
+            lambda data: read(frame_of(data)),
+            least_bytes=OVERHEAD_BYTES,
+            answer=BARE_PING,
+        )
+    )
 
 
-def Decoder() -> FrameDecoder[Measurement | Reply]:  # noqa: N802 - stands where others have a class of their own
+def Decoder() -> FrameDecoder[PacketS1 | Frame]:  # noqa: N802 - stands where others have a class of their own
     """Return a decoder of the bytes from a unit."""
-    return frame_decoder(read_reply)
+    return frame_decoder(content_of)
 
 
-class RequestDecoder:
-    """The unit's side: bytes from the host in, requests out. It ignores noise, and frames with a wrong CRC."""
-
-    def __init__(self) -> None:
-        self._decoder: FrameDecoder[Request] = frame_decoder(read_request, ping_at_once=True)
-
-    def feed(self, data: bytes) -> list[Request]:
-        """Take bytes from the line, any number, cut anywhere; a bare ping comes with its fourth byte."""
-        return [found for found in self._decoder.feed(data) if not isinstance(found, Discarded)]
-
-    def quiet(self) -> list[Request]:
-        """Give up the beginning of a frame whose rest has not come in time; return the whole frames behind it."""
-        return [found for found in self._decoder.quiet() if not isinstance(found, Discarded)]
-
-    @property
-    def has_begun(self) -> bool:
-        """True if the beginning of a frame is there."""
-        return self._decoder.holds
+def RequestDecoder() -> FrameDecoder[Frame]:  # noqa: N802
+    """Return a decoder of the bytes from a host; a bare ping comes with its fourth byte."""
+    return frame_decoder(lambda frame: frame, ping_at_once=True)
 
 
-def _length(head: bytes, rest: Rest, *, ping_at_once: bool) -> int | None:
+def _length(held: bytearray, at: int, rest: Rest, *, ping_at_once: bool) -> int | None:
+    head = bytes(held[at : at + len(BARE_PING) + len(_REST_OF_PING)])
     if head.startswith(BARE_PING):
         behind = head[len(BARE_PING) :]
         if behind == _REST_OF_PING:

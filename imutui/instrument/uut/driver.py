@@ -5,9 +5,7 @@ The unit keeps its own speed. Fields are set in RAM only, and put back on leavin
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TypeVar
 
-from filters.errors import InputError
 from imutui.instrument import counts, names
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.counts import DataPacket
@@ -16,32 +14,25 @@ from imutui.instrument.frame_search import Discarded
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
 from imutui.instrument.uut.decoder import BARE_PING, Decoder, frame_decoder
-from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, fits_line, in_words, orientation_of
+from imutui.instrument.uut.fields import ORIENTATIONS, QUIET, RATE_OF_DIVIDER, S1, Field, fits_line, in_words
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
+    GET_PACKET,
+    PING,
+    REFUSED,
+    RESET,
     SCALING,
-    SET,
-    Fields,
-    FieldsSet,
-    GetFields,
-    GetPacket,
-    Identification,
-    Measurement,
+    SERIAL_BYTES,
     Memory,
-    OtherFrame,
     PacketS0,
     PacketS1,
-    Ping,
-    Refused,
-    Reply,
-    Request,
-    Reset,
-    SetFields,
-    Version,
-    encode,
-    frame_of,
+    content_of,
+    identification,
     names_of_bits,
-    read_reply,
+    numbers,
+    numbers_in,
+    pairs,
+    pairs_in,
 )
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
@@ -49,13 +40,11 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 SPEEDS = (115200, 57600, 38400, 230400, 19200, 9600)
 _USUAL_SPEEDS = SPEEDS[:4]
 
-_S1 = int.from_bytes(b"S1", "big")
-_UNKNOWN = 0xFFFF
 _PING_S = 0.15
 _SLOW_PING_S = 1.5  # other programs wait for about a second
 _OWN = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE, Field.LOW_PASS_5, Field.LOW_PASS_6, Field.ORIENTATION)
-
-ReplyT = TypeVar("ReplyT", bound=Reply)
+# types of what a unit may answer amid a stream
+_REPLIES = (b"PK", b"ID", b"VR", REFUSED, *Memory.RAM.value, *Memory.EEPROM.value)
 
 
 class Imu381(Driver):
@@ -82,7 +71,7 @@ class Imu381(Driver):
     status_names = staticmethod(names_of_bits)
     as_after_power_up = "the unit sends other packets than it was told to, or its counter began anew, as after power-up"
     streams_from_power_up = True
-    _stop_command = encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, QUIET),)))
+    _stop_command = framed(Frame(Memory.RAM.write, pairs([(Field.RATE_DIVIDER, QUIET)])))
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         super().__init__(port, rate_hz)
@@ -95,10 +84,6 @@ class Imu381(Driver):
     def scaling(rate_range_dps: float, accel_range_g: float) -> counts.Scaling:
         return SCALING
 
-    @staticmethod
-    def check_zeroing(argument: int) -> None:
-        raise InputError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
-
     # ----------------------------------------------------------------------------------------- finding and setting up
 
     def find(self) -> Identity:
@@ -110,7 +95,7 @@ class Imu381(Driver):
             # the bare ping, without length and sum: an IMU400CD makes nothing of it
             found = self._at(speed, BARE_PING, lambda event: not isinstance(event, Discarded))
             # a line that echoes returns the ping; a whole frame of a stream is proof enough
-            if found is not None and (not isinstance(found, Ping) or self._answers_questions()):
+            if found is not None and (found != PING or self._answers_questions()):
                 return True
         return False
 
@@ -135,14 +120,14 @@ class Imu381(Driver):
         self.stream_hz = float(RATE_OF_DIVIDER.get(self._divider, 0))
         self._changed = True
         self.stop()
-        if not self.set_up() or self.fields((Field.PACKET_TYPE,)).get(Field.PACKET_TYPE) != _S1:
+        if not self.set_up() or self.fields((Field.PACKET_TYPE,)).get(Field.PACKET_TYPE) != S1:
             raise InstrumentError(f"{self.port.name}: the unit refuses packets of type S1, so it gives no readings.")
-        orientation = orientation_of(self._own.get(Field.ORIENTATION, _UNKNOWN))
+        orientation = ORIENTATIONS.get(self._own.get(Field.ORIENTATION, -1))
         own_mount = "" if orientation is None else orientation.mount
         return replace(identity, configuration=one_line(in_words(self._own), NOTE_LIMIT), own_mount=own_mount)
 
     def set_up(self) -> bool:
-        return self.put({Field.PACKET_TYPE: _S1})
+        return self.put({Field.PACKET_TYPE: S1})
 
     def leave(self) -> str:
         """Put its own type and rate of packets back, if they were changed."""
@@ -160,7 +145,7 @@ class Imu381(Driver):
             left = self.fields(own)
         if left and left != own and self.fields(own, Memory.EEPROM) == own:
             # some refuse while they run what they accept at a restart
-            left = own if self.ask(Reset(), Reset, tries=1) else left
+            left = own if self.ask(RESET, tries=1) is not None else left
         self._changed = False
         if left == own:
             return ""
@@ -172,56 +157,41 @@ class Imu381(Driver):
     def fields(self, ids: Iterable[int], memory: Memory = Memory.RAM) -> dict[int, int]:
         """Return fields in force, or those of the next power-up, as far as the unit has them."""
         ids = tuple(map(int, ids))
-        reply = self.ask(
-            GetFields(memory, ids),
-            Fields,
-            lambda reply: reply.memory is memory and dict(reply.values).keys() <= set(ids),
-        )
-        return {} if reply is None else dict(reply.values)
+        request = Frame(memory.read, numbers(ids))
+        reply = self.ask(request, lambda payload: set() < dict(pairs_in(payload)).keys() <= set(ids))
+        return dict(pairs_in(reply or b""))
 
     def put(self, values: dict[int, int]) -> bool:
         """Put fields in force until the next power-up; returns True if the unit has taken all of them."""
-        reply = self.ask(
-            SetFields(Memory.RAM, tuple(values.items())),
-            FieldsSet,
-            lambda reply: reply.memory is Memory.RAM and set(reply.ids) <= values.keys(),
-        )
-        return reply is not None and set(values) <= set(reply.ids)
+        request = Frame(Memory.RAM.write, pairs(values.items()))
+        reply = self.ask(request, lambda payload: set() < set(numbers_in(payload)) <= values.keys())
+        return set(values) <= set(numbers_in(reply or b""))
 
-    def ask(
-        self,
-        request: Request,
-        kind: type[ReplyT],
-        fits: Callable[[ReplyT], bool] = lambda reply: True,
-        tries: int = 2,
-    ) -> ReplyT | None:
-        """Send a request and return its reply; None if it does not come, or the unit refuses."""
-        refusal = Refused(frame_of(request).type)
+    def ask(self, request: Frame, fits: Callable[[bytes], bool] = lambda payload: True, tries: int = 2) -> bytes | None:
+        """Send a request and return the payload of its reply; None if it does not come, or the unit refuses."""
+        refusal = Frame(REFUSED, request.type)
+        kind = request.payload if request.type == GET_PACKET else request.type
+
+        def is_reply(event: object) -> bool:
+            return event == refusal or (isinstance(event, Frame) and event.type == kind and fits(event.payload))
+
         for _ in range(tries):
-            found = exchange(
-                self.port,
-                Decoder(),
-                encode(request),
-                lambda event: event == refusal or (isinstance(event, kind) and fits(event)),
-            )
-            if found is not None:
-                return found if isinstance(found, kind) else None
+            found = exchange(self.port, Decoder(), framed(request), is_reply)
+            if isinstance(found, Frame):
+                return None if found == refusal else found.payload
         return None
 
     def _answers_questions(self) -> bool:
         """Return True if a question is answered; an echo of it looks like the answer to a ping only."""
-        return any(
-            self.ask(GetPacket(letters), kind, tries=1) is not None
-            for letters, kind in ((b"ID", Identification), (b"VR", Version))
-        )
+        return any(self.ask(Frame(GET_PACKET, kind), tries=1) is not None for kind in (b"ID", b"VR"))
 
     def _at(
         self,
         speed: int,
         ping: bytes,
-        wanted: Callable[[Measurement | Reply | Discarded], bool] = lambda event: isinstance(event, Ping),
+        wanted: Callable[[PacketS1 | Frame | Discarded], bool] = lambda event: event == PING,
         patience_s: float = _PING_S,
-    ) -> Measurement | Reply | Discarded | None:
+    ) -> PacketS1 | Frame | Discarded | None:
         """Send a ping at a speed, and return the first wanted event."""
         self.port.set_baud(speed)
         self.port.discard_input()
@@ -234,7 +204,7 @@ class Imu381(Driver):
             # "a frame must arrive within 4 s": the unit then has given up a frame that a former host left unfinished
             waits += [(speed, _SLOW_PING_S) for speed, _ in waits if speed in _USUAL_SPEEDS] + waits
         # the unit may know only the bare ping, hence that one is before the whole one
-        if not any(self._at(speed, BARE_PING + encode(Ping()), patience_s=wait_s) for speed, wait_s in waits):
+        if not any(self._at(speed, BARE_PING + framed(PING), patience_s=wait_s) for speed, wait_s in waits):
             raise InstrumentError(
                 f"{self.port.name}: no answer to a ping as an IMU381 gives it (tried"
                 f" {', '.join(map(str, SPEEDS))} baud). Check that the unit has power, that transmit and receive are"
@@ -242,16 +212,17 @@ class Imu381(Driver):
             )
 
     def _identify(self) -> Identity:
-        said = self.ask(GetPacket(b"ID"), Identification)
-        version = self.ask(GetPacket(b"VR"), Version)
+        said = self.ask(Frame(GET_PACKET, b"ID"), lambda payload: len(payload) >= SERIAL_BYTES)
+        version = self.ask(Frame(GET_PACKET, b"VR"))
         if said is None and version is None and not self.fields(_OWN):
             raise InstrumentError(
                 f"{self.port.name}: a ping comes back, but no question is answered. The device, or its adapter, echoes"
                 " what is sent. Name the unit's own port."
             )
-        text, source = origin_of("" if said is None else said.text)
-        number = "" if version is None else f" {version.text}"
-        return Identity("" if said is None else str(said.serial_number), one_line(text + number, NAME_LIMIT), source)
+        serial_number, text = ("", "") if said is None else identification(said)
+        text, source = origin_of(text)
+        number = "" if version is None else " " + ".".join(map(str, version))
+        return Identity(serial_number, one_line(text + number, NAME_LIMIT), source)
 
     def _divider_for(self, rate_hz: float | None) -> int:
         """Return the divider of a rate; that of the fastest rate on this line if the unit does not have the rate."""
@@ -277,38 +248,36 @@ class Imu381(Driver):
     def start(self) -> None:
         """Have the unit stream; that it does shows in the packets."""
         self._watch = CounterWatch(RATE_OF_DIVIDER[self._divider])
-        self.port.write(encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, self._divider),))))
+        self.port.write(framed(Frame(Memory.RAM.write, pairs([(Field.RATE_DIVIDER, self._divider)]))))
 
     def packets(self) -> PacketStream:
         return frame_decoder(self._streamed)
 
-    def _streamed(self, frame: Frame) -> Measurement | Discarded | None:
+    def _streamed(self, frame: Frame) -> PacketS1 | Discarded | None:
         """Return the event of a frame in a stream; raises PortError if the unit refuses to stream."""
-        match read_reply(frame):
-            case (PacketS0() | PacketS1()) as packet:
-                return packet
-            case Refused(kind) if kind == SET[Memory.RAM]:
-                raise PortError(
-                    f"{self.port.name}: the unit refuses a stream of {self.stream_hz:g} Hz."
-                    " Ask for another rate: --rate."
-                )
-            case OtherFrame():  # not asked for: S2, perhaps, or attitudes
-                return Discarded(framed(frame), bad_checksum=False)
-        return None
+        packet = content_of(frame)
+        if isinstance(packet, PacketS1):
+            return packet
+        if frame == Frame(REFUSED, Memory.RAM.write):
+            raise PortError(
+                f"{self.port.name}: the unit refuses a stream of {self.stream_hz:g} Hz. Ask for another rate: --rate."
+            )
+        # what was not asked for: S2, perhaps, or attitudes
+        return None if frame.type in _REPLIES else Discarded(framed(frame), bad_checksum=False)
 
     def poller(self, giving_up: Callable[[], bool]) -> Poller:
-        request, check = (encode(GetPacket(b"S1")), PacketS1), (encode(Ping()), Ping)
-        return Poller(self, giving_up, Decoder(), request, check)
+        request = framed(Frame(GET_PACKET, b"S1")), PacketS1
+        return Poller(self, giving_up, Decoder(), request, (framed(PING), lambda event: event == PING))
 
     def ask_for_life(self) -> None:
-        self.port.write(encode(Ping()))
+        self.port.write(framed(PING))
 
     def ask_amid(self, identity: Identity) -> None:
         """Ping: "replies are interleaved with the continuous packets"."""
         self.ask_for_life()
 
     def has_forgotten(self, packet: DataPacket, before: DataPacket, elapsed_s: float | None = None) -> bool:
-        """Return True if packets are of another type or rate than the unit was told, or their counter began anew."""
+        """Return True if packets are of another type or rate than asked for, or their counter began anew."""
         if isinstance(packet, PacketS0):
             return True
         return self._watch is not None and self._watch.began_anew(packet.ticks, elapsed_s)

@@ -5,10 +5,10 @@ Fields that a plain inertial unit does not have are left out: user switches, mag
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 
-from filters.errors import InputError
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.instrument.uut.frames import OVERHEAD_BYTES
 
@@ -23,6 +23,9 @@ class Field(enum.IntEnum):
     LOW_PASS_6 = 0x0006
     ORIENTATION = 0x0007
 
+
+S1 = int.from_bytes(b"S1", "big")
+"""The usual value of `Field.PACKET_TYPE`."""
 
 QUIET = 0
 """The divider that stops the stream."""
@@ -51,46 +54,11 @@ _BITS_PER_AXIS = 3
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """How the axes of the packets lie in the case: a rotation by quarter turns.
+    """How the axes of the packets lie in the case: a rotation by quarter turns."""
 
-    Raises InputError if that is no rotation.
-    """
-
-    axes: tuple[int, int, int] = (0, 1, 2)  # which axis of the case, 0 to 2, the X, Y and Z of the packets are
-    signs: tuple[int, int, int] = (1, 1, 1)  # +1 or -1 for each
-
-    def __post_init__(self) -> None:
-        if sorted(self.axes) != [0, 1, 2] or not set(self.signs) <= {-1, 1}:
-            raise InputError(f"`axes` and `signs` must be those of a rotation, not {self.axes} and {self.signs}")
-        is_cyclic = self.axes in _cyclic((0, 1, 2))
-        if math.prod(self.signs) != (1 if is_cyclic else -1):
-            raise InputError(f"`axes` {self.axes} with `signs` {self.signs} make a left-handed frame")
-
-    @classmethod
-    def of_field(cls, value: int) -> "Orientation":
-        """Return the orientation of a value of the field.
-
-        `value`: 16 bits.
-        Raises InputError if it is none of the 24 that a unit takes.
-        """
-        codes = [value >> _BITS_PER_AXIS * k + 1 & 0b11 for k in range(3)]
-        if value >> 3 * _BITS_PER_AXIS or 3 in codes:
-            raise InputError(f"`value` must be one of the 24 orientations, not {value:#06x}")
-        x, y, z = (_AXES[k][code] for k, code in enumerate(codes))
-        sx, sy, sz = (-1 if value >> _BITS_PER_AXIS * k & 1 else 1 for k in range(3))
-        try:
-            return cls((x, y, z), (sx, sy, sz))
-        except InputError as error:
-            raise InputError(f"`value` must be one of the 24 orientations, not {value:#06x}") from error
-
-    @property
-    def field(self) -> int:
-        """The field's value."""
-        codes = [_AXES[k].index(axis) for k, axis in enumerate(self.axes)]
-        return sum(
-            (code << 1 | (sign < 0)) << _BITS_PER_AXIS * k
-            for k, (code, sign) in enumerate(zip(codes, self.signs, strict=True))
-        )
+    field: int  # value of the field
+    axes: tuple[int, ...]  # which axis of the case, 0 to 2, the X, Y and Z of the packets are
+    signs: tuple[int, ...]  # +1 or -1 for each
 
     @property
     def mount(self) -> str:
@@ -104,6 +72,20 @@ class Orientation:
         return " ".join(
             f"{'+' if sign > 0 else '-'}U{'xyz'[axis]}" for axis, sign in zip(self.axes, self.signs, strict=True)
         )
+
+
+def _orientations() -> Iterator[Orientation]:
+    for codes in product(range(3), repeat=3):
+        axes = tuple(choice[code] for choice, code in zip(_AXES, codes, strict=True))
+        for signs in product((1, -1), repeat=3):
+            # a cyclic order of the axes makes a right-handed frame, any other one a left-handed
+            if len(set(axes)) == 3 and math.prod(signs) == (1 if axes in _AXES else -1):
+                bits = (code << 1 | (sign < 0) for code, sign in zip(codes, signs, strict=True))
+                yield Orientation(sum(bit << _BITS_PER_AXIS * k for k, bit in enumerate(bits)), axes, signs)
+
+
+ORIENTATIONS = {orientation.field: orientation for orientation in _orientations()}
+"""The 24 that a unit takes, by the value of the field."""
 
 
 def in_words(values: Mapping[int, int]) -> str:
@@ -124,23 +106,10 @@ def in_words(values: Mapping[int, int]) -> str:
                 kind = letters.decode() if letters.isalnum() else f"{value:#06x}"
                 said.append(f"packets {kind}")
             case Field.ORIENTATION:
-                orientation = orientation_of(value)
+                orientation = ORIENTATIONS.get(value)
                 words = "which is none of the 24" if orientation is None else orientation.text
                 said.append(f"orientation {value:#06x} ({words})")
             case _:
                 # which filter it is, and what its steps are, documents disagree about
                 said.append(f"field {field} {value}")
     return ", ".join(said)
-
-
-def orientation_of(value: int) -> Orientation | None:
-    """Return the orientation of a value of the field; None if it is none of the 24."""
-    try:
-        return Orientation.of_field(value)
-    except InputError:
-        return None
-
-
-def _cyclic(axes: tuple[int, int, int]) -> set[tuple[int, int, int]]:
-    x, y, z = axes
-    return {(x, y, z), (y, z, x), (z, x, y)}

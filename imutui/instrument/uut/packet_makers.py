@@ -13,9 +13,9 @@ from imutui.instrument.counts import triple
 from imutui.instrument.frame_search import Discarded
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND
 from imutui.instrument.uut.decoder import frame_decoder
-from imutui.instrument.uut.fields import RATE_OF_DIVIDER_LATER, Field, Orientation
+from imutui.instrument.uut.fields import ORIENTATIONS, RATE_OF_DIVIDER_LATER, Field, Orientation
 from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, framed
-from imutui.instrument.uut.messages import SCALING, Measurement, PacketS0, PacketS1, encode, read_reply
+from imutui.instrument.uut.messages import SCALING, PacketS0, PacketS1, content_of, encode
 from imutui.instrument.uut.unit_options import FieldValues, UnitOptions
 from imutui.instrument.virtual_instrument import Source
 
@@ -24,7 +24,7 @@ from imutui.instrument.virtual_instrument import Source
 class MadePacket:
     """A packet, and its bytes with those that a recording has before them."""
 
-    packet: Measurement
+    packet: PacketS1
     data: bytes
 
 
@@ -37,7 +37,7 @@ class MeasuredPackets:
     def __init__(self, source: Source, options: UnitOptions) -> None:
         self._source = source
         self._bit = options.bit
-        self._home = _matrix(Orientation.of_field(dict(options.fields)[Field.ORIENTATION]))
+        self._home = _matrix(ORIENTATIONS[dict(options.fields)[Field.ORIENTATION]])
         self._last = 0
         self._ended = False
 
@@ -59,11 +59,9 @@ class MeasuredPackets:
         accels = triple(SCALING.accel_counts(turn @ reading.accels_g))
         rates = triple(SCALING.rate_counts(turn @ reading.rates_dps))
         degc = int(SCALING.temperature_counts(reading.temperature_degc))
-        packet: Measurement
+        packet = PacketS1(accels, rates, (degc, degc, degc), degc, counter, self._bit)
         if kind == b"S0":
-            packet = PacketS0(accels, rates, (0, 0, 0), (degc, degc, degc), degc, counter, self._bit)
-        else:
-            packet = PacketS1(accels, rates, (degc, degc, degc), degc, counter, self._bit)
+            packet = PacketS0(accels, rates, packet.rate_temperatures, degc, counter, self._bit, (0, 0, 0))
         return MadePacket(packet, encode(packet))
 
     polled = streamed
@@ -94,7 +92,7 @@ class RecordedStream:
     @property
     def kind(self) -> bytes:
         """Type of the packets."""
-        return encode(self._packets[0].packet)[2:4]
+        return self._packets[0].packet.frame.type
 
     @property
     def only(self) -> FieldValues:
@@ -131,7 +129,7 @@ def _packets_of(raw: bytes) -> list[MadePacket]:
     for found in [*decoder.feed(raw), *decoder.quiet()]:
         if isinstance(found, Discarded):
             before += found.data
-        elif isinstance(packet := read_reply(found), PacketS0 | PacketS1):
+        elif isinstance(packet := content_of(found), PacketS1):
             made.append(MadePacket(packet, before + framed(found)))
             before = b""
         else:
@@ -141,7 +139,7 @@ def _packets_of(raw: bytes) -> list[MadePacket]:
     return made
 
 
-def _divider_of(packets: list[Measurement]) -> int:
+def _divider_of(packets: list[PacketS1]) -> int:
     """Return the divider of a rate at which the counter steps as it does."""
     steps = [(after.counter - before.counter) % SPAN for before, after in pairwise(packets)]
     if not steps:
@@ -159,5 +157,5 @@ def counter_at(instant: float) -> int:
 def _matrix(orientation: Orientation) -> np.ndarray:
     """Return the rotation from the axes of the case to those of the packets."""
     matrix = np.zeros((3, 3))
-    matrix[range(3), orientation.axes] = orientation.signs
+    matrix[range(3), list(orientation.axes)] = orientation.signs
     return matrix

@@ -8,36 +8,23 @@ wait for a reply on the line are late and not lost, up to half a second of them.
 
 import math
 
-import numpy as np
-
 from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.uut.decoder import RequestDecoder
 from imutui.instrument.uut.fields import QUIET, Field, Orientation
 from imutui.instrument.uut.frames import FIXED_LENGTHS, MOST_PAYLOAD_BYTES, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
-    GET,
-    SET,
-    Echo,
-    FactoryWords,
-    Fields,
-    FieldsSet,
-    GetFields,
-    GetPacket,
-    Identification,
-    Measurement,
+    GET_PACKET,
+    PING,
+    REFUSED,
+    RESET,
     Memory,
-    OtherFrame,
-    Ping,
-    ReadFactoryWords,
-    Refused,
-    Reply,
-    Request,
-    Reset,
-    SetFields,
-    StatusWords,
-    encode,
-    frame_of,
+    PacketS1,
+    numbers,
+    numbers_in,
+    pairs,
+    pairs_in,
 )
 from imutui.instrument.uut.packet_makers import MadePacket, MeasuredPackets, RecordedStream, counter_at
 from imutui.instrument.uut.unit_options import Configuration, UnitOptions
@@ -48,11 +35,22 @@ _FRAME_PATIENCE_S = 4.0
 _MOST_FIELDS = (MOST_PAYLOAD_BYTES - 1) // 4
 _LONGEST_BACKLOG_S = 0.5
 _BOOT_S = 0.1  # it is deaf and silent for so long after a restart
-_FACTORY_WORDS = {0x071C: 0x0081}  # by address; it refuses to read others
-_STATUS_WORDS = 14
+# request for one word of the factory's memory at 0x071C, and the word; it refuses to read others
+_FACTORY_WORD = b"\x07\x1c\x01", b"\x00\x81"
+_MEANINGS = {
+    b"PK": "ping",
+    b"SR": "restart",
+    b"CH": "echo",
+    b"GP": "one packet of",
+    b"GF": "read from RAM",
+    b"RF": "read from EEPROM",
+    b"SF": "set in RAM",
+    b"WF": "set in EEPROM",
+    b"RE": "words of the factory's memory",
+}
 
 
-class VirtualUnit(VirtualInstrument[Measurement, Request]):
+class VirtualUnit(VirtualInstrument[PacketS1, Frame]):
     """A unit of the family; see `VirtualInstrument`.
 
     `source`: its readings, or a stream to send as it is.
@@ -65,12 +63,11 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
     def __init__(
         self, source: Source | RecordedStream, options: UnitOptions | None = None, seed: int | None = None
     ) -> None:
-        super().__init__(options or UnitOptions())
+        super().__init__(options or UnitOptions(), seed)
         self._packets = source if isinstance(source, RecordedStream) else MeasuredPackets(source, self.options)
         self._fields = Configuration(self.options, source.only if isinstance(source, RecordedStream) else ())
         self._loop = SamplingLoop(self.options.loop_hz, 0.0)
         self._begun = math.inf  # the loop's number of the source's first reading
-        self._first_count = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake(0.0)
 
     def _wake(self, ready: float) -> None:
@@ -81,12 +78,16 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._fields.power_up()
         self._begin_next(ready)
 
-    def in_words(self, command: Request) -> str:
-        return in_words(command)
+    def in_words(self, command: Frame) -> str:
+        """Describe a request, such as ``SF: set in RAM 0001=0000``."""
+        kind, meaning = command.type, _MEANINGS.get(command.type, "unknown")
+        words = [f"{number:04x}={value:04x}" for number, value in pairs_in(command.payload)]
+        words = words if kind in (b"SF", b"WF") else [f"{number:04x}" for number in numbers_in(command.payload)]
+        said = _letters(command.payload) if kind == GET_PACKET else " ".join(words) or command.payload.hex()
+        return f"{_letters(kind)}: {meaning} {said}".rstrip()
 
-    def in_columns(self, packet: Measurement) -> tuple[str, int, bytes]:
-        data = encode(packet)
-        return data[2:4].decode("ascii"), packet.counter, data
+    def in_columns(self, packet: PacketS1) -> tuple[str, int, bytes]:
+        return packet.frame.type.decode("ascii"), packet.counter, framed(packet.frame)
 
     @property
     def data_asked_for(self) -> bool:
@@ -114,18 +115,20 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         self._first_count = -counter_at(now) % SPAN
         self._wake(now + _BOOT_S)
 
-    def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[Frame]:
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
             return []
-        if not self._requests.has_begun:
+        if not self._requests.holds:
             self._frame_since = now
-        understood: list[Request] = []
+        understood: list[Frame] = []
         for request in self._requests.feed(data):
+            if isinstance(request, Discarded):
+                continue
             self._frame_since = now
             understood.append(request)
             self._obey(request, now)
-            if isinstance(request, Reset):
+            if request == RESET:
                 break
         return understood
 
@@ -134,60 +137,50 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
 
     # ------------------------------------------------------------------------------------------------------- requests
 
-    def _obey(self, request: Request, now: float) -> None:
-        match request:
-            case Ping() | Echo():
-                self._answer(request, now)
-            case Reset():
-                self._answer(request, now)
-                self._begin_anew(self._line.free_at)
-            case GetPacket(kind):
-                self._answer_packet(kind, now)
-            case GetFields(memory, ids):
-                # a reply has room for so many
-                values = self._fields.get(memory, ids) if len(ids) <= _MOST_FIELDS else ()
-                self._answer_in_part(Fields(memory, values), len(values), len(ids), GET[memory], now)
-            case SetFields(memory, values):
-                self._set(memory, values, now)
-            case ReadFactoryWords(address, count):
-                words = [_FACTORY_WORDS[at] for at in range(address, address + count) if at in _FACTORY_WORDS]
-                whole = count and len(words) == count
-                self._answer(FactoryWords(address, tuple(words)) if whole else Refused(frame_of(request).type), now)
-            case OtherFrame(kind, _):
-                self._answer(Refused(kind), now)
+    def _obey(self, request: Frame, now: float) -> None:
+        kind, payload = request.type, request.payload
+        memory = Memory.EEPROM if kind in Memory.EEPROM.value else Memory.RAM
+        if kind == b"CH" or request == PING:
+            self._answer(request, now)
+        elif request == RESET:
+            self._answer(request, now)
+            self._begin_anew(self._line.free_at)
+        elif kind == memory.read and (ids := numbers_in(payload)):
+            # a reply has room for so many
+            values = self._fields.get(memory, ids) if len(ids) <= _MOST_FIELDS else ()
+            self._answer_in_part(Frame(kind, pairs(values)), len(values), len(ids), now)
+        elif kind == memory.write and (values := pairs_in(payload)):
+            taken = self._fields.put(memory, values)
+            self._answer_in_part(Frame(kind, numbers(taken)), len(taken), len(values), now)
+            if memory is Memory.RAM:
+                self._begin_stream(dict(pair for pair in values if pair[0] in taken), now)
+        elif kind == b"RE" and payload == _FACTORY_WORD[0]:
+            self._answer(Frame(kind, b"".join(_FACTORY_WORD)), now)
+        elif not (kind == GET_PACKET and self._answer_packet(payload, now)):
+            self._answer(Frame(REFUSED, kind), now)
 
-    def _answer(self, reply: Reply, now: float) -> None:
-        self._line.send(encode(reply), now, self.baud)
+    def _answer(self, reply: Frame, now: float) -> None:
+        self._line.send(framed(reply), now, self.baud)
 
-    def _answer_in_part(self, reply: Fields | FieldsSet, good: int, asked: int, kind: bytes, now: float) -> None:
+    def _answer_in_part(self, reply: Frame, good: int, asked: int, now: float) -> None:
         """Answer the good part of a request, and refuse the request if that is not all of it."""
         if good:
             self._answer(reply, now)
         if good < asked:
-            self._answer(Refused(kind), now)
+            self._answer(Frame(REFUSED, reply.type), now)
 
-    def _answer_packet(self, kind: bytes, now: float) -> None:
+    def _answer_packet(self, kind: bytes, now: float) -> bool:
+        """Answer with a packet of a type; returns False if the unit does not have it."""
         if kind == b"ID":
-            self._identify(now)
+            number = self.options.serial_number.to_bytes(4, "big")
+            self._answer(Frame(kind, number + self.options.text.encode("ascii")), now)
         elif kind == b"VR":
-            self._answer(self.options.version, now)
-        elif kind == b"T0":
-            self._answer(StatusWords((self.options.bit,) + (0,) * (_STATUS_WORDS - 1)), now)
+            self._answer(Frame(kind, bytes(self.options.version)), now)
         elif kind in self.options.packet_types and (made := self._poll(kind, now)) is not None:
             self._line.send(made.data, now, self.baud)
         else:
-            self._answer(Refused(b"GP"), now)
-
-    def _identify(self, now: float) -> None:
-        frame = frame_of(Identification(self.options.serial_number, self.options.text))
-        payload = frame.payload if self.options.text_ends_with_zero else frame.payload[:-1]
-        self._line.send(framed(Frame(frame.type, payload)), now, self.baud)
-
-    def _set(self, memory: Memory, values: tuple[tuple[int, int], ...], now: float) -> None:
-        taken = self._fields.put(memory, values)
-        self._answer_in_part(FieldsSet(memory, taken), len(taken), len(values), SET[memory], now)
-        if memory is Memory.RAM:
-            self._begin_stream(dict(pair for pair in values if pair[0] in taken), now)
+            return False
+        return True
 
     def _begin_stream(self, values: dict[int, int], now: float) -> None:
         """Take note of fields that a host has put in force: they may ask for data."""
@@ -195,7 +188,7 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
             self._begin_next(now)
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET:
             self._packets.restart()
-        # a quiet unit that is told a type is not asked for data yet
+        # to set the type of a quiet unit is not yet to ask for data
         if self.rate_hz and (Field.RATE_DIVIDER in values or Field.PACKET_TYPE in values):
             self._begun = min(self._begun, self._loop.newest(now) + 1)
 
@@ -220,10 +213,11 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
 
     def _advance(self, now: float) -> None:
         """Give up a frame that has not come in time, and begin all packets that fall due by `now`."""
-        while self._requests.has_begun and now - self._frame_since > _FRAME_PATIENCE_S:
+        while self._requests.holds and now - self._frame_since > _FRAME_PATIENCE_S:
             self._frame_since += _FRAME_PATIENCE_S
             for request in self._requests.quiet():
-                self._obey(request, self._frame_since)
+                if not isinstance(request, Discarded):
+                    self._obey(request, self._frame_since)
         while True:
             start = self._next_start()
             if start > now:
@@ -247,28 +241,6 @@ class VirtualUnit(VirtualInstrument[Measurement, Request]):
         reading = max(0, number - int(self._begun)) if self.data_asked_for else 0
         counter = (self._first_count + counter_at(self._loop.instant(number))) % SPAN
         return kind, reading, counter, self._fields.orientation
-
-
-def in_words(request: Request) -> str:
-    """Describe a request, such as ``SF: set in RAM 0001=0000``."""
-    match request:
-        case Ping():
-            meaning = "ping"
-        case Reset():
-            meaning = "restart"
-        case Echo(payload):
-            meaning = f"echo of {len(payload)} bytes"
-        case GetPacket(kind):
-            meaning = f"one packet of {_letters(kind)}"
-        case GetFields(memory, ids):
-            meaning = f"read from {memory.value} " + " ".join(f"{number:04x}" for number in ids)
-        case SetFields(memory, values):
-            meaning = f"set in {memory.value} " + " ".join(f"{number:04x}={value:04x}" for number, value in values)
-        case ReadFactoryWords(address, count):
-            meaning = f"{count} words of the factory's memory from {address:04x}"
-        case OtherFrame(_, payload):
-            meaning = f"unknown, with {len(payload)} bytes"
-    return f"{_letters(frame_of(request).type)}: {meaning}"
 
 
 def _letters(kind: bytes) -> str:

@@ -1,32 +1,30 @@
 """Options of a virtual unit of the family, and its fields: in RAM, where they are in force, and in EEPROM."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from imutui.instrument import virtual_instrument
 from imutui.instrument.uut.fields import (
     BAUD_OF_CODE,
+    ORIENTATIONS,
     QUIET,
     RATE_OF_DIVIDER,
     RATE_OF_DIVIDER_LATER,
+    S1,
     Field,
-    Orientation,
     fits_line,
-    orientation_of,
 )
 from imutui.instrument.uut.frames import FIXED_LENGTHS
-from imutui.instrument.uut.messages import Memory, Version
+from imutui.instrument.uut.messages import Memory
 
 FieldValues: TypeAlias = tuple[tuple[int, int], ...]
-
-_S1 = int.from_bytes(b"S1", "big")
 
 # "115200 baud, S1, 100 Hz, 25 Hz": as a stand-in for a real IMU381 has them in its maker's tests.
 IMU381ZA: FieldValues = (
     (Field.RATE_DIVIDER, 1),
     (Field.BAUD, 5),
-    (Field.PACKET_TYPE, _S1),
+    (Field.PACKET_TYPE, S1),
     (Field.LOW_PASS_5, 0x085E),
     (Field.LOW_PASS_6, 0x085E),
     (Field.ORIENTATION, 0x0000),
@@ -37,11 +35,10 @@ IMU381ZA: FieldValues = (
 class UnitOptions(virtual_instrument.UnitOptions):
     """What differs from unit to unit."""
 
-    # text behind the serial number: model, part number, version of the firmware and more, with spaces between. Other
-    # programs need three words.
-    text: str = "IMU381ZA-200 VIRTUAL 1.0"
-    text_ends_with_zero: bool = True  # True if a zero byte follows it
-    version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))  # the answer to a request for VR
+    # text behind the serial number: model, part number, version of the firmware and more, with spaces between, and a
+    # zero where the unit ends it so; other programs need three words
+    text: str = "IMU381ZA-200 VIRTUAL 1.0\0"
+    version: tuple[int, ...] = (1, 0, 0, 0, 0)  # the answer to a request for VR
     # configuration fields in EEPROM at first, as number and value; a unit knows no others
     fields: FieldValues = IMU381ZA
     packet_types: tuple[bytes, ...] = (b"S1", b"S0")  # measurements that it has; the first is the usual one
@@ -67,9 +64,17 @@ class Configuration:
     """
 
     def __init__(self, options: UnitOptions, only: FieldValues = ()) -> None:
-        self._options = options
-        self._only = dict(only)
         self._rates = RATE_OF_DIVIDER if options.loop_hz == 100 else RATE_OF_DIVIDER_LATER
+        kinds = {int.from_bytes(kind, "big") for kind in options.packet_types}
+        # values that a field takes; any where it is not named
+        self._values: dict[int, Collection[int]] = {
+            Field.RATE_DIVIDER: self._rates,
+            Field.BAUD: options.baud_codes,
+            Field.PACKET_TYPE: kinds,
+            Field.ORIENTATION: ORIENTATIONS,
+            **{number: {value} for number, value in only},
+        }
+        self._values[Field.RATE_DIVIDER] = {QUIET, *self._values[Field.RATE_DIVIDER]}
         self._kept = {Memory.EEPROM: dict(options.fields)}
         self.power_up()
 
@@ -83,7 +88,7 @@ class Configuration:
         self.baud = BAUD_OF_CODE[ram[Field.BAUD]]
         self.packet_type = ram[Field.PACKET_TYPE].to_bytes(2, "big")
         self.rate_hz = self._rates.get(ram[Field.RATE_DIVIDER], 0)
-        self.orientation = Orientation.of_field(ram[Field.ORIENTATION])
+        self.orientation = ORIENTATIONS[ram[Field.ORIENTATION]]
 
     def get(self, memory: Memory, ids: Iterable[int]) -> FieldValues:
         """Return fields by number, without those that it does not have."""
@@ -93,30 +98,12 @@ class Configuration:
     def put(self, memory: Memory, values: FieldValues) -> tuple[int, ...]:
         """Take new values as far as they are possible; return the numbers of the fields that were taken."""
         kept = self._kept[memory]
-        good = {number: value for number, value in values if self._takes(number, value)}
+        good = {n: value for n, value in values if n in kept and value in self._values.get(n, (value,))}
         if not self._go_together({**kept, **good}):
             good = {number: value for number, value in good.items() if number not in _TOGETHER}
         kept.update(good)
         self._put_in_force()
         return tuple(number for number, value in values if good.get(number) == value)
-
-    def _takes(self, number: int, value: int) -> bool:
-        if number not in self._kept[Memory.EEPROM]:
-            return False
-        if number == Field.RATE_DIVIDER and value == QUIET:
-            return True
-        if number in self._only:
-            return value == self._only[number]
-        match number:
-            case Field.RATE_DIVIDER:
-                return value in self._rates
-            case Field.BAUD:
-                return value in self._options.baud_codes
-            case Field.PACKET_TYPE:
-                return value.to_bytes(2, "big") in self._options.packet_types
-            case Field.ORIENTATION:
-                return orientation_of(value) is not None
-        return True
 
     def _go_together(self, kept: dict[int, int]) -> bool:
         rate_hz = self._rates.get(kept[Field.RATE_DIVIDER], 0)

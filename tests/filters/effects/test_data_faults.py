@@ -11,11 +11,11 @@ from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import LOOP_HZ, Effect, Scenario, Unit
 from filters.simulation.truth import World
 from filters.state import PAPER_SITE
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import scaling as imu400cd_scaling
 
 DEG, G = np.pi / 180.0, 9.80665
 CHANNELS = faults.CHANNELS
-LSB = np.repeat([Scaling().rates_dps(1) * DEG, Scaling().accels_g(1) * G], 3)
+LSB = np.repeat([imu400cd_scaling().rates_dps(1) * DEG, imu400cd_scaling().accels_g(1) * G], 3)
 SECONDS = 150.0
 TURNED = Profile(
     (

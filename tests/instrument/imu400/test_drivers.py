@@ -22,12 +22,12 @@ from helpers.units import Still, served
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.counter_spec import SPAN
-from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, SerialNumber, Version, encode
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, framed, serial_number_frame
 from imutui.instrument.imu400.unit import VirtualUnit
 
 PATIENCE_S = 20.0
-SERIAL = encode(SerialNumber(9911750))
-VERSION = encode(Version("IMU400CD-200 VIRTUAL 1.0"))
+SERIAL = serial_number_frame(9911750)
+VERSION = framed(b"IMU400CD-200 VIRTUAL 1.0")
 
 
 class Driver:

@@ -7,9 +7,9 @@ import pytest
 
 from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.instrument.imu400.driver import is_volts, may_be_volts
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.imu400.scaling import scaling as imu400cd_scaling
 
-SCALING = Scaling()
+SCALING = imu400cd_scaling()
 
 
 def packets(mode: Mode, rates: np.ndarray, accels: np.ndarray) -> list[Packet]:
@@ -18,7 +18,7 @@ def packets(mode: Mode, rates: np.ndarray, accels: np.ndarray) -> list[Packet]:
         words = np.hstack([SCALING.rate_counts(rates), SCALING.accel_counts(accels)])
     else:
         ends = 1.5 * np.array([200.0] * 3 + [4.0] * 3)
-        words = SCALING.volts_counts(2.5 + 2.5 * np.hstack([rates, accels]) / ends)
+        words = np.clip(np.rint(2048.0 * (1.0 + np.hstack([rates, accels]) / ends)), 0, 4095)
     return [Packet(mode, (a, b, c), (d, e, f), 1587, 0) for a, b, c, d, e, f in words.astype(int).tolist()]
 
 

@@ -27,7 +27,7 @@ from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.driver import Imu381
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.frames import Frame, framed
-from imutui.instrument.uut.messages import Fields, FieldsSet, GetFields, Memory, PacketS1, Ping, encode
+from imutui.instrument.uut.messages import PING, Memory, PacketS1, encode, numbers
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
@@ -96,9 +96,7 @@ def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) ->
         assert set(steps.tolist()) <= {1310, 1311}
         own = {int(field): value for field, value in fields}
         assert Imu381(port).fields(OWN) == own
-        kept = Imu381(port).ask(GetFields(Memory.EEPROM, OWN), Fields)
-        assert kept is not None
-        assert dict(kept.values) == own
+        assert Imu381(port).fields(OWN, Memory.EEPROM) == own
 
 
 def test_packets_are_asked_for_one_by_one() -> None:
@@ -358,7 +356,7 @@ def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> No
     """S2 and attitudes, of a unit that has other fields than it was told; replies are neither packets nor noise."""
     stream = Imu381(None, 20.0).packets()  # type: ignore[arg-type]
     packet, other = PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2), framed(Frame(b"S2", bytes(28)))
-    reply = encode(FieldsSet(Memory.RAM, (Field.RATE_DIVIDER,)))
+    reply = encode(Frame(b"SF", numbers((Field.RATE_DIVIDER,))))
     events = stream.feed(encode(packet) + other + reply + encode(packet))
     assert events == [packet, Discarded(other, bad_checksum=False), packet]
     assert (stream.discarded_bytes, stream.bad_checksums) == (len(other), 0)
@@ -367,7 +365,7 @@ def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> No
 @pytest.mark.parametrize("cut_off", range(31))
 def test_answers_amid_a_stream_are_counted_until_the_next_packet(cut_off: int) -> None:
     stream = Imu381(None, 20.0).packets()  # type: ignore[arg-type]
-    packet, ping = encode(PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2)), encode(Ping())
+    packet, ping = encode(PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2)), encode(PING)
     stream.feed(packet + packet[:cut_off] + ping)
     stream.pause()
     assert stream.answers == 1

@@ -14,37 +14,24 @@ from imutui.instrument.frame_search import Discarded
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import (
+    PING,
+    REFUSED,
+    RESET,
     SCALING,
-    Echo,
-    FactoryWords,
-    Fields,
-    FieldsSet,
-    GetFields,
-    GetPacket,
-    Identification,
-    Measurement,
-    Memory,
     PacketS0,
     PacketS1,
-    Ping,
-    ReadFactoryWords,
-    Refused,
-    Reply,
-    Request,
-    Reset,
-    SetFields,
-    StatusWords,
-    Version,
     encode,
+    identification,
+    numbers,
+    pairs,
 )
 from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 from imutui.instrument.virtual_instrument import Reading
 
-Event = Measurement | Reply | Discarded
+Event = PacketS1 | Frame | Discarded
 
-RAM, EEPROM = Memory.RAM, Memory.EEPROM
 RATE, BAUD, TYPE, ORIENTATION = 1, 2, 3, 7
 S0 = int.from_bytes(b"S0")
 
@@ -74,7 +61,7 @@ class Host:
         seed: int | None = 1,
     ) -> None:
         options = options or UnitOptions()
-        self.sent: list[tuple[Measurement, float]] = []
+        self.sent: list[tuple[PacketS1, float]] = []
         self.unit = VirtualUnit(packets or Ramp(), options, seed=seed)
         line = FaultyLine(faults, seed=5)
         self.wire = FaultyWire(self.unit, line, 1.0, lambda *packet: self.sent.append(packet), 0.0)
@@ -82,7 +69,7 @@ class Host:
         self.decoder = Decoder()
         self.raw = b""
 
-    def send(self, *messages: Request | bytes) -> None:
+    def send(self, *messages: Frame | bytes) -> None:
         data = b"".join(message if isinstance(message, bytes) else encode(message) for message in messages)
         self.wire.receive(data, self.now, self.baud)
 
@@ -97,14 +84,14 @@ class Host:
         self.raw += got
         return self.decoder.feed(got)
 
-    def ask(self, *messages: Request | bytes) -> list[Event]:
+    def ask(self, *messages: Frame | bytes) -> list[Event]:
         """What a quiet unit answers."""
         self.send(*messages)
         return self.listen(0.2) + self.decoder.pause()
 
     def quiet(self) -> None:
         """Let it send nothing by itself."""
-        self.send(SetFields(RAM, ((RATE, 0),)))
+        self.send(Frame(b"SF", pairs(((RATE, 0),))))
         self.listen(0.2)
 
 
@@ -140,7 +127,7 @@ def test_the_counter_starts_at_zero_but_for_a_seed() -> None:
 
 def test_at_another_speed_it_is_noise_and_hears_nothing() -> None:
     host = Host(baud=57600)
-    host.send(SetFields(RAM, ((RATE, 0),)))
+    host.send(Frame(b"SF", pairs(((RATE, 0),))))
     assert all(isinstance(event, Discarded) for event in host.listen(1.0))
     host.baud = 115200
     assert len(packets_of(host.listen(1.0))) >= 98
@@ -157,53 +144,53 @@ def test_divider_zero_makes_it_quiet() -> None:
     host = quiet_host()
     assert host.listen(1.0) == []
     assert host.wire.next_event() == math.inf
-    host.send(SetFields(RAM, ((RATE, 5),)))
+    host.send(Frame(b"SF", pairs(((RATE, 5),))))
     events = host.listen(1.0)
-    assert events[0] == FieldsSet(RAM, (RATE,))
+    assert events[0] == Frame(b"SF", numbers((RATE,)))
     assert len(packets_of(events)) in (19, 20, 21)
     assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} <= {3276, 3277}
 
 
-@pytest.mark.parametrize("ping", [encode(Ping()), b"UUPK"])
+@pytest.mark.parametrize("ping", [encode(PING), b"UUPK"])
 def test_a_ping_is_answered_amid_the_stream(ping: bytes) -> None:
     host = Host()
     before = host.listen(0.5)
     host.send(ping)
     events = before + host.listen(0.5)
-    assert [event for event in events if not isinstance(event, PacketS1)] == [Ping()]
+    assert [event for event in events if not isinstance(event, PacketS1)] == [PING]
     assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} == {655, 656}
 
 
-ANSWERS: list[tuple[Request | bytes, list[Event]]] = [
-    (Echo(b"A"), [Echo(b"A")]),
-    (GetPacket(b"VR"), [Version(1, 0, 0, 0, 0)]),
-    (GetPacket(b"ID"), [Identification(9911750, "IMU381ZA-200 VIRTUAL 1.0")]),
-    (GetPacket(b"T0"), [StatusWords((0,) * 14)]),
-    (GetPacket(b"XX"), [Refused(b"GP")]),
-    (GetPacket(b"S2"), [Refused(b"GP")]),
-    (ReadFactoryWords(0x071C, 1), [FactoryWords(0x071C, (0x0081,))]),
-    (ReadFactoryWords(0x071C, 2), [Refused(b"RE")]),
-    (GetFields(RAM, (1, 2, 3)), [Fields(RAM, ((1, 0), (2, 5), (3, 0x5331)))]),
-    (GetFields(EEPROM, (1,)), [Fields(EEPROM, ((1, 1),))]),
-    (GetFields(RAM, (99, 1, 98)), [Fields(RAM, ((1, 0),)), Refused(b"GF")]),
-    (GetFields(EEPROM, (99,)), [Refused(b"RF")]),
-    (GetFields(RAM, (RATE,) * 63), [Fields(RAM, ((RATE, 0),) * 63)]),
-    (GetFields(RAM, (RATE,) * 64), [Refused(b"GF")]),
-    (SetFields(RAM, ((5, 1), (99, 1))), [FieldsSet(RAM, (5,)), Refused(b"SF")]),
-    (SetFields(EEPROM, ((6, 1), (1, 3))), [FieldsSet(EEPROM, (6,)), Refused(b"WF")]),
-    (SetFields(RAM, ((1, 3),)), [Refused(b"SF")]),
-    (SetFields(RAM, ((ORIENTATION, 488),)), [Refused(b"SF")]),
-    (framed(Frame(b"SF", b"\x02\0\1\0\0")), [Refused(b"SF")]),
-    (framed(Frame(b"GF", b"\0")), [Refused(b"GF")]),
-    (framed(Frame(b"pG")), [Refused(b"pG")]),
-    (encode(Ping())[:-1] + b"\0", [Ping()]),
-    (encode(Echo(b"A"))[:-1] + b"\0", []),
+ANSWERS: list[tuple[Frame | bytes, list[Event]]] = [
+    (Frame(b"CH", b"A"), [Frame(b"CH", b"A")]),
+    (Frame(b"GP", b"VR"), [Frame(b"VR", bytes((1, 0, 0, 0, 0)))]),
+    (Frame(b"GP", b"ID"), [Frame(b"ID", (9911750).to_bytes(4) + b"IMU381ZA-200 VIRTUAL 1.0\0")]),
+    (Frame(b"GP", b"T0"), [Frame(REFUSED, b"GP")]),
+    (Frame(b"GP", b"XX"), [Frame(REFUSED, b"GP")]),
+    (Frame(b"GP", b"S2"), [Frame(REFUSED, b"GP")]),
+    (Frame(b"RE", b"\x07\x1c\1"), [Frame(b"RE", b"\x07\x1c\1\0\x81")]),
+    (Frame(b"RE", b"\x07\x1c\2"), [Frame(REFUSED, b"RE")]),
+    (Frame(b"GF", numbers((1, 2, 3))), [Frame(b"GF", pairs(((1, 0), (2, 5), (3, 0x5331))))]),
+    (Frame(b"RF", numbers((1,))), [Frame(b"RF", pairs(((1, 1),)))]),
+    (Frame(b"GF", numbers((99, 1, 98))), [Frame(b"GF", pairs(((1, 0),))), Frame(REFUSED, b"GF")]),
+    (Frame(b"RF", numbers((99,))), [Frame(REFUSED, b"RF")]),
+    (Frame(b"GF", numbers((RATE,) * 63)), [Frame(b"GF", pairs(((RATE, 0),) * 63))]),
+    (Frame(b"GF", numbers((RATE,) * 64)), [Frame(REFUSED, b"GF")]),
+    (Frame(b"SF", pairs(((5, 1), (99, 1)))), [Frame(b"SF", numbers((5,))), Frame(REFUSED, b"SF")]),
+    (Frame(b"WF", pairs(((6, 1), (1, 3)))), [Frame(b"WF", numbers((6,))), Frame(REFUSED, b"WF")]),
+    (Frame(b"SF", pairs(((1, 3),))), [Frame(REFUSED, b"SF")]),
+    (Frame(b"SF", pairs(((ORIENTATION, 488),))), [Frame(REFUSED, b"SF")]),
+    (framed(Frame(b"SF", b"\x02\0\1\0\0")), [Frame(REFUSED, b"SF")]),
+    (framed(Frame(b"GF", b"\0")), [Frame(REFUSED, b"GF")]),
+    (framed(Frame(b"pG")), [Frame(REFUSED, b"pG")]),
+    (encode(PING)[:-1] + b"\0", [PING]),
+    (encode(Frame(b"CH", b"A"))[:-1] + b"\0", []),
     (b"noise\x55\x55", []),
 ]
 
 
 @pytest.mark.parametrize(("request_", "answers"), ANSWERS)
-def test_requests_are_answered_as_documented(request_: Request | bytes, answers: list[Event]) -> None:
+def test_requests_are_answered_as_documented(request_: Frame | bytes, answers: list[Event]) -> None:
     """What is partly good twice, what is bad with a refusal, what is damaged not at all."""
     assert quiet_host().ask(request_) == answers
 
@@ -212,7 +199,7 @@ def test_a_measurement_is_polled() -> None:
     source = Ramp()
     host = Host(source)
     host.quiet()
-    ((first,), (other,)) = host.ask(GetPacket(b"S1")), host.ask(GetPacket(b"S0"))
+    ((first,), (other,)) = host.ask(Frame(b"GP", b"S1")), host.ask(Frame(b"GP", b"S0"))
     assert isinstance(first, PacketS1)
     assert isinstance(other, PacketS0)
     assert (first.rates[0], other.rates[0]) == (0, 20)
@@ -222,26 +209,26 @@ def test_readings_begin_when_a_host_asks_for_data() -> None:
     """Until then the first one is repeated; from then on each packet has the reading of its instant."""
     host = Host()
     assert {packet.rates[0] for packet in packets_of(host.listen(1.0))} == {0}
-    host.send(SetFields(RAM, ((RATE, 2),)))
+    host.send(Frame(b"SF", pairs(((RATE, 2),))))
     assert [packet.rates[0] for packet in packets_of(host.listen(0.21))[-9:]] == list(range(2, 20, 2))
 
 
 def test_a_quiet_unit_that_is_told_a_type_is_not_asked_for_data() -> None:
     host = quiet_host()
-    assert host.ask(SetFields(RAM, ((TYPE, S0),))) == [FieldsSet(RAM, (TYPE,))]
+    assert host.ask(Frame(b"SF", pairs(((TYPE, S0),)))) == [Frame(b"SF", numbers((TYPE,)))]
     assert not host.unit.data_asked_for
     host.listen(1.0)
-    host.send(SetFields(RAM, ((RATE, 1),)))
+    host.send(Frame(b"SF", pairs(((RATE, 1),))))
     assert [event.rates[0] for event in host.listen(0.055) if isinstance(event, PacketS0)] == list(range(5))
 
 
-@pytest.mark.parametrize("cut", [encode(Echo(b"A" * 250))[:10], b"U"], ids=["an echo", "a byte"])
+@pytest.mark.parametrize("cut", [encode(Frame(b"CH", b"A" * 250))[:10], b"U"], ids=["an echo", "a byte"])
 def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: bytes) -> None:
     host = quiet_host()
     host.send(cut)
     answered = []
     for _ in range(11):
-        host.send(b"UUPK" if cut == b"U" else encode(GetPacket(b"VR")))
+        host.send(b"UUPK" if cut == b"U" else encode(Frame(b"GP", b"VR")))
         answered.append(bool(host.listen(0.5)))
     assert not any(answered[:7])
     assert all(answered[9:])
@@ -249,51 +236,51 @@ def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: b
 
 def test_it_is_silent_when_there_are_no_more_readings() -> None:
     host = Host(Ramp(50))
-    host.send(SetFields(RAM, ((RATE, 1),)))
+    host.send(Frame(b"SF", pairs(((RATE, 1),))))
     assert len(packets_of(host.listen(2.0))) in (50, 51)
-    assert host.ask(Ping()) == [Ping()]
+    assert host.ask(PING) == [PING]
 
 
 def test_what_is_written_takes_effect_at_the_next_power_up() -> None:
     host = quiet_host()
-    assert host.ask(SetFields(EEPROM, ((RATE, 2),)), SetFields(RAM, ((5, 7),))) == [
-        FieldsSet(EEPROM, (RATE,)),
-        FieldsSet(RAM, (5,)),
+    assert host.ask(Frame(b"WF", pairs(((RATE, 2),))), Frame(b"SF", pairs(((5, 7),)))) == [
+        Frame(b"WF", numbers((RATE,))),
+        Frame(b"SF", numbers((5,))),
     ]
-    assert host.ask(GetFields(RAM, (RATE, 5))) == [Fields(RAM, ((RATE, 0), (5, 7)))]
-    host.send(Reset())
+    assert host.ask(Frame(b"GF", numbers((RATE, 5)))) == [Frame(b"GF", pairs(((RATE, 0), (5, 7))))]
+    host.send(RESET)
     events = host.listen(1.0)
-    assert events[0] == Reset()
+    assert events[0] == RESET
     assert 43 <= len(packets_of(events)) == len(events) - 1 <= 46
     host.quiet()
-    assert host.ask(GetFields(RAM, (RATE, 5)))[-1] == Fields(RAM, ((RATE, 0), (5, 0x085E)))
+    assert host.ask(Frame(b"GF", numbers((RATE, 5))))[-1] == Frame(b"GF", pairs(((RATE, 0), (5, 0x085E))))
 
 
 def test_a_rate_that_does_not_fit_the_line_is_refused() -> None:
     host = quiet_host(UnitOptions(baud_codes=(2, 3, 5), fields=IMU380ZA_200))
     host.baud = 38400
     host.quiet()
-    assert host.ask(SetFields(RAM, ((RATE, 1), (TYPE, S0)))) == [Refused(b"SF")]
-    assert host.ask(SetFields(RAM, ((RATE, 2), (TYPE, S0))))[0] == FieldsSet(RAM, (RATE, TYPE))
-    host.send(SetFields(RAM, ((RATE, 1), (5, 1))))
+    assert host.ask(Frame(b"SF", pairs(((RATE, 1), (TYPE, S0))))) == [Frame(REFUSED, b"SF")]
+    assert host.ask(Frame(b"SF", pairs(((RATE, 2), (TYPE, S0)))))[0] == Frame(b"SF", numbers((RATE, TYPE)))
+    host.send(Frame(b"SF", pairs(((RATE, 1), (5, 1)))))
     answers = [event for event in host.listen(0.2) if not isinstance(event, PacketS0)]
-    assert answers == [FieldsSet(RAM, (5,)), Refused(b"SF")]
+    assert answers == [Frame(b"SF", numbers((5,))), Frame(REFUSED, b"SF")]
 
 
 def test_a_new_speed_holds_from_the_reply_on() -> None:
     host = quiet_host()
-    host.send(SetFields(RAM, ((BAUD, 3),)))
+    host.send(Frame(b"SF", pairs(((BAUD, 3),))))
     host.baud = 57600
-    assert host.listen(0.1) == [FieldsSet(RAM, (BAUD,))]
-    assert host.ask(Ping()) == [Ping()]
-    assert host.ask(SetFields(RAM, ((BAUD, 0),))) == [Refused(b"SF")]
+    assert host.listen(0.1) == [Frame(b"SF", numbers((BAUD,)))]
+    assert host.ask(PING) == [PING]
+    assert host.ask(Frame(b"SF", pairs(((BAUD, 0),)))) == [Frame(REFUSED, b"SF")]
 
 
 def test_an_orientation_turns_the_packets() -> None:
     host = quiet_host()
-    (before,) = packets_of(host.ask(GetPacket(b"S1")))
-    host.ask(SetFields(RAM, ((ORIENTATION, 0x006B),)))
-    (after,) = packets_of(host.ask(GetPacket(b"S1")))
+    (before,) = packets_of(host.ask(Frame(b"GP", b"S1")))
+    host.ask(Frame(b"SF", pairs(((ORIENTATION, 0x006B),))))
+    (after,) = packets_of(host.ask(Frame(b"GP", b"S1")))
     assert after.accels == tuple(-before.accels[k] for k in (1, 0, 2))
     assert after.rates[2] == -before.rates[2]
 
@@ -301,14 +288,14 @@ def test_an_orientation_turns_the_packets() -> None:
 def test_the_beginning_of_a_frame_is_forgotten() -> None:
     """The rest may come within 4 s; what comes later begins anew."""
     host = quiet_host()
-    data = encode(Echo(b"UU"))
+    data = encode(Frame(b"CH", b"UU"))
     host.send(data[:6])
     host.listen(3.9)
-    assert host.ask(data[6:]) == [Echo(b"UU")]
+    assert host.ask(data[6:]) == [Frame(b"CH", b"UU")]
     host.send(data[:6])
     host.listen(4.1)
     assert host.ask(data[6:]) == []
-    assert host.ask(Ping()) == [Ping()]
+    assert host.ask(PING) == [PING]
 
 
 @pytest.mark.parametrize(
@@ -328,18 +315,18 @@ def test_the_beginning_of_a_frame_is_forgotten() -> None:
 )
 def test_the_line_has_the_faults_that_it_has_for_other_units(fault: LineFault, lost: int) -> None:
     host = Host(None, fault)
-    host.send(SetFields(RAM, ((RATE, 1),)))
+    host.send(Frame(b"SF", pairs(((RATE, 1),))))
     got = len(packets_of(host.listen(2.0)))
     assert abs(200 - lost - got) <= 1 + (fault.kind == "hang_up")
 
 
 def test_it_falls_into_another_type_and_another_unit_takes_its_place() -> None:
     host = Host(None, LineFault(0.2, "mode_change"), LineFault(0.6, "hang_up", seconds=0.2, serial_number=7))
-    host.send(SetFields(RAM, ((RATE, 2),)))
+    host.send(Frame(b"SF", pairs(((RATE, 2),))))
     assert isinstance(host.listen(0.5)[-1], PacketS0)
     host.listen(0.5)
-    host.send(GetPacket(b"ID"))
-    assert [e.serial_number for e in host.listen(0.2) if isinstance(e, Identification)] == [7]
+    host.send(Frame(b"GP", b"ID"))
+    assert [identification(e.payload)[0] for e in host.listen(0.2) if isinstance(e, Frame) and e.type == b"ID"] == ["7"]
 
 
 def stream_of(count: int, noise: bytes = b"") -> bytes:
@@ -360,23 +347,23 @@ def test_a_stream_is_played_byte_for_byte(noise: bytes) -> None:
     raw = stream_of(30, noise)
     host = playing(raw)
     assert host.listen(1.0) == []
-    assert host.ask(SetFields(RAM, ((RATE, 1),))) == [Refused(b"SF")]
-    assert host.ask(SetFields(RAM, ((ORIENTATION, 0x006B),))) == [Refused(b"SF")]
-    assert host.ask(GetPacket(b"S1")) == Decoder().feed(stream_of(1))
+    assert host.ask(Frame(b"SF", pairs(((RATE, 1),)))) == [Frame(REFUSED, b"SF")]
+    assert host.ask(Frame(b"SF", pairs(((ORIENTATION, 0x006B),)))) == [Frame(REFUSED, b"SF")]
+    assert host.ask(Frame(b"GP", b"S1")) == Decoder().feed(stream_of(1))
     host.raw = b""
     start = host.now
-    host.send(SetFields(RAM, ((RATE, 5),)))
+    host.send(Frame(b"SF", pairs(((RATE, 5),))))
     host.listen(5.0)
-    assert host.raw == encode(FieldsSet(RAM, (RATE,))) + raw
+    assert host.raw == encode(Frame(b"SF", numbers((RATE,)))) + raw
     assert [at for _, at in host.sent[-30:]] == pytest.approx([start + k / 20 for k in range(30)], abs=0.011)
-    assert host.ask(Ping())[-1] == Ping()
-    host.send(SetFields(RAM, ((RATE, 5),)))
+    assert host.ask(PING)[-1] == PING
+    host.send(Frame(b"SF", pairs(((RATE, 5),))))
     assert packets_of(host.listen(0.3))[0].accels[0] == 0
 
 
 def test_what_is_no_stream_is_not_played() -> None:
     """Without a packet, or with packets of several types; a counter that tells no rate is taken for 100 Hz."""
-    for raw in (b"", b"noise" * 100, stream_of(1) + encode(PacketS0(*((0, 0, 0),) * 4, 0, 0, 0))):
+    for raw in (b"", b"noise" * 100, stream_of(1) + encode(PacketS0(*((0, 0, 0),) * 3, 0, 0, 0, (0, 0, 0)))):
         with pytest.raises(ValueError, match="of one type"):
             RecordedStream(raw)
     assert RecordedStream(stream_of(1)).divider == 1
@@ -397,7 +384,7 @@ def test_the_recording_is_played_whole_over_a_line_with_faults(recording: Callab
     frames = [raw[start : start + 31] for start in range(0, len(raw), 31)]
     for faults, lost in ((), 0), ((LineFault(3.0, "bit_flips", count=20), LineFault(9.0, "garbage", count=300)), 20):
         host = playing(raw, *faults)
-        host.send(SetFields(RAM, ((RATE, 5),)))
+        host.send(Frame(b"SF", pairs(((RATE, 5),))))
         got = [encode(packet) for packet in packets_of(host.listen(51.0))]
         assert len(got) == 1002 - lost
         assert got == frames if not lost else set(got) <= set(frames)
@@ -418,7 +405,9 @@ def test_a_driver_of_the_imu440_finds_the_unit_and_stays_in_step() -> None:
 
 
 def test_a_cut_anywhere_in_a_request_changes_nothing() -> None:
-    data = b"".join(encode(each) for each in (Ping(), GetPacket(b"VR"), GetFields(RAM, (1, 99)), Echo(b"\x55\x55")))
+    data = b"".join(
+        encode(each) for each in (PING, Frame(b"GP", b"VR"), Frame(b"GF", numbers((1, 99))), Frame(b"CH", b"\x55\x55"))
+    )
     whole, slow = quiet_host(), quiet_host()
     for byte in data:
         slow.send(bytes([byte]))

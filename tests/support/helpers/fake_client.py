@@ -86,10 +86,10 @@ def _estimates() -> FilterSnapshot:
 
 
 def _counted(values: np.ndarray) -> "ChannelStatistics":
-    from imutui.instrument.imu400.scaling import Scaling
+    from imutui.instrument.imu400.scaling import scaling as imu400cd_scaling
     from imutui.session.channel_statistics import ChannelStatistics
 
-    scaling = Scaling()
+    scaling = imu400cd_scaling()
     counted = ChannelStatistics(scaling)
     vibration = 0.2 * np.sin(2.0 * np.pi * 16.0 / RATE_HZ * np.arange(len(values)))
     counts = np.hstack(

@@ -240,7 +240,7 @@ def power_up(unit: Any, now: float, serial_number: int | None = None) -> None:
     if serial_number is not None:
         unit.options = replace(unit.options, serial_number=serial_number)
     if isinstance(unit, imu400.VirtualUnit):
-        unit._first_ticks = (math.floor(now / TICK_S) - 1) % SPAN
+        unit._first_count = (math.floor(now / TICK_S) - 1) % SPAN
         unit._wake()
     else:
         unit._begin_anew(now)
@@ -250,7 +250,7 @@ def change_mode(unit: Any, now: float) -> None:
     """Have a unit fall into another mode of measurement, unasked; a stream goes on."""
     unit._advance(now)
     if isinstance(unit, imu400.VirtualUnit):
-        unit._set_mode(Mode.VOLTAGE if unit.mode is Mode.SCALED else Mode.SCALED, now)
+        unit.mode = Mode.VOLTAGE if unit.mode is Mode.SCALED else Mode.SCALED
     else:
         kinds = unit.options.packet_types
         kind = kinds[(kinds.index(unit._fields.packet_type) + 1) % len(kinds)]
