@@ -44,7 +44,7 @@ from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import Plan
-from imutui.table.controller import TableError
+from imutui.table.links import TableError
 from imutui.table.messages import Command
 from imutui.table.motion import Motion, Move, Turn
 from imutui.table.owner import KeptTable
@@ -252,7 +252,7 @@ def amid(rng: np.random.Generator, it: Served) -> Outcome:
         table.send(go(to_angles(table, 90.0, -90.0, 90.0, rate_dps=30.0, accel_dps2=100.0)))
         wait(lambda: bool(it.told and "position" in it.told[-1]))
         time.sleep(float(rng.uniform(0.0, 2.0)))
-        return after(it, lambda: os.kill(table.pid, signal.SIGINT), lambda: table.has_ended)
+        return after(it, lambda: os.kill(table._process.pid, signal.SIGINT), lambda: table.has_ended)
 
 
 def second(rng: np.random.Generator, it: Served) -> Outcome:

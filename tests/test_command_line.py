@@ -125,9 +125,12 @@ def left_rack(name: str) -> str:
 
 @known_by_name
 def previous_log(name: str) -> str:
-    from imutui.session.previous_log import PreviousLog
+    from imutui.logbook import summary
+    from imutui.logbook.session_info import SessionInfo
+    from imutui.session import metadata
 
-    return PreviousLog(Path("logs", f"{name}.mcap"), "id", False, 0.0, "process").in_words()
+    previous = summary.Summary(Path("logs", f"{name}.mcap"), state=summary.UNFINISHED)
+    return metadata.continuation(metadata.naming(SessionInfo(), previous), previous)
 
 
 @known_by_name

@@ -31,8 +31,7 @@ EXEMPT = {
     "imutui.session.__main__.main": "the border of a process: whoever started it is told",
     "imutui.session.engine": "the thread that records: a defect ends it in order, or is its asker's",
     "imutui.session.ipc.reply_to": "a viewer that waits must hear something, and the others go on",
-    "imutui.table.keeper.run": "a defect of the keeper must not leave the table turning",
-    "imutui.table.__main__.main": "the border of a process: its owner hears the last words",
+    "imutui.table.keeper.main": "a defect of the keeper must not leave the table turning",
     "imutui.session.live_filter": "the recorder raises it once the file has the packets",
     "imutui.session.reader_thread.Reader._run": "the worker raises it, and so ends the acquisition as failed",
 }

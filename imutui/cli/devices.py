@@ -62,7 +62,7 @@ def _write(output: Path, units: list[Entry], listed: Collection[str], force: boo
     from imutui.batch_file import Batch, Unit, to_toml
     from imutui.jobs.quantities import plural
     from imutui.logbook import atomic_file
-    from imutui.session.identity import unit_in_words
+    from imutui.session.snapshot import unit_in_words
 
     if not units:
         raise fail(INSTRUMENT, f"no unit answers, so {output} is not written.")

@@ -280,7 +280,7 @@ _CODES = {
         "imutui.origin_gate.AddressError",
         "imutui.session.client.SessionError",
         "imutui.jobs.campaign.cluster.ClusterError",
-        "imutui.table.controller.TableError",
+        "imutui.table.links.TableError",
     ),
     UNREADABLE: (
         "imutui.batch_file.BatchError",
@@ -298,3 +298,14 @@ def _raised(name: str, error: Exception) -> bool:
     module, _, class_ = name.rpartition(".")
     loaded = sys.modules.get(module)
     return loaded is not None and isinstance(error, getattr(loaded, class_))
+
+
+@contextlib.contextmanager
+def handling(handlers: Mapping[signal.Signals, Callable[..., None]]) -> Iterator[None]:
+    """Have signals handled by functions; the handlers before are put back at the end."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -13,16 +13,15 @@ from rich.live import Live
 from rich.text import Text
 
 from imutui.cli.each_log import width
-from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, say, say_if_not_kept
+from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, answer, handling, say, say_if_not_kept
 from imutui.estimates import live_biases
 from imutui.logbook.log_time import Timebase
 from imutui.plain_text import in_line
 from imutui.report import replay_text
 from imutui.session import client
-from imutui.session.client import Client, SessionError, SessionGoneError
-from imutui.session.identity import not_said, unit_in_words
+from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
 from imutui.session.plan import Plan, batch_of
-from imutui.session.snapshot import NO_SERIES, Snapshot
+from imutui.session.snapshot import NO_SERIES, Snapshot, not_said, unit_in_words
 from imutui.tui.messages import lost, silence
 from imutui.verdict import rules, sources
 from imutui.verdict.rules import SITE_NOT_STATED
@@ -54,49 +53,46 @@ def follow(plan: Plan, *, json: bool, add: "Callable[[RunDocument], RunDocument]
     with _leave_on_hangup(connection, terminated):
         try:
             say_begun(plan, connection)
-            result = _watch(connection)
+            end = _watch(connection)
         except KeyboardInterrupt:
             interrupted = True
-            result = connection.stop("Ctrl+C in imutui record")
+            end = connection.stop("Ctrl+C in imutui record")
         except TerminatedError:
             raise SessionError(f'the acquisition "{plan.name}" does not end; `kill -9 {connection.pid}` does') from None
         except HungUpError:
             raise typer.Exit(FINE) from None
         except SessionGoneError as error:
             raise SessionError(str(error), FINDINGS) from error
-    if result is None:
+    if end["result"] is None:
         raise SessionError("the acquisition ended without a recording")
-    result = add(result)
-    document = result
-    answer(document, lambda: replay_text.text(document, width()), json=json)
+    end["result"] = result = add(end["result"])
+    answer(result, lambda: replay_text.text(result, width()), json=json)
     parts = result["parts"]
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
-    if connection.ended_by and not (interrupted or terminated.is_set() or connection.ended_by_itself):
-        say(f"ended by {connection.ended_by}")
+    if end["ended_by"] and not (interrupted or terminated.is_set() or end["by_itself"]):
+        say(f"ended by {end['ended_by']}")
     if interrupted:
-        say_findings(connection)
+        say_findings(end)
         raise typer.Exit(INTERRUPTED)
-    raise typer.Exit(exit_code(plan, result, connection, terminated.is_set()))
+    raise typer.Exit(exit_code(plan, end, terminated.is_set()))
 
 
 def _started(plan: Plan) -> Client:
-    """Start an acquisition; whoever wants this program to end meanwhile ends both."""
+    """Start an acquisition; a signal that ends this program meanwhile ends both."""
 
     def end(*_: object) -> None:
         raise TerminatedError
 
-    before = signal.signal(signal.SIGTERM, end)
     try:
-        return client.start(plan)
+        with handling({signal.SIGTERM: end}):
+            return client.start(plan)
     except TerminatedError:
         say(ENDED_EARLY)
         raise typer.Exit(FINE) from None
     except KeyboardInterrupt:
         say(ENDED_EARLY)
         raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def say_begun(plan: Plan, connection: Client) -> None:
@@ -115,22 +111,23 @@ def say_begun(plan: Plan, connection: Client) -> None:
         say(SITE_NOT_STATED)
 
 
-def exit_code(plan: Plan, result: "RunDocument", connection: Client, terminated: bool) -> int:
-    """Exit code of an acquisition that has ended well; says on stderr what is to be said of it."""
+def exit_code(plan: Plan, end: EndReport, terminated: bool) -> int:
+    """Return the exit code for an acquisition that did not fail; writes on stderr what led to it."""
     if plan.unattended:
-        # whoever starts it again after an error must not do so because a bias has not converged
-        say_findings(connection)
+        # a service is started again after an error, and must not be because a bias has not converged
+        say_findings(end)
         code = FINE
     else:
-        code = verdict(result, connection)
-    # an end that was asked for is `imutui stop` in another guise; whoever follows to the end learns how that was
-    asked = terminated or (plan.unattended and not connection.ended_by_itself)
-    return code if asked else max([code, *(finding["exit_code"] for finding in connection.findings)])
+        code = verdict(end)
+    # a request for the end is `imutui stop` in another guise; only a command that follows to the end has its findings
+    asked = terminated or (plan.unattended and not end["by_itself"])
+    return code if asked else max([code, *(finding["exit_code"] for finding in end["findings"])])
 
 
-def verdict(result: "RunDocument | None", connection: Client) -> int:
-    """Exit code of an acquisition that was stopped, 0 or 1; says on stderr what it is for."""
-    say_findings(connection)
+def verdict(end: EndReport) -> int:
+    """Return the exit code for an acquisition that was stopped, 0 or 1; writes on stderr what led to it."""
+    say_findings(end)
+    result = end["result"]
     parts = [] if result is None else result["parts"]
     if result is None:
         fine = True
@@ -140,23 +137,23 @@ def verdict(result: "RunDocument | None", connection: Client) -> int:
     else:
         fine = sources.of_document(result).passes
     if result is not None and not fine:
-        say(f"{_whose(connection)}{sources.hence(result)}, hence exit code 1; the recording itself is complete")
-    return FINDINGS if connection.findings or not fine else FINE
+        say(f"{_whose(end)}{sources.hence(result)}, hence exit code 1; the recording itself is complete")
+    return FINDINGS if end["findings"] or not fine else FINE
 
 
-def say_findings(connection: Client) -> None:
-    """Say on stderr what must be said of an acquisition that has ended."""
-    for finding in connection.findings:
-        say(f"{_whose(connection)}{finding['text']}")
+def say_findings(end: EndReport) -> None:
+    """Write the findings of an acquisition that has ended on stderr."""
+    for finding in end["findings"]:
+        say(f"{_whose(end)}{finding['text']}")
 
 
-def _whose(connection: Client) -> str:
-    """Name of one of a batch, before what is said of it."""
-    return f"{connection.name}: " if batch_of(connection.name) else ""
+def _whose(end: EndReport) -> str:
+    """Return the name of a unit of a batch, as a prefix of messages."""
+    return f"{end['name']}: " if batch_of(end["name"]) else ""
 
 
-def _watch(connection: Client) -> "RunDocument | None":
-    """Show the acquisition until it ends; returns its result."""
+def _watch(connection: Client) -> EndReport:
+    """Show the acquisition until it ends; returns the record of its end."""
     if not sys.stderr.isatty():
         return connection.wait()
     with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
@@ -207,9 +204,5 @@ def _leave_on_hangup(connection: Client, terminated: threading.Event) -> Iterato
         # on a connection of its own: the one that waits for the end hears how it was, whoever asked first
         threading.Thread(target=_stop, args=(connection,), daemon=True).start()
 
-    before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
-    try:
+    with handling({signal.SIGHUP: leave, signal.SIGTERM: end}):
         yield
-    finally:
-        for number, handler in zip((signal.SIGHUP, signal.SIGTERM), before, strict=True):
-            signal.signal(number, handler)

@@ -6,11 +6,11 @@ import signal
 import sys
 import textwrap
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -29,6 +29,7 @@ from imutui.cli.exit_codes import (
     INTERRUPTED,
     USAGE,
     fail,
+    handling,
     print_json,
     say,
     say_if_not_kept,
@@ -41,56 +42,40 @@ from imutui.command_line import command
 from imutui.plain_text import in_line, one_line
 from imutui.session import batch as batches
 from imutui.session import client
-from imutui.session.client import Client, SessionError, SessionGoneError
+from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
+from imutui.session.lifecycle import failed
 from imutui.session.plan import Plan, batch_of
 from imutui.session.snapshot import NO_SERIES
 from imutui.settings import SETTINGS
 from imutui.verdict import sources
 
-if TYPE_CHECKING:
-    from imutui.logbook.results import RunDocument
-
 _LOOK_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class End:
-    """How the acquisition of a unit ended, or that it did not begin."""
-
-    name: str
-    code: int
-    result: "RunDocument | None" = None
-    error: str | None = None
-
-    def document(self) -> Mapping[str, object]:
-        """For JSON."""
-        return {"name": self.name, "error": self.error, "result": self.result}
-
-    def text(self) -> str:
-        """The unit, what is to be said, and its file on a line of its own, left whole so that it can be copied."""
-        result, said = self.result, self.error or "nothing was recorded"
-        if result is not None:
-            said = f"{sources.hence(result)}; {result['samples']} samples, {result['lost_packets']} lost"
-        lines = textwrap.wrap(f"{self.name}: {said}", width(), subsequent_indent="    ")
-        return "\n".join([*lines, *([f"    {result['log']}"] if result is not None else [])])
-
-
-def end_of(name: str, stopped: "tuple[RunDocument | None, Client] | SessionError") -> End:
-    """End of an acquisition that was asked to stop."""
+def end_of(name: str, stopped: EndReport | SessionError) -> EndReport:
+    """Return the end of an acquisition that was asked to stop; `exit_code` is what the command makes of it."""
     if isinstance(stopped, SessionError):
         say(f"imutui: {name}: {stopped}")
-        return End(name, stopped.exit_code, error=str(stopped))
-    result, connection = stopped
-    return End(name, follow_acquisition.verdict(result, connection), result)
+        return failed(name, stopped.exit_code, str(stopped))
+    return {**stopped, "exit_code": follow_acquisition.verdict(stopped)}
 
 
-def tell_ends(ends: Sequence[End], *, json: bool) -> int:
-    """Print how units ended; returns the worst exit code."""
+def tell_ends(ends: Sequence[EndReport], *, json: bool) -> int:
+    """Print the ends of units; returns the worst exit code."""
     if json:
-        print_json([end.document() for end in ends])
+        print_json(ends)
     else:
-        tell("\n".join(end.text() for end in ends))
-    return max((end.code for end in ends), default=FINE)
+        tell("\n".join(map(_text, ends)))
+    return max((end["exit_code"] for end in ends), default=FINE)
+
+
+def _text(end: EndReport) -> str:
+    """Return the unit, its verdict or error, and its file on a line of its own, left whole so that it can be copied."""
+    result, said = end["result"], end["error"] or "nothing was recorded"
+    if result is not None:
+        said = f"{sources.hence(result)}; {result['samples']} samples, {result['lost_packets']} lost"
+    lines = textwrap.wrap(f"{end['name']}: {said}", width(), subsequent_indent="    ")
+    return "\n".join([*lines, *([f"    {result['log']}"] if result is not None else [])])
 
 
 class Follower:
@@ -99,7 +84,7 @@ class Follower:
     def __init__(self, batch: Batch, base: Plan) -> None:
         self.batch, self._base = batch, base
         self._prefix = batches.acquisition_of(batch.name, "")
-        self.ends: list[End] = []
+        self.ends: list[EndReport] = []
         self.terminated = False
         self._over = queue.SimpleQueue[tuple[Client, Any]]()
         self._here: dict[str, Client] = {}  # those that run, by their names
@@ -119,7 +104,7 @@ class Follower:
 
     def _did_not_begin(self, name: str, error: SessionError) -> None:
         say(f"imutui: {name}: {error} {self._again(name)}")
-        self.ends.append(End(name, error.exit_code, error=str(error)))
+        self.ends.append(failed(name, error.exit_code, str(error)))
 
     def _again(self, name: str) -> str:
         unit = name.removeprefix(self._prefix)
@@ -152,21 +137,22 @@ class Follower:
             if batch_of(name) == self.batch.name and name not in self._here:
                 with contextlib.suppress(SessionError):  # it is connecting; soon it is not
                     self._join(Client(name))
-                    say(f"{name} runs again" if any(end.name == name for end in self.ends) else f"{name} runs, too")
+                    say(f"{name} runs again" if any(end["name"] == name for end in self.ends) else f"{name} runs, too")
 
-    def _ended(self, connection: Client, outcome: "RunDocument | SessionError | OSError | None") -> None:
+    def _ended(self, connection: Client, outcome: EndReport | SessionError | OSError) -> None:
         name = connection.name
         del self._here[name]
         if isinstance(outcome, Exception):
             code = FINDINGS if isinstance(outcome, SessionGoneError) else getattr(outcome, "exit_code", FINDINGS)
-            end = End(name, code, error=str(outcome))
+            end = failed(name, code, str(outcome))
             say(f"imutui: {name}: {outcome} {self._again(name)}")
         else:
-            code = FINDINGS
-            if outcome is not None:
-                code = follow_acquisition.exit_code(self._base, outcome, connection, self.terminated)
-            end = End(name, code, outcome, None if outcome is not None else "it ended without a recording")
-            by = "" if self.terminated or connection.ended_by_itself else f", ended by {connection.ended_by}"
+            if outcome["result"] is None:
+                end = failed(name, FINDINGS, "it ended without a recording")
+            else:
+                code = follow_acquisition.exit_code(self._base, outcome, self.terminated)
+                end = {**outcome, "exit_code": code}
+            by = "" if self.terminated or outcome["by_itself"] else f", ended by {outcome['ended_by']}"
             say(f"{name} has ended{by}; {len(self._here)} running")
         self.ends.append(end)
 
@@ -181,7 +167,7 @@ class Follower:
     def _did_not_end(self, name: str) -> None:
         said = f"it does not end; `kill -9 {self._here.pop(name).pid}` does. What was recorded is on the disk"
         say(f"imutui: {name}: {said}")
-        self.ends.append(End(name, INSTRUMENT, error=said))
+        self.ends.append(failed(name, INSTRUMENT, said))
 
     def left(self) -> str:
         """What is said of those that do not end."""
@@ -241,31 +227,27 @@ def follow(batch: Batch, base: Plan, plans: Sequence[Plan], *, json: bool) -> No
     """
     follower, signals, interrupted = Follower(batch, base), _Signals(), False
     handlers = {signal.SIGTERM: signals.terminate, signal.SIGHUP: signals.hang_up}
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        try:
-            follower.start(plans)
-            signals.may_leave()
-            follower.follow()
-        except (KeyboardInterrupt, TerminatedError) as error:
-            interrupted = isinstance(error, KeyboardInterrupt)
-            follower.terminated = True
-            follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
-            told = {end.name for end in follower.ends}
-            follower.ends += [
-                End(plan.name, FINE, error=follow_acquisition.ENDED_EARLY) for plan in plans if plan.name not in told
-            ]
+        with handling(handlers):
+            try:
+                follower.start(plans)
+                signals.may_leave()
+                follower.follow()
+            except (KeyboardInterrupt, TerminatedError) as error:
+                interrupted = isinstance(error, KeyboardInterrupt)
+                follower.terminated = True
+                follower.stop("Ctrl+C in imutui record" if interrupted else "SIGTERM to imutui record")
+                told = {end["name"] for end in follower.ends}
+                early = [plan.name for plan in plans if plan.name not in told]
+                follower.ends += [failed(name, FINE, follow_acquisition.ENDED_EARLY) for name in early]
     except TerminatedError:
         raise SessionError(follower.left()) from None
     except HungUpError:
         raise typer.Exit(FINE) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     order = [plan.name for plan in plans]
-    ends = sorted(follower.ends, key=lambda end: order.index(end.name) if end.name in order else len(order))
+    ends = sorted(follower.ends, key=lambda end: order.index(end["name"]) if end["name"] in order else len(order))
     code = tell_ends(ends, json=json)
-    if any(end.result for end in ends):
+    if any(end["result"] for end in ends):
         report = command("report", "--batch", batch.name, "-o", Path(batch.name))
         say(f"`{report}` tells which units pass, and what they have in common")
     raise typer.Exit(INTERRUPTED if interrupted else code)

@@ -94,12 +94,11 @@ def _follow(server: "FoxgloveServer", acquisition: "Client", stop: threading.Eve
     """Serve the logs of an acquisition until it ends; return whether one is damaged."""
     from imutui.foxglove_server import LOOK_S
     from imutui.logbook.reader import UnreadableLogError
-    from imutui.session.end_report import open_logs
-    from imutui.session.preloaded import Forked
+    from imutui.session.processes import Process, open_logs
 
-    process, from_now, damaged = Forked(acquisition.pid), True, False
+    process, from_now, damaged = Process(acquisition.pid), True, False
     while True:
-        over = stop.wait(LOOK_S) or process.has_ended
+        over = stop.wait(LOOK_S) or process.has_ended()
         for log in open_logs(process.pid):
             # it has just been made, and is empty yet
             with contextlib.suppress(UnreadableLogError):

@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +20,7 @@ from imutui.cli.exit_codes import (
     INTERRUPTED,
     USAGE,
     fail,
+    handling,
     lacking,
     print_json,
     say,
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from filters.tracing.trace_document import TraceFindings
     from imutui.cli.investigation_page import Page
     from imutui.jobs.investigation_diary import Diary, RoundEntry
-    from imutui.session.client import Client
+    from imutui.session.client import Client, EndReport
     from imutui.session.plan import Plan
 
 NAME = "investigate "  # of its acquisitions, before the folder's
@@ -110,7 +111,7 @@ def command(
     say_if_not_kept()
     ask_to_move(plan.controller, "for as long as the investigation takes", yes_move=yes_move)
     output.mkdir(parents=True, exist_ok=True)
-    with Page(diary.document) as page, _stopped_by_signals():
+    with Page(diary.document) as page, handling({signal.SIGTERM: _interrupt, signal.SIGHUP: _interrupt}):
         laboratory = _Laboratory(output, plan, axes, page)
         going = Investigation(laboratory, diary, page.told)
         page.left_s = lambda: going.left_s + going.reserve_s
@@ -221,9 +222,9 @@ def _plan(diary: "Diary", name: str) -> "Plan":
 def _axes(url: str, limits: str) -> "Axes":
     """What the table's axes can do, as its controller and the operator say."""
     from filters.tracing.table_motions import AxisRange
-    from imutui.table.controller import TableError
+    from imutui.table.acutrol import connect
+    from imutui.table.links import TableError
     from imutui.table.motion import narrower, parse_limits
-    from imutui.table.registry import connect
 
     given = parse_limits(limits)
     try:
@@ -249,20 +250,9 @@ def _axes(url: str, limits: str) -> "Axes":
     }
 
 
-@contextlib.contextmanager
-def _stopped_by_signals() -> Iterator[None]:
-    """Take SIGTERM and SIGHUP for Ctrl+C: the table must not go on without whoever gave its motions."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    numbers = (signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, stop) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+def _interrupt(*_: object) -> None:
+    """Take SIGTERM and SIGHUP for Ctrl+C: the table must not go on without the program that gives its motions."""
+    raise KeyboardInterrupt
 
 
 class _Laboratory:
@@ -295,7 +285,7 @@ class _Laboratory:
         )
         connection = client.start(plan)
         try:
-            self._follow(connection, motion.seconds)
+            end = self._follow(connection, motion.seconds)
         except BaseException:
             # whatever it is, the table must not go on
             try:
@@ -304,17 +294,17 @@ class _Laboratory:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(connection.pid, signal.SIGTERM)
             raise
-        failed = [finding["text"] for finding in connection.findings if finding["exit_code"] == INSTRUMENT]
-        if failed or not connection.ended_by_itself:
-            why = "; ".join(failed).rstrip(".") or f"ended by {connection.ended_by}"
+        failed = [finding["text"] for finding in end["findings"] if finding["exit_code"] == INSTRUMENT]
+        if failed or not end["by_itself"]:
+            why = "; ".join(failed).rstrip(".") or f"ended by {end['ended_by']}"
             from imutui.command_line import command as command_of
 
             again = command_of("investigate", "--resume", "-o", self._folder)
             raise SessionError(f"{motion.description} was not finished: {why}. The table stands. Go on with: {again}")
         return name
 
-    def _follow(self, connection: "Client", seconds: float) -> None:
-        """Show the acquisition until it ends; it is ended where the table was stopped."""
+    def _follow(self, connection: "Client", seconds: float) -> "EndReport":
+        """Show the acquisition until it ends, and end it if the table was stopped; returns the record of its end."""
         from imutui.session.client import SessionError
         from imutui.session.snapshot import NO_SERIES
 
@@ -330,7 +320,7 @@ class _Laboratory:
                 self._page.seen(seen, seconds)
                 if seen["guide"] is not None and seen["guide"]["state"] == "cancelled":
                     connection.stop("imutui investigate, since the table was stopped")
-        ended.result()
+        return ended.result()
 
     def runs(self, rounds: "Sequence[RoundEntry]") -> "list[Run]":
         """Runs of the logs of rounds."""

@@ -83,7 +83,7 @@ def _text(answer: "Answer") -> str:
 
 
 def _line(s: "Snapshot") -> str:
-    from imutui.session.identity import unit_in_words
+    from imutui.session.snapshot import unit_in_words
     from imutui.tui.messages import lost
 
     unit = unit_in_words(s["instrument"], s["serial_number"])

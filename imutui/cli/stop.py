@@ -22,10 +22,10 @@ def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> Non
         from imutui.cli.follow_batch import end_of, tell_ends
         from imutui.session.batch import each
 
-        ended = each(acquisitions_of(name, batch), lambda one: (one.stop(by), one))
+        ended = each(acquisitions_of(name, batch), lambda one: one.stop(by))
         raise typer.Exit(tell_ends([end_of(one, outcome) for one, outcome in ended.items()], json=json))
-    connection = client.attach(name)
-    result = connection.stop(by)
+    end = client.attach(name).stop(by)
+    result = end["result"]
     if result is None and not json:
         say("stopped; nothing was being recorded")
     else:
@@ -33,4 +33,4 @@ def command(name: Name = None, batch: OfBatch = None, json: Json = False) -> Non
     # whoever finds nothing to stop need not wait for what follows an acquisition
     from imutui.cli.follow_acquisition import verdict
 
-    raise typer.Exit(verdict(result, connection))
+    raise typer.Exit(verdict(end))

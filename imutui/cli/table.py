@@ -1,4 +1,4 @@
-"""`imutui table`: a turn table's controller, by hand."""
+"""`imutui table`: command a turn table's controller by hand."""
 
 import math
 import time
@@ -44,22 +44,22 @@ def command(
     yes_move: YesMove = False,
     json: Json = False,
 ) -> None:
-    """Say where a turn table is, move it, turn an axis, or stop it, through its controller.
+    """Report where a turn table is, move it, turn an axis, or stop it, through its controller.
 
-    `status` only asks. `move OUTER MIDDLE INNER` goes to three angles and ends there; an axis that the table has not
-    is 0. `rate AXIS DPS` turns an axis until Ctrl+C. `stop` brings all axes to rest and turns their modes off, whoever
-    set them going. Nothing moves before somebody has said so, and nothing goes beyond the limits that the controller or
-    --limits says. Ctrl+C stops the table, and so does the end of this process, whatever the cause.
+    `status` only asks. `move OUTER MIDDLE INNER` goes to three angles and ends there; the angle of a missing axis is 0.
+    `rate AXIS DPS` turns an axis until Ctrl+C. `stop` brings all axes to rest and turns their modes off, whichever
+    program set them going. Nothing moves before the user has allowed it, and nothing goes beyond the limits of the
+    controller and of --limits. Ctrl+C stops the table, and so does any other end of this process.
 
     Example: imutui table move 0 0 -90 --controller acutrol://192.168.1.53:9888
     """
-    from imutui.table import registry
+    from imutui.table import acutrol
     from imutui.table.motion import parse_limits
 
     given = _checked(action, values or [], controller)
     if seconds is not None and not seconds > 0.0:
         raise fail(USAGE, f"--seconds is {seconds:g}; it is a time that an axis turns, such as 10.")
-    registry.check(controller)
+    acutrol.parse(controller)
     parse_limits(limits)
     if action == "status":
         _status(controller, limits, json)
@@ -98,15 +98,15 @@ def _status(url: str, limits: str, json: bool) -> None:
 
     table = KeptTable(url, limits)
     try:
-        _tell(table, _first(table), json)
+        _tell(table, _next(table), json)
     finally:
         table.close()
 
 
 def _stop(url: str, json: bool) -> None:
-    """Stop over a link of its own, whatever else has one; the first lines sent are the stop."""
+    """Stop over a link of its own, whichever program commands the table; the first lines sent are the stop."""
+    from imutui.table.acutrol import connect
     from imutui.table.keeper import stop_for_certain
-    from imutui.table.registry import connect
 
     controller = stop_for_certain(connect(url, asks=False), lambda asks: connect(url, asks=asks), say)
     if controller is None:
@@ -134,7 +134,7 @@ def _turn(
     table = KeptTable(url, limits)
     try:
         motions = _motions(action, values, table, how)
-        _first(table)
+        _next(table)
         ask_to_move(url, _in_words(action, values), yes_move=yes_move)
         table.ask(Command("enable"))
         table.ask(Command("go", motions))
@@ -156,9 +156,9 @@ def _turn(
 def _motions(
     action: str, values: list[str | float], table: "KeptTable", how: tuple[float | None, float | None]
 ) -> "tuple[Motion, ...]":
-    """Return the motions to command; without options at the usual speeds, or slower where limits are lower.
+    """Return the motions to command; without options at the usual speeds, or slower if limits are lower.
 
-    Raises InputError for what is not within limits.
+    Raises InputError for a motion beyond limits.
     """
     from filters.motion.segments import AXES
     from imutui.table.motion import Begin, Move, Turn, limits_of
@@ -204,25 +204,25 @@ def _in_words(action: str, values: list[str | float]) -> str:
 # ------------------------------------------------------------------------------------------------------------- waiting
 
 
-def _first(table: "KeptTable") -> "TableState":
-    deadline = time.monotonic() + _READ_S
-    while table.newest is None:
-        _look(table)
-        if time.monotonic() > deadline:
-            raise fail(INSTRUMENT, f"{table.url} says no angles within {_READ_S:g} s. Look at the table.")
-    return table.newest
-
-
 def _next(table: "KeptTable") -> "TableState":
-    before = table.newest
+    """Wait for another reading, and print the keeper's news; raises the exit if the keeper ends or none comes."""
+    before, deadline = table.newest, time.monotonic() + _READ_S
     while table.newest is before:
-        _look(table)
+        time.sleep(_LOOK_S)
+        while table.news:
+            text, is_warning = table.news.popleft()
+            if not is_warning:
+                say(f"imutui: {text}")
+        if table.has_ended:
+            raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
+        if time.monotonic() > deadline:
+            raise fail(INSTRUMENT, f"{table.url} sends no angles within {_READ_S:g} s. Look at the table.")
     assert table.newest is not None
     return table.newest
 
 
 def _wait_until_there(table: "KeptTable", motions: "tuple[Motion, ...]") -> None:
-    """Wait until all motions are there; the keeper ends if they do not follow."""
+    """Wait until all motions are there; the keeper ends if the axes do not follow."""
     from imutui.table.motion import Readings
 
     readings = Readings()
@@ -238,17 +238,6 @@ def _wait(table: "KeptTable", seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         show_progress(_text(_next(table)))
-
-
-def _look(table: "KeptTable") -> None:
-    """Wait a moment, and print the keeper's news; raises the exit if the keeper has ended."""
-    time.sleep(_LOOK_S)
-    while table.news:
-        text, is_warning = table.news.popleft()
-        if not is_warning:
-            say(f"imutui: {text}")
-    if table.has_ended:
-        raise fail(INSTRUMENT, table.error or "the keeper of the table has ended.")
 
 
 # -------------------------------------------------------------------------------------------------------------- output

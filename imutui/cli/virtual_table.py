@@ -1,4 +1,4 @@
-"""The table that `imutui virtual --controller` puts under its unit, and the controller's port."""
+"""The virtual table on which `imutui virtual --controller` puts its unit, and the port of its controller."""
 
 import sys
 import time
@@ -17,18 +17,18 @@ from imutui.instrument.virtual_instrument import VirtualInstrument
 from imutui.table.acutrol_virtual import VirtualAcutrol
 from imutui.table.server import TableServer
 
-# wall time: at 20 times its speed a unit of 133 readings a second then makes ten of them at once
+# wall time; at 20 times its speed a unit of 133 readings a second then makes ten at once
 _AHEAD_S = 0.004
 _SWITCH_S = 0.0005
 
 
 class VirtualTable:
-    """A table with a controller on a port of loopback, both on one time with the unit.
+    """A table with a controller on a loopback port; both share the time of the unit.
 
-    `address`: HOST:PORT; port 0 takes one that is free.
-    `axes`: how many; None: as many as its scenario has.
-    `speed`: time of table and unit over the wall's.
-    Raises InputError if the address is none of loopback, or the number of axes is none.
+    `address`: HOST:PORT; port 0 takes a free one.
+    `axes`: number of axes; None: as many as the scenario has.
+    `speed`: speed of the time of table and unit over the wall clock's.
+    Raises InputError for another address or number of axes.
     """
 
     def __init__(self, address: str, axes: int | None, speed: float) -> None:
@@ -37,13 +37,13 @@ class VirtualTable:
             raise InputError(f'--controller is "{address}"; it is HOST:PORT on loopback, such as 127.0.0.1:0')
         if axes is not None and not 1 <= axes <= len(AXES):
             raise InputError(f"--axes is {axes}; a table has 1 to {len(AXES)}")
-        self.began = time.monotonic()  # of the time of both
+        self.began = time.monotonic()  # time zero of table and unit
         self._address, self._axes, self._speed = (host.strip("[]"), int(port)), axes, speed
         self._server: TableServer | None = None
         self._unit: VirtualInstrument[Any, Any] | None = None
 
     def under(self, scenario: Scenario, log: Callable[[str], None] = lambda text: None) -> OnTable:
-        """The table of a scenario, with the controller's port taken, for a unit to stand on."""
+        """Return the table of a scenario for a unit to stand on, and open the controller's port."""
         model = replace(scenario.table, seed=scenario.table.seed or scenario.seed)
         if self._axes is not None:
             model = replace(model, axes=AXES[-self._axes :])
@@ -62,10 +62,10 @@ class VirtualTable:
 
     @contextmanager
     def served(self, unit: VirtualInstrument[Any, Any]) -> Iterator[str]:
-        """Serve the controller while the unit runs on the table; gives its URL."""
+        """Serve the controller while the unit runs on the table; yields its URL."""
         assert self._server is not None, "the unit was made without the table"
         self._unit = unit
-        # unit and controller are threads of one process, and neither may be late for the other's arithmetic
+        # unit and controller are threads of one process; neither may wait for the other's arithmetic
         sys.setswitchinterval(_SWITCH_S)
         with self._server:
             host = self._address[0]
@@ -77,7 +77,7 @@ class VirtualTable:
     # the unit counts its time from its first reading, by its own clock
 
     def _clock(self) -> tuple[float, float]:
-        """When the unit's time begins by its own clock, s, and how much faster than the table's this runs."""
+        """Return when the unit's time begins by its own clock, s, and the speed of this clock over the table's."""
         if self._unit is None or not self._unit.data_asked_for:
             return 0.0, 1.0
         return self._unit.source_begins, 1.0 + self._unit.options.clock_skew_ppm * 1e-6

@@ -4,6 +4,7 @@ A `Driver` is the only code that writes to the port. It may block; the session s
 """
 
 import math
+import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -42,6 +43,12 @@ class Identity:
     configuration: str = field(default="", compare=False)  # its configuration when it was found, in words
     # axes of its packets in its case as it is configured, as `filters.imu.parse_mount` reads them
     own_mount: str = field(default="", compare=False)
+
+    @property
+    def model(self) -> str:
+        """Model in a version such as "IMU400CD-200 1.07"; empty if it names none."""
+        named = re.match(r"[A-Z]{2,}[ -]?\d+[A-Z]*(-\d+)?", self.version.strip(), re.IGNORECASE)
+        return named[0] if named else ""
 
 
 def origin_of(text: str) -> tuple[str, str]:

@@ -100,7 +100,7 @@ class SessionInfo(LoggedSettings):
     boot_id: str = ""
     # previous, previous_id, previous_end, restart: name and id of the recording before it that it takes up after,
     # "finished" or "unfinished", and what was started anew since, "process" or "computer": see
-    # `imutui.session.previous_log`. "" where nothing is to be said.
+    # `imutui.session.metadata`. "" where nothing is to be said.
     previous: str = ""
     previous_id: str = ""
     previous_end: str = ""

@@ -22,11 +22,10 @@ from imutui.session.commanded_table import CommandedTable
 from imutui.session.guidance import Guidance, describe
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import reconfigured
-from imutui.session.plan import HistoryWish, Plan, RecordingWish
+from imutui.session.plan import FilterChanges, HistoryWish, Plan, RecordingWish
 from imutui.session.reader_thread import BLOCK_NS, Reader, ZeroingFinished
 from imutui.session.reconnection import LineLost
 from imutui.session.recording import Recording
-from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, StatisticsSnapshot
 from imutui.session.stream import INFORMATION, WARNING, Block, Broke, Consumer, Event, Said, Second, Why
 from imutui.session.watches import ClockStepMonitor, EventLog, FoxgloveFollower, GravityCheck, LineWatch, StatusWords

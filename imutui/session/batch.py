@@ -1,12 +1,12 @@
 """The acquisitions of a batch, each a process with a log of its own: which there are, how they are, one request to all.
 
-The acquisition of a unit is called `BATCH:UNIT`. Beside the sockets a link leads from the batch's name to its file, so
-that viewers know of units that are not there, too.
+The acquisition of a unit is called `BATCH:UNIT`. Beside the sockets a record of each batch names its file, so that
+viewers know of units that are not there, too.
 """
 
 import contextlib
+import json
 import os
-import secrets
 import select
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -21,15 +21,15 @@ from imutui.batch_file import Batch, BatchError, Unit
 from imutui.command_line import command
 from imutui.instrument.names import DEFAULT, VIRTUAL_PORT
 from imutui.logbook import atomic_file
-from imutui.session import client, end_report, ipc, lifecycle
+from imutui.session import client, ipc, lifecycle
 from imutui.session.client import Client, SessionError, Starting
-from imutui.session.end_report import EndReport
+from imutui.session.lifecycle import EndReport
 from imutui.session.plan import Plan, batch_of
-from imutui.session.preloaded import Parent
+from imutui.session.processes import Parent
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, Snapshot
 
 CONNECTING, SILENT, ENDED = "connecting", "does not answer", "ended"
-_SUFFIX, _ASKED = ".batch", ".asked"
+_SUFFIX = ".batch"
 _AT_ONCE = 32
 _STARTING = max(4, os.cpu_count() or 1)
 R = TypeVar("R")
@@ -37,17 +37,17 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How an acquisition is."""
+    """The answer of an acquisition, or why there is none."""
 
     name: str
     snapshot: Snapshot | None  # without series; None if there is none to be had
-    missing: str = ""  # why there is none: CONNECTING, SILENT or ENDED
+    missing: str = ""  # why there is no snapshot: CONNECTING, SILENT or ENDED
     unit: Unit | None = None  # of the batch's file, if it is in there
     report: EndReport | None = None  # of one that has ended, if it left one
 
     @property
     def why(self) -> str:
-        """Why it has ended, in words; empty of one that runs."""
+        """Why the acquisition has ended, in words; empty if it runs."""
         if self.missing != ENDED:
             return ""
         if self.report is None:
@@ -57,14 +57,14 @@ class Answer:
 
 
 def acquisition_of(batch: str, unit: str) -> str:
-    """Name of the acquisition of a unit; of one that is named so already, itself."""
+    """Return the name of the acquisition of a unit; a name of an acquisition stays as it is."""
     return unit if batch_of(unit) == batch else f"{batch}:{unit}"
 
 
 def base_of(batch: Batch, base: Plan) -> Plan:
-    """Plan that all units of a batch have in common.
+    """Return the plan that all units of a batch have in common.
 
-    `base`: what the file does not state.
+    `base`: fields that the file does not state.
     Raises BatchError if the file names a profile that cannot be read.
     """
     from imutui.logbook import import_reference
@@ -86,7 +86,7 @@ def base_of(batch: Batch, base: Plan) -> Plan:
 
 
 def plans(batch: Batch, base: Plan) -> list[Plan]:
-    """Plans of the units' acquisitions, in their order; one that is known by its serial number has no port yet.
+    """Return the plans of the units' acquisitions, in their order; a unit known by its serial number has no port yet.
 
     `base`: what `base_of` returned.
     Raises BatchError with file, unit and key if a plan cannot be, or a file that it names can't be read.
@@ -115,9 +115,9 @@ def plans(batch: Batch, base: Plan) -> list[Plan]:
 
 
 def find(serials: Sequence[str]) -> dict[str, str | SessionError]:
-    """Where units are, by their serial numbers: the ports of this machine that no acquisition has are asked at once.
+    """Return the port of each serial number, or the error; all ports that no acquisition has are probed at once.
 
-    Returns port, or what is wrong with it, of each. It takes some seconds where a port does not answer.
+    It takes some seconds where a port does not answer.
     """
     answers = [answer for _, answer in _at_once([port for port, _ in client.ports()], client.probe)]
     has = [one.snapshot for one in ask(client.running()) if one.snapshot is not None]
@@ -142,10 +142,10 @@ def _told(answer: ProbeAnswer) -> str:
 
 
 def start(batch: Batch, asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError], None]) -> None:
-    """Start units of a batch, those first whose port is known; `begun` hears of each: it, or what is wrong.
+    """Start units of a batch, those first whose port is known; `begun` is called with the client or error of each.
 
     `asked`: of `plans`. Several are forked from one process, so that they share what they load.
-    One that does not start keeps no other from it. Whatever `begun` raises gives up those on their way up.
+    A unit that does not start keeps no other from it. An exception of `begun` gives up those on their way up.
     """
     serials = {acquisition_of(batch.name, unit.name): unit.serial for unit in batch.units}
     filters, effects = any(plan.filter != "none" for plan in asked), any(plan.effects for plan in asked)
@@ -156,7 +156,7 @@ def start(batch: Batch, asked: Sequence[Plan], begun: Callable[[Plan, Client | S
         for plan in sought:
             port = found[serials[plan.name]]
             if isinstance(port, SessionError):
-                end_report.write(plan.name, "", str(port))
+                lifecycle.write_end(lifecycle.failed(plan.name, port.exit_code, str(port)))
                 begun(plan, port)
             else:
                 ready.append(replace(plan, port=port))
@@ -191,26 +191,32 @@ def _start(asked: Sequence[Plan], begun: Callable[[Plan, Client | SessionError],
 
 
 def begin(batch: Batch, base: Plan) -> None:
-    """Have viewers find the file of a batch, and keep what is asked of all its units for those that join later.
+    """Record the file of a batch for viewers, and the plan of all its units for those that join later.
 
     `base`: what `base_of` returned.
     """
-    link, asked = (ipc.folder() / f"{batch.name}{suffix}" for suffix in (_SUFFIX, _ASKED))
-    part = link.with_name(f"{link.name}.{secrets.token_hex(4)}.part")
-    part.symlink_to(batch.path.resolve())
-    part.replace(link)
-    atomic_file.write(asked, base.dumps(), overwrite=True)
+    record = json.dumps([str(batch.path.resolve()), base.dumps()])
+    atomic_file.write(ipc.folder() / f"{batch.name}{_SUFFIX}", record, overwrite=True)
+
+
+def _begun(name: str) -> tuple[Path, str] | None:
+    """Return the file and the text of the plan of the batch that was begun last by that name; None if there is none."""
+    records = [folder / f"{name}{_SUFFIX}" for folder in ipc.folders()]
+    record = next((path for path in records if path.exists()), None)
+    if record is None:
+        return None
+    file, plan = json.loads(record.read_text(encoding="utf-8"))
+    return Path(file), plan
 
 
 def asked_of(name: str) -> Plan | None:
-    """Plan that the units of the batch had in common when it was begun last; None if there is none.
+    """Return the plan of all units of the batch that was begun last; None if there is none.
 
     Raises SessionError if another version of this program wrote it.
     """
-    texts = [folder / f"{name}{_ASKED}" for folder in ipc.folders()]
-    text = next((path for path in texts if path.exists()), None)
+    begun = _begun(name)
     try:
-        return None if text is None else Plan.loads(text.read_text(encoding="utf-8"))
+        return None if begun is None else Plan.loads(begun[1])
     except (KeyError, TypeError, ValueError) as error:
         stop = command("stop", "--batch", name)
         said = f"another version of imutui started the batch {name}: `{stop}`, then start all of it"
@@ -218,18 +224,18 @@ def asked_of(name: str) -> Plan | None:
 
 
 def file_of(name: str) -> Path | None:
-    """File of the batch of that name that was begun last; None if there is none, or it has gone."""
-    links = [folder / f"{name}{_SUFFIX}" for folder in ipc.folders()]
-    return next((link.resolve() for link in links if link.exists()), None)
+    """Return the file of the batch of that name that was begun last; None if there is none, or it has gone."""
+    begun = _begun(name)
+    return None if begun is None or not begun[0].exists() else begun[0]
 
 
 def running() -> list[str]:
-    """Names of the batches of which a unit is being acquired."""
+    """Return the names of the batches of which a unit is being acquired."""
     return sorted({*map(batch_of, client.running())} - {""})
 
 
 def names(batch: str) -> list[str]:
-    """Names of a batch's acquisitions that run; raises SessionError if none does."""
+    """Return the names of a batch's acquisitions that run; raises SessionError if none does."""
     here = client.running()
     found = [name for name in rows(batch) if name in here]
     if not found:
@@ -240,7 +246,7 @@ def names(batch: str) -> list[str]:
 
 
 def rows(batch: str) -> dict[str, Unit | None]:
-    """Names of a batch's acquisitions: those of its file in its order, running or not, then others that run."""
+    """Return the names of a batch's acquisitions: those of its file in order, running or not, then others that run."""
     path, found = file_of(batch), dict[str, Unit | None]()
     with contextlib.suppress(BatchError):  # it is being changed; what runs is known without it
         read = batch_file.read(path) if path is not None else None
@@ -250,18 +256,26 @@ def rows(batch: str) -> dict[str, Unit | None]:
 
 
 def units(batch: str) -> list[Answer]:
-    """How the units of a batch are, in the order of `rows`."""
+    """Return the answers of the units of a batch, in the order of `rows`."""
     found = rows(batch)
     return [replace(each, unit=found[each.name]) for each in ask(found)]
 
 
 def ask(acquisitions: Iterable[str]) -> list[Answer]:
-    """Ask acquisitions, all at once, how they are; one that hangs or connects costs no other's answer."""
-    return [found for _, found in _at_once(list(acquisitions), _ask)]
+    """Return the answers of acquisitions, asked all at once; one that hangs or connects delays no other's answer."""
+
+    def asked(name: str) -> Answer:
+        def look() -> Snapshot:
+            with contextlib.closing(client.attach(name)) as connection:
+                return connection.snapshot(since=NO_SERIES)
+
+        return answer_of(name, look)
+
+    return [found for _, found in _at_once(list(acquisitions), asked)]
 
 
 def each(acquisitions: Sequence[str], do: Callable[[Client], R]) -> dict[str, R | SessionError]:
-    """Have acquisitions do something, all at once: what each replies, or what is wrong with it."""
+    """Call a function with a client of each acquisition, all at once; return its result or error of each."""
 
     def done(name: str) -> R | SessionError:
         try:
@@ -282,16 +296,8 @@ def _at_once(acquisitions: Sequence[str], do: Callable[[str], R]) -> list[tuple[
         return list(zip(acquisitions, pool.map(do, acquisitions), strict=True))
 
 
-def _ask(name: str) -> Answer:
-    def look() -> Snapshot:
-        with contextlib.closing(client.attach(name)) as connection:
-            return connection.snapshot(since=NO_SERIES)
-
-    return answer_of(name, look)
-
-
 def answer_of(name: str, look: Callable[[], Snapshot]) -> Answer:
-    """How an acquisition is, from what looks at it."""
+    """Return the answer of an acquisition; `look` asks it for a snapshot."""
     try:
         return Answer(name, look())
     except client.SessionConnectingError:
@@ -299,4 +305,4 @@ def answer_of(name: str, look: Callable[[], Snapshot]) -> Answer:
     except SessionError:
         if name in client.running():
             return Answer(name, None, SILENT)
-        return Answer(name, None, ENDED, report=end_report.read(name))
+        return Answer(name, None, ENDED, report=lifecycle.read_end(name))

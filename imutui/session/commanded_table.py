@@ -1,6 +1,6 @@
-"""A table under an acquisition's command: sends it to a profile's segments, and sees when it is there.
+"""A table under the command of an acquisition, which goes through the segments of a profile.
 
-A dwell begins once the table has settled, a rate once the axis turns at it, a sine once the axis swings. The keeper, a
+A dwell begins when the table has settled, a rate when the axis turns at it, a sine when the axis swings. The keeper, a
 process of its own, has the link and checks all motions; see `imutui.table.keeper`.
 """
 
@@ -14,7 +14,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Segment
 from imutui.instrument.driver import InstrumentError
 from imutui.session.snapshot import ControllerSnapshot
-from imutui.table.controller import TableError
+from imutui.table.links import TableError
 from imutui.table.messages import Command
 from imutui.table.motion import OFF, Begin, Motion, Readings, TableState, check_profile, of_segment
 from imutui.table.owner import KeptTable
@@ -24,7 +24,7 @@ _MOVING = 0.1  # deg/s: a table that is faster is reported to move
 
 
 class CommandedTable:
-    """Commands a table through its keeper. `url`, `limits_text`, `starts`: as `KeptTable` has them.
+    """Commands a table through its keeper. `url`, `limits_text`, `starts`: those of `KeptTable`.
 
     A keeper that has ended, or was not started, is started when a profile is checked.
     Raises InstrumentError if there is no controller.
@@ -33,15 +33,15 @@ class CommandedTable:
     has_ramps = False  # a segment begins when the table has its rate
 
     def __init__(self, url: str, limits_text: str = "", *, starts: bool = True) -> None:
-        self.lives: Callable[[], bool] = lambda: True  # whether the acquisition still does its work
+        self.lives: Callable[[], bool] = lambda: True  # returns whether the acquisition works
         self._url, self._limits_text = url, limits_text
         self._kept = self._begin(starts=starts)
         self._readings = Readings()
-        self._steps: deque[tuple[Motion, ...]] = deque()  # motions at once, the present ones first
+        self._steps: deque[tuple[Motion, ...]] = deque()  # motions that begin at once; the present ones first
         self._last: tuple[Motion, ...] = ()  # motions of the present segment
         self._counter = itertools.count(1)
-        self._stops = self._seen_stops = 0  # stops asked for, and those before it was enabled last
-        self._until_ns = 0  # by when the present step must be done
+        self._stops = self._seen_stops = 0  # stops that were asked for, and those before the table was enabled last
+        self._until_ns = 0  # the present step must be done by then
         self.why_failed = ""  # why the table was stopped, if the operator must look at it
 
     def _begin(self, *, starts: bool) -> KeptTable:
@@ -56,7 +56,7 @@ class CommandedTable:
         return self._kept.identity
 
     def check(self, profile: Profile) -> None:
-        """Refuse a profile that goes beyond the table's limits anywhere; raises InputError that names the segment."""
+        """Raise InputError for a profile that goes beyond the table's limits; the message names the segment."""
         newest = self._kept.newest
         if self._kept.has_ended:
             try:
@@ -66,7 +66,7 @@ class CommandedTable:
         check_profile(profile, self._kept.limits, (0.0,) * 3 if newest is None else newest.angles_deg)
 
     def enable(self) -> None:
-        """Close the interlock, after the operator has agreed that the table may move.
+        """Close the interlock; the user has allowed the table to move.
 
         Raises InputError if it does not close, or the keeper has ended.
         """
@@ -78,15 +78,15 @@ class CommandedTable:
         self.why_failed = ""
 
     def warn(self, why: str) -> None:
-        """Add a warning to the news: why the table was stopped from here."""
+        """Add to the news why the table was stopped from here."""
         self._kept.news.append((why, True))
 
     # -- a profile's segments -----------------------------------------------------------------------------------------
 
     def _is_stopped(self) -> bool:
-        """Return whether a stop was asked for since the table was enabled; forgets the steps then.
+        """Return whether a stop was asked for since the table was enabled; if so, drop the steps.
 
-        Any thread may ask for a stop, and only the worker has steps.
+        Any thread may ask for a stop; only the worker has steps.
         """
         if self._stops == self._seen_stops:
             return False
@@ -95,7 +95,7 @@ class CommandedTable:
         return True
 
     def go(self, profile: Profile, segment: Segment, now_ns: int) -> None:
-        """Begin to go to a segment; nothing after a stop, until the table is enabled again.
+        """Begin to go to a segment; does nothing after a stop, until the table is enabled again.
 
         Raises InputError if a controller can't be commanded so.
         """
@@ -116,7 +116,7 @@ class CommandedTable:
             begin = Begin(0.0) if newest is None else Begin(newest.angles_deg[k], newest.rates_dps[k])
             takes_s = max(takes_s, motion.takes_s(begin))
         self._until_ns = now_ns + round((takes_s + _SETTLE_PATIENCE_S) * 1e9)
-        # the keeper refuses a command that was decided on before a stop and comes after it
+        # the keeper refuses a command that was decided on before a stop and arrives after it
         self._kept.send(Command("go", step, self._seen_stops))
 
     def has_arrived(self, now_ns: int) -> bool:
@@ -137,7 +137,7 @@ class CommandedTable:
             self._kept.send(Command("stop", stops=stops))
 
     def close(self) -> None:
-        """Stop, and give up the link."""
+        """Stop, and close the link."""
         self._kept.close()
 
     # -- readings and news -------------------------------------------------------------------------------------------
@@ -163,14 +163,14 @@ class CommandedTable:
 
     @property
     def moves(self) -> bool:
-        """Whether the table moves under command, or is about to."""
+        """True if the table moves under command, or is about to."""
         newest = self._kept.newest
         turns = newest is not None and newest.mode != OFF and max(map(abs, newest.rates_dps)) > _MOVING
         waits = self._stops == self._seen_stops and bool(self._steps or any(motion.ended() for motion in self._last))
         return self._kept.enabled and not self._kept.has_ended and (turns or waits)
 
     def snapshot(self, *, investigates: bool) -> ControllerSnapshot:
-        """Return the part of a snapshot that is about the table."""
+        """Return the table's part of a snapshot."""
         kept, newest = self._kept, self._kept.newest
         return {
             "url": kept.url,

@@ -1,13 +1,12 @@
-"""Through a table's profile, segment by segment: the operator turns the table by hand, or a controller is commanded.
+"""Guides a table through a profile, segment by segment; the operator turns it by hand, or a controller is commanded.
 
 The guide sends a mover to a segment and waits, without limit, until the mover has arrived. It then holds for the
-segment's seconds, and goes on to the next. When a segment begins it is marked ("segment 3", counted from 1): by the
-marks the filter joins the profile to the log, see `filters.motion.reference.TableMotion`.
+segment's seconds, and continues with the next. The beginning of a segment is marked ("segment 3", counted from 1). The
+filter joins the profile to the log by these marks, see `filters.motion.reference.TableMotion`.
 """
 
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
@@ -25,50 +24,35 @@ _TABLE = "table"  # events of the table under command
 _SAY_SO = "the table would move by itself: say that it may (yes, or --yes-move) when nobody is near it"
 
 
-class Mover(Protocol):
-    """Takes a table from segment to segment."""
-
-    has_ramps: bool  # whether a motion is taken to be there when it begins, its ramps included
-
-    def go(self, profile: Profile, segment: Segment, now_ns: int) -> None:
-        """Begin to go to a segment."""
-        ...
-
-    def has_arrived(self, now_ns: int) -> bool:
-        """Return whether the segment begins now; once."""
-        ...
-
-    def leave(self) -> None:
-        """Go nowhere any more."""
-        ...
-
-
 class Operator:
-    """Turns the table by hand; `is_there` is set when the operator says so."""
+    """Turns the table by hand; the guide sets `is_there` at "next". `CommandedTable` has the same methods."""
 
-    has_ramps = True
+    has_ramps = True  # the ramps of a motion belong to its segment
 
     def __init__(self) -> None:
         self.is_there = False
 
     def go(self, profile: Profile, segment: Segment, now_ns: int) -> None:
+        """Begin to go to a segment."""
         self.is_there = False
 
     def has_arrived(self, now_ns: int) -> bool:
+        """Return whether the segment begins now; once."""
         return self.is_there
 
     def leave(self) -> None:
+        """Stop going to a segment."""
         self.is_there = False
 
 
 class Guide:
-    """One way through a profile. No I/O: the caller has the clock, and writes the marks."""
+    """One pass through a profile. No I/O: the caller has the clock, and writes the marks."""
 
-    def __init__(self, profile: Profile, mover: Mover | None = None) -> None:
+    def __init__(self, profile: Profile, mover: Operator | CommandedTable | None = None) -> None:
         self.profile = profile
         # "go": the mover is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
         self.state: GuideState = "go"
-        self.segment = 0  # the present one; after the last, the last
+        self.segment = 0  # the present one; the last when all are done
         self._mover = mover or Operator()
         self._is_sent = False
         self._hold_s = hold_seconds(profile, with_ramps=self._mover.has_ramps)
@@ -77,13 +61,13 @@ class Guide:
 
     @property
     def under_way(self) -> bool:
-        """Whether it waits for the mover or holds."""
+        """True while the guide waits for the mover or holds."""
         return self.state in ("go", "hold")
 
     def do(self, what: str, now_ns: int, *, recording: bool) -> str | None:
         """Carry out the operator's "next", "cancel" or "resume"; returns the mark to write, if there is one.
 
-        Raises InputError if it cannot be done now, or is none of them.
+        Raises InputError for another word, or if it cannot be done now.
         """
         self._advance(now_ns)
         match what:
@@ -113,7 +97,7 @@ class Guide:
         return self.look(now_ns)
 
     def look(self, now_ns: int) -> str | None:
-        """Go on to where the mover and the time have come; returns the mark to write if a segment begins."""
+        """Advance to the present time; returns the mark to write if a segment begins."""
         self._advance(now_ns)
         if self.state != "go":
             return None
@@ -139,8 +123,8 @@ class Guide:
     def cancel(self, now_ns: int) -> str | None:
         """Stop guiding, and the mover.
 
-        Returns the mark to write: that the segment under way has ended before its time. Without it the table would be
-          taken to rest there still.
+        Returns the mark that ends the segment under way, if one is. Without it the filter would take the table to rest
+          there still.
         Raises InputError if there is nothing to cancel.
         """
         self._advance(now_ns)
@@ -158,7 +142,7 @@ class Guide:
             raise InputError(f"the guide is {self.state}; {next_step}")
 
     def recording_ended(self, now_ns: int) -> None:
-        """Cancel what is under way, since it is recorded no more; what is done stays done."""
+        """Cancel the segment under way, since its recording has ended; segments that are done stay done."""
         self._advance(now_ns)
         self._mover.leave()
         if self.under_way:
@@ -168,7 +152,7 @@ class Guide:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
     def snapshot(self, now_ns: int, started_ns: int | None) -> GuideSnapshot:
-        """Return what viewers see; `started_ns` is when the run of samples began, if it has. See `GuideSnapshot`."""
+        """Return the guide for viewers; `started_ns`: beginning of the run of samples, if it has begun."""
         self._advance(now_ns)
         return {
             "state": self.state,
@@ -182,9 +166,9 @@ class Guide:
 
 
 class Guidance:
-    """Where an acquisition is in a profile. `recorder` has the profile, `record` begins a recording.
+    """The guide of an acquisition. `recorder` has the profile, `record` begins a recording.
 
-    `table` is one under command; without it the operator turns the table.
+    `table`: a table under command; None: the operator turns the table.
     """
 
     def __init__(
@@ -193,20 +177,20 @@ class Guidance:
         self.guide: Guide | None = None
         self.table = table
         self._recorder, self._record = recorder, record
-        # of a plan that has the table run the recording's profile: it begins, and ends, with the file
+        # the plan has the table run the recording's profile, which begins and ends with the file
         self._is_planned = table is not None and recorder.plan.yes_move and recorder.begins_with_packet
         self._leaves_when_done = False
-        self._log_ns = 0  # of the last reading: log time does not go back
+        self._log_ns = 0  # log time of the last reading; it does not go back
 
     def forget(self) -> None:
-        """Forget the guide: another recording, or another reference, begins."""
+        """Drop the guide, as another recording or another reference begins."""
         self.guide = None
 
     def do(self, what: str, wish: RecordingWish, *, may_move: bool = False) -> None:
-        """Carry out "begin", "next", "cancel" or "resume"; a recording that begins is as wished.
+        """Carry out "begin", "next", "cancel" or "resume"; `wish`: of a recording that begins.
 
-        `may_move`: somebody has said that a table under command may move.
-        Raises InputError if that cannot be done now; the message says what next.
+        `may_move`: the user has allowed a table under command to move.
+        Raises InputError if that cannot be done now; the message has the next step.
         """
         recording = self._recorder.writer is not None
         if what == "begin":
@@ -234,7 +218,7 @@ class Guidance:
         recorder.event("acquisition", f"{who} {recorder.plan.reference_file[0]} begins")
 
     def _free(self, profile: Profile, *, may_move: bool) -> None:
-        """Have a table under command ready to move."""
+        """Enable a table under command for a profile."""
         if self.table is not None:
             if not may_move:
                 raise InputError(_SAY_SO)
@@ -246,7 +230,7 @@ class Guidance:
             self._recorder.event("mark", mark)
 
     def take(self, event: Event, /) -> Iterable[Said]:
-        """Have the guide go on each second, and stop the table where the line is lost. Raises OSError."""
+        """Advance the guide each second, and stop the table if the line is lost. Raises OSError."""
         if isinstance(event, LineLost):
             self.stop("the line to the unit is lost")
         elif isinstance(event, Second):
@@ -258,7 +242,7 @@ class Guidance:
             self._mark(self.guide.look(now_ns))
 
     def look_at_table(self, now_ns: int, log_ns: int, unit_is_there: Callable[[], bool]) -> None:
-        """Write what the controller said, and command what comes next; stop if something is wrong. Raises OSError."""
+        """Record the controller's readings, and command the next motion; stop if something is wrong. Raises OSError."""
         table, recorder = self.table, self._recorder
         if table is None:
             return
@@ -287,13 +271,13 @@ class Guidance:
             recorder.event(_TABLE, "the profile is over: the table is left where it is, mode off")
 
     def stop(self, why: str) -> None:
-        """Stop a table under command at once, and report why; nothing where there is none."""
+        """Stop a table under command at once, and report why."""
         if self.table is not None and self.table.moves:
             self.table.leave()
             self.table.warn(f"stopped, rate zero and mode off: {why}")
 
     def why_over(self) -> str | None:
-        """Return in words that a profile that the recording is of is over, or was stopped; None while it is not."""
+        """Return in words what ended the profile that is recorded; None while it runs."""
         plan, guide = self._recorder.plan, self.guide
         if self.table is None or guide is None or not plan.yes_move or plan.duration_s is not None:
             return None
@@ -304,17 +288,17 @@ class Guidance:
         return "the table, which was stopped" if guide.state == "cancelled" and self.table.why_failed else None
 
     def recording_ended(self, now_ns: int) -> None:
-        """Take note that what was guided is recorded no more."""
+        """Cancel the guide, since its recording has ended."""
         if self.guide is not None:
             self.guide.recording_ended(now_ns)
 
     def snapshot(self, now_ns: int, started_ns: int | None) -> GuideSnapshot | None:
-        """Return what viewers see; see `Guide.snapshot`."""
+        """Return the guide for viewers."""
         return None if self.guide is None else self.guide.snapshot(now_ns, started_ns)
 
 
 def guided(motion: object, filter_name: str) -> Profile:
-    """Return the profile of an acquisition's reference; raises InputError if nobody can be guided through it."""
+    """Return the profile of an acquisition's reference; raises InputError if it has none that can be guided."""
     if not isinstance(motion, Profile):
         raise InputError("there is no profile to be guided through: load one as the reference first")
     if filter_name != "none" and motion.align != "marks":
@@ -326,7 +310,7 @@ def guided(motion: object, filter_name: str) -> Profile:
 
 
 def hold_seconds(profile: Profile, *, with_ramps: bool = True) -> list[float]:
-    """Return how long each segment takes from its mark on, s; `with_ramps`: a motion has its ramps too."""
+    """Return the time of each segment from its mark on, s; `with_ramps`: including the ramps of a motion."""
     starts = [*profile.starts.tolist(), profile.duration]
     own = (Dwell,) if with_ramps else (Dwell, Rate, Sine)
     return [
@@ -336,7 +320,7 @@ def hold_seconds(profile: Profile, *, with_ramps: bool = True) -> list[float]:
 
 
 def describe(profile: Profile, name: str, text: str = "") -> ProfileDescription:
-    """Return a profile for viewers, with its file's name and text."""
+    """Return a profile for viewers, with the name and text of its file."""
     segments = zip(profile.segments, hold_seconds(profile), strict=True)
     return {
         "name": name,

@@ -1,7 +1,7 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
-It lies in the user's runtime folder, `XDG_RUNTIME_DIR` or /run/user/UID, and without either in the user's cache; only
-this user can enter it. Acquisitions in the cache are found from shells with a runtime folder too.
+Sockets are in the user's runtime folder, `XDG_RUNTIME_DIR` or /run/user/UID, or without either in the user's cache.
+Only this user can enter the folder. Acquisitions in the cache are found from shells with a runtime folder too.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ import struct
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, TypedDict
 from urllib.parse import quote
 
 import platformdirs
@@ -28,19 +28,16 @@ from imutui import defects
 from imutui.document_shape import VERSION
 from imutui.outside_file import can_be_written
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.session.requests import Refusal, Reply, Request
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
 MAX_REQUEST = 1 << 20  # bytes of the longest request; a table profile or an effects file may be in it
-
 MAX_VIEWERS = 64
 _QUEUE_FULL_S = 0.01
-_SERIAL_SUFFIX, _LONGEST_UNIT = ".serial", 1000
 
 
 class NameTakenError(Exception):
-    """An acquisition of that name is running."""
+    """A name or a serial number is taken; the text is the name of the acquisition that has it."""
 
 
 def folder() -> Path:
@@ -57,7 +54,7 @@ def folder() -> Path:
 
 
 def folders() -> list[Path]:
-    """Folders of this user's acquisitions that exist; `folder()` is the first."""
+    """Return the folders of this user's acquisitions that exist; `folder()` is the first."""
     found = dict.fromkeys((folder(), *_places()))
     return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
 
@@ -69,76 +66,57 @@ def _places() -> list[Path]:
 
 
 def _folder_of(name: str) -> Path:
-    """Folder of the acquisition of that name; that of a new one if none runs."""
+    """Return the folder of the acquisition of that name; of a new one if none runs."""
     return next((path for path in folders() if is_locked(path / f"{name}.lock")), folder())
 
 
 def socket_path(name: str) -> Path:
-    """Socket of the acquisition of that name."""
+    """Return the socket of the acquisition of that name."""
     return _folder_of(name) / f"{name}.sock"
 
 
 def log_path(name: str) -> Path:
-    """File with the stderr of the process of that name."""
+    """Return the file with the stderr of the process of that name."""
     return _folder_of(name) / f"{name}.log"
 
 
 def names() -> list[str]:
-    """Names of acquisitions whose process is alive."""
+    """Return the names of acquisitions whose process is alive."""
     return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
 
 
 def lock(name: str) -> int:
-    """Take the name for the life of this process; the kernel gives it back however the process ends.
+    """Take the name for the life of this process; returns a descriptor that holds it.
 
     Raises NameTakenError if another process has it.
     """
     if name in names():
         raise NameTakenError(name)
-    path = folder() / f"{name}.lock"
+    return _hold(folder() / f"{name}.lock", name)
+
+
+def lock_serial(batch: str, serial_number: str, name: str) -> int:
+    """Take a serial number within a batch as `lock` takes a name; NameTakenError has the name of its holder."""
+    return _hold(folder() / f"{batch}.{quote(serial_number, safe='')}.serial", name)
+
+
+def _hold(path: Path, name: str) -> int:
+    """Lock a file and write the holder's name into it; the kernel gives it back however the process ends."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     deadline = time.monotonic() + _LOOKERS_S
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            # a process that looks whether the name is taken holds the lock for a moment
+            # a process that looks whether the file is locked holds it for a moment
             if is_locked(path) or time.monotonic() > deadline:
                 os.close(descriptor)
-                raise NameTakenError(name) from error
+                raise NameTakenError(path.read_text() or "another unit") from error
             time.sleep(0.001)
         else:
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, name.encode(), 0)
             return descriptor
-
-
-@contextlib.contextmanager
-def claimed_serial(batch: str, serial_number: str, unit: str) -> Iterator[str | None]:
-    """Hold a serial number within a batch; the kernel gives it back however the process ends.
-
-    Yields None, or the name of the unit that holds the number already.
-    """
-    path = folder() / f"{batch}.{quote(serial_number, safe='')}{_SERIAL_SUFFIX}"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield _holder(descriptor)
-        else:
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, unit.encode(), 0)
-            yield None
-            os.ftruncate(descriptor, 0)
-    finally:
-        os.close(descriptor)
-
-
-def _holder(descriptor: int) -> str:
-    """Name of the unit that holds a serial number; a holder writes it just after it took the lock."""
-    deadline = time.monotonic() + _LOOKERS_S
-    while not (holder := os.pread(descriptor, _LONGEST_UNIT, 0)) and time.monotonic() < deadline:
-        time.sleep(0.001)
-    return holder.decode() or "another unit"
 
 
 def is_locked(path: Path) -> bool:
@@ -171,7 +149,7 @@ def _address(path: Path) -> Iterator[str]:
 
 
 def connect(name: str, timeout: float) -> socket.socket:
-    """Connected socket of that acquisition; OSError if it is not there."""
+    """Return a socket that is connected to an acquisition; raises OSError if it is not there."""
     connection, deadline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM), time.monotonic() + timeout
     connection.settimeout(timeout)
     try:
@@ -191,6 +169,18 @@ def connect(name: str, timeout: float) -> socket.socket:
         raise
 
 
+Answer: TypeAlias = Callable[[Mapping[str, object]], object]
+"""Carries out a request, a JSON object with the field `ask`, and returns the field `reply` of its reply."""
+
+
+class Reply(TypedDict, total=False):
+    """Reply to a viewer: `reply` if its request was carried out, else `error` in words."""
+
+    ok: bool
+    reply: object
+    error: str
+
+
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     """Answers each request with the reply that `answer` returns; an InputError becomes the reply's error.
 
@@ -204,10 +194,9 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     # connections that arrive at once wait to be accepted
     request_queue_size = 128
 
-    def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
+    def __init__(self, name: str, answer: Answer) -> None:
         self.answer = answer
-        self.busy = set[socket.socket]()
-        self.viewers = set[socket.socket]()
+        self.viewers: dict[socket.socket, bool] = {}  # True of one that waits for a reply
         self._unwatched_since = time.monotonic()
         self.idle = threading.Condition()
         path = socket_path(name)
@@ -223,7 +212,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def wait_idle(self, timeout: float) -> None:
         """Wait until no request is being answered."""
         with self.idle:
-            self.idle.wait_for(lambda: not self.busy, timeout)
+            self.idle.wait_for(lambda: not any(self.viewers.values()), timeout)
 
     @property
     def unwatched_s(self) -> float:
@@ -234,24 +223,18 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
                 self._unwatched_since = time.monotonic()
             return time.monotonic() - self._unwatched_since
 
-    @contextlib.contextmanager
-    def answering(self, connection: socket.socket) -> Iterator[Callable[[Request], Reply]]:
-        """Mark a connection as busy; yield the function that answers its requests."""
+    def waits(self, connection: socket.socket, *, waits: bool) -> None:
+        """Note whether a viewer waits for a reply."""
         with self.idle:
-            self.busy.add(connection)
-        try:
-            peer = peer_of(connection)
-            yield lambda request: self.answer({**request, "peer": peer})
-        finally:
-            with self.idle:
-                self.busy.discard(connection)
-                self.idle.notify_all()
+            self.viewers[connection] = waits
+            self.idle.notify_all()
 
     def left(self, connection: socket.socket) -> None:
         """Note that a viewer has left."""
         with self.idle:
-            self.viewers.discard(connection)
+            self.viewers.pop(connection, None)
             self._unwatched_since = time.monotonic()
+            self.idle.notify_all()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Return True if the connection is of this user or root, and within `MAX_VIEWERS`; refuse it otherwise."""
@@ -261,7 +244,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             return False
         with self.idle:
             if len(self.viewers) < MAX_VIEWERS:
-                self.viewers.add(request)
+                self.viewers[request] = False
                 return True
         _refuse(request, f"{MAX_VIEWERS} viewers are connected already, which is the most; close one")
         return False
@@ -273,12 +256,16 @@ class _Handler(socketserver.StreamRequestHandler):
     def handle(self) -> None:
         try:
             while line := self.rfile.readline(MAX_REQUEST + 1):
-                with self.server.answering(self.request) as answer:
-                    self.wfile.write(_line(reply_to(line, answer)))
+                self.server.waits(self.request, waits=True)
+                self.wfile.write(_line(reply_to(line, self._answer)))
+                self.server.waits(self.request, waits=False)
                 if len(line) > MAX_REQUEST:
                     return  # the start of the next request is unknown
         except OSError:
             return  # the viewer has left
+
+    def _answer(self, request: Mapping[str, object]) -> object:
+        return self.server.answer({**request, "peer": peer_of(self.request)})
 
     def finish(self) -> None:
         self.server.left(self.request)
@@ -286,20 +273,18 @@ class _Handler(socketserver.StreamRequestHandler):
             super().finish()
 
 
-def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
+def reply_to(line: bytes, answer: Answer) -> Reply:
     """Return the reply to a line from a viewer."""
     try:
-        reply = answer(_request(line))
+        return {"ok": True, "reply": answer(_request(line))}
     except (InputError, OSError) as error:
         # some errors of the system have no text
         return {"ok": False, "error": one_line(str(error) or f"it failed: {type(error).__name__}", NOTE_LIMIT)}
     except Exception as error:  # noqa: BLE001 - the viewer waits for a reply, and the other viewers go on
         return {"ok": False, "error": one_line(defects.told(error), NOTE_LIMIT)}
-    reply["ok"] = True
-    return reply
 
 
-def _request(line: bytes) -> Request:
+def _request(line: bytes) -> dict[str, object]:
     """Return the request that a line holds; raise InputError if it holds none."""
     if len(line) > MAX_REQUEST:
         raise InputError(f"the request is longer than {MAX_REQUEST} bytes")
@@ -313,8 +298,7 @@ def _request(line: bytes) -> Request:
         raise InputError(str(error)) from error
     if not isinstance(request, dict) or "ask" not in request:
         raise InputError('a request is a JSON object with the field "ask"')
-    whole: Any = request
-    return cast("Request", whole)
+    return request
 
 
 def _finite(text: str) -> float:
@@ -324,7 +308,7 @@ def _finite(text: str) -> float:
     return number
 
 
-def _line(reply: Reply | Refusal) -> bytes:
+def _line(reply: Reply) -> bytes:
     return json.dumps({"version": VERSION, **reply}).encode() + b"\n"
 
 
@@ -335,7 +319,7 @@ def _refuse(connection: socket.socket, error: str) -> None:
 
 
 def peer_of(connection: socket.socket) -> tuple[int, int]:
-    """User id and process id at the other end of a Unix socket, as the kernel knows them."""
+    """Return user id and process id at the other end of a Unix socket, as the kernel knows them."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     pid, uid, _ = struct.unpack("3i", credentials)
     return uid, pid

@@ -1,11 +1,19 @@
-"""What is known of an acquisition when it begins: the metadata of its logs, and their names."""
+"""The metadata of an acquisition's logs, their names, and the recording before the first of them.
 
-import getpass
+After a crash, or when the computer was started anew, an acquisition goes on in a new file. Its metadata name the file
+before and its end. They do not state that both are of one power-on, since the unit may have lost its power meanwhile
+(`imutui.logbook.power_on` is for what is known).
+"""
+
+import contextlib
 import hashlib
 import os
+import pwd
 import re
 import socket
+import stat
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,18 +25,21 @@ from filters.errors import InputError
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from imutui.command_line import command
 from imutui.instrument.driver import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
-from imutui.logbook import log_time, reference_file
+from imutui.logbook import log_time, reference_file, summary
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.identity import model_of
-from imutui.session.plan import Plan, batch_of
-from imutui.session.previous_log import boot_id
-from imutui.session.requests import FilterChanges
+from imutui.plain_text import in_line
+from imutui.session.plan import FilterChanges, Plan, batch_of
 from imutui.settings import LoggedSettings, settings_of
 
+PROCESS, COMPUTER = "process", "computer"  # what was started anew since the recording before
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+_LOOKED_AT = 100
+_SAME = ("acquisition", "serial_number", "host")
 STAMPS = (
     "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
     " instant, from the time counter fitted to arrival less the packet's time on the line (stream), or arrival less"
@@ -45,9 +56,9 @@ def requested(plan: Plan) -> SessionInfo:
 
 
 def session_info(plan: Plan, port: Port, identity: Identity, controller_identity: str = "") -> SessionInfo:
-    """Metadata of an acquisition; of a table under command what its controller says of itself."""
+    """Return the metadata of an acquisition; `controller_identity` is of a table under command."""
     version = identity.version.upper()
-    # a virtual instrument says so itself; nothing simulated may pass for measured
+    # a virtual instrument says so in its version; nothing simulated may pass for measured
     kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
     info = replace(
         requested(plan),
@@ -63,33 +74,35 @@ def session_info(plan: Plan, port: Port, identity: Identity, controller_identity
         acquisition=plan.name,
         batch=batch_of(plan.name),
         boot_id=boot_id(),
-        operator=plan.operator or _user_name(),
-        filter=filter_of(plan, motion_of(plan)),
-        reference_sha256=_reference_sha256(plan),
-        effects_sha256=_effects_sha256(plan),
+        operator=plan.operator or user_name(os.getuid()),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
         source=identity.source,
         controller_identity=controller_identity,
     )
-    return info.placed(plan.site, plan.gravity)
+    return _filtering(plan, info.placed(plan.site, plan.gravity))
 
 
 def _model(plan: Plan, identity: Identity) -> str:
     instrument = INSTRUMENTS[plan.instrument]
-    return instrument.model if instrument.is_one_model else model_of(identity.version) or instrument.model
+    return instrument.model if instrument.is_one_model else identity.model or instrument.model
 
 
-def _reference_sha256(plan: Plan) -> str:
-    return hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else ""
+def _filtering(plan: Plan, info: SessionInfo) -> SessionInfo:
+    """Return metadata with the filter of the plan and its input."""
+    name, text = plan.reference_file
+    effects = ""
+    if plan.effects:
+        from imutui.logbook import effects_file
 
-
-def _effects_sha256(plan: Plan) -> str:
-    if not plan.effects:
-        return ""
-    from imutui.logbook import effects_file
-
-    return effects_file.digest(plan.effects.encode())
+        effects = effects_file.digest(plan.effects.encode())
+    return replace(
+        info,
+        filter=filter_of(plan, motion_of(plan)),
+        reference=plan.reference,
+        reference_sha256=hashlib.sha256(text.encode()).hexdigest() if name else "",
+        effects_sha256=effects,
+    )
 
 
 _CSV = (reference_file.ATTACHMENTS[1], "text/csv")
@@ -97,9 +110,9 @@ _WITHOUT_FILE = ("level", "gravity", "turned")
 
 
 def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple[Plan, SessionInfo]:
-    """Plan and metadata with another reference or other effects; raises InputError if something is not known.
+    """Return plan and metadata with another reference or other effects; raises InputError if one cannot be used.
 
-    A reference that needs no file lays the present one aside, and a file says itself which reference it is.
+    A reference without a file replaces the present file. A file determines which kind of reference it is.
     """
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
         name, text = changes.get("reference_file", ("", ""))
@@ -117,33 +130,32 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> tuple
                 f'effects join the filter "spkf" only, and this acquisition runs "{plan.filter}". Connect again with'
                 " the filter spkf, or replay the recording with --effects"
             )
-    info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
-    return plan, replace(info, effects_sha256=_effects_sha256(plan), filter=filter_of(plan, motion_of(plan)))
+    return plan, _filtering(plan, info)
 
 
 def motion_of(plan: Plan) -> Profile | Trajectory | None:
-    """Motion of the file that the reference comes from, if it comes from one."""
+    """Return the motion in the file that the reference comes from; None if it comes from none."""
     name, text = plan.reference_file
     return reference_file.parse(name, text.encode()) if name else None
 
 
 def filter_of(plan: Plan, motion: Profile | Trajectory | None) -> str:
-    """Name of the filter that runs live: none with a profile that can only be found in the whole log afterwards."""
+    """Return the filter that runs live; "none" with a profile that can only be aligned to a whole log."""
     return "none" if isinstance(motion, Profile) and motion.align == "gyro" else plan.filter
 
 
 def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
-    """What makes the effects of the plan's effects file, if it has one."""
+    """Return the function that makes the effects of the plan's effects file; None if it has none."""
     if not plan.effects:
         return None
-    # loads what makes effects of drivers, the signal library among it
+    # loads the effects, and with them the signal library
     from imutui.logbook import effects_file
 
     return effects_file.maker(plan.effects.encode(), info)
 
 
 def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: MakeEffects | None = None) -> None:
-    """Refuse, before the instrument is touched, what a filter cannot do live; raises InputError with the reason."""
+    """Raise InputError for settings that a filter cannot use live, before the instrument is touched."""
     if info.noise == FROM_LOG:
         raise InputError(
             '`noise` is "log": it is measured on a whole log, so it cannot be used live. Record, then replay with'
@@ -153,14 +165,14 @@ def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: 
     if info.filter == "none":
         return
     if settings.reference not in ("level", "gravity") or effects is not None:
-        # loads the filter, which what comes from no file need not wait for: nothing is left there to be refused
+        # loads the filter; a reference without a file need not wait for it, since nothing of it can be refused
         from filters.kalman.runner import Estimator
 
         Estimator(settings)
 
 
 def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
-    """Put the files of a plan, its reference and its effects, into a log under the names a replay looks for."""
+    """Attach a plan's reference and effects files to a log, under the names that a replay looks for."""
     name, text = plan.reference_file
     if name:
         toml = name.lower().endswith(".toml")
@@ -174,7 +186,7 @@ def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
 
 @lru_cache(maxsize=1)
 def effect_labels(text: str) -> tuple[str, ...]:
-    """What effects a file's text has, in words: channels and the effect; nothing for no text."""
+    """Return channels and name of each effect in the text of an effects file."""
     if not text:
         return ()
     from imutui.logbook import effects_file
@@ -183,7 +195,7 @@ def effect_labels(text: str) -> tuple[str, ...]:
 
 
 def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> Path:
-    """Name of a recording that does not exist yet: kind of unit, as command lines call it, its number, UTC, note."""
+    """Return a path that does not exist yet, named after kind of unit, serial number, UTC and note."""
     slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
     utc = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(log_time.now_ns() // 1_000_000_000))
     stem = "_".join(part for part in (instrument, serial_number, utc, slug) if part)
@@ -193,9 +205,74 @@ def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> 
     return path
 
 
-def _user_name() -> str:
-    """Name of the user that runs this, or the id of one without a name."""
+def boot_id() -> str:
+    """Return the id of this run of the computer, from power-up to power-down; "" if unknown."""
     try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return str(os.getuid())
+        return _BOOT_ID.read_text().strip()
+    except OSError:
+        return ""
+
+
+def previous_log(folder: Path, info: SessionInfo, *, finished_too: bool) -> summary.Summary | None:
+    """Return the last recording in a folder of the same acquisition, unit and computer as the one that begins.
+
+    None if there is none, or if it was finished, unless `finished_too`.
+    """
+    for path in _newest(folder):
+        try:
+            found = summary.read(path)
+        except OSError:  # removed meanwhile, or not for this user
+            continue
+        is_same = all(found.session.get(key) == getattr(info, key) for key in _SAME)
+        if is_same and found.state not in (summary.NO_LOG, summary.WRITING):
+            return found if finished_too or found.state != summary.FINISHED else None
+    return None
+
+
+def naming(info: SessionInfo, previous: summary.Summary | None) -> SessionInfo:
+    """Return metadata that name the recording before, or that none is known."""
+    if previous is None:
+        return replace(info, previous="", previous_id="", previous_end="", restart="")
+    booted = previous.session.get("boot_id", "")
+    return replace(
+        info,
+        previous=previous.path.name,
+        previous_id=previous.session.get("log_id", ""),
+        # a file that is damaged has no summary
+        previous_end=summary.FINISHED if previous.state == summary.FINISHED else summary.UNFINISHED,
+        restart="" if not (booted and info.boot_id) else PROCESS if booted == info.boot_id else COMPUTER,
+    )
+
+
+def continuation(info: SessionInfo, previous: summary.Summary) -> str:
+    """Return the text of the event in a file whose metadata name the recording before."""
+    is_finished = info.previous_end == summary.FINISHED
+    why = {PROCESS: "" if is_finished else "a crash", COMPUTER: "a restart of the computer", "": ""}[info.restart]
+    last_s = previous.modified if previous.started_ns is None else previous.started_ns / 1e9 + (previous.seconds or 0.0)
+    when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(last_s))
+    how = "was finished" if is_finished else "ended unfinished"
+    said = f"continues after {why or 'an earlier recording'}: {in_line(info.previous)} {how} at {when}."
+    path = previous.path
+    whole = path.with_name(f"{path.stem}_recovered{path.suffix}")
+    cure = "" if is_finished else f"; `{command('recover', path, '-o', whole)}` makes it whole"
+    return f"{said} Whether the unit kept its power is not known{cure}"
+
+
+def _newest(folder: Path) -> Iterator[Path]:
+    """Yield the newest logs of a folder, the last one first: a folder of thousands would hold up the recording."""
+    stamped = list[tuple[int, Path]]()
+    with contextlib.suppress(OSError):  # a share that went away; the recorder will say so
+        for path in folder.glob("*.mcap"):
+            with contextlib.suppress(OSError):  # a link that leads nowhere, or a file that was removed
+                status = path.stat()
+                # a pipe of that name would be waited for
+                stamped += [(status.st_mtime_ns, path)] if stat.S_ISREG(status.st_mode) else []
+    return (path for _, path in sorted(stamped, reverse=True)[:_LOOKED_AT])
+
+
+def user_name(uid: int) -> str:
+    """Return the name of a user, or the id of one without a name."""
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)

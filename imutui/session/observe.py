@@ -1,4 +1,4 @@
-"""Fills the snapshot that viewers see (`snapshot` has its shape), between two packets."""
+"""Fill the snapshot of an acquisition (`snapshot` has its shape), between two packets."""
 
 import os
 import time
@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.estimates import FilterSnapshot
 from imutui.logbook import line_advice
-from imutui.session import requests
 from imutui.session.acquisition import Acquisition
 from imutui.session.channel_statistics import STATISTICS_S
 from imutui.session.live_filter import LiveFilter
-from imutui.session.metadata import effect_labels
+from imutui.session.metadata import effect_labels, user_name
 from imutui.session.plan import batch_of
 from imutui.session.recording import Recording
 from imutui.session.snapshot import NO_SERIES, RecordingSnapshot, Snapshot
@@ -25,7 +24,7 @@ _MOST_CAUSES = 20
 
 
 def snapshot(of: Acquisition, since: int) -> Snapshot:
-    """Return everything a screen shows; `since` is the number of the first packet wanted in `series`."""
+    """Return the state for a screen; `since` is the number of the first packet wanted in `series`."""
     if since < NO_SERIES:
         of.reader.be_watched()
     now, recording, stands = time.monotonic_ns(), of.recording, of.lifecycle
@@ -35,7 +34,7 @@ def snapshot(of: Acquisition, since: int) -> Snapshot:
         "name": plan.name,
         "batch": batch_of(plan.name),
         "pid": os.getpid(),
-        "owner": f"{requests.user_name(os.getuid())} on {info.host}",
+        "owner": f"{user_name(os.getuid())} on {info.host}",
         "state": stands.state,
         "error": stands.error,
         "findings": [finding["text"] for finding in stands.findings],

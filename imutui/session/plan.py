@@ -1,9 +1,9 @@
-"""What is asked of an acquisition, as one record that travels to its process as JSON."""
+"""The plan of an acquisition, one record that travels to its process as JSON, and what viewers ask of it later."""
 
 import json
 from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, TypedDict
 
 from filters.errors import InputError
 from filters.state import PAPER_PLACE as PAPER_PLACE
@@ -15,8 +15,9 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.names import VIRTUAL_PORT as VIRTUAL_PORT
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.registry import of_model as of_model
+from imutui.plain_text import NAME_LIMIT
 from imutui.settings import AcquisitionSettings, Name, Note, NotNegative
-from imutui.table import registry
+from imutui.table import acutrol
 from imutui.table.motion import parse_limits
 
 MIN_RATE_HZ = 0.1
@@ -24,25 +25,43 @@ MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
 _LONGEST_S = 10 * 366 * 86400.0
 _UNIT = {"rate_hz": "most_rate_hz", "accel_sign": "accel_sign",
          "rate_range_dps": "rate_range_dps", "accel_range_g": "accel_range_g"}  # fmt: skip
-"""Settings that a unit has for itself, and what they are called in its record."""
+"""Settings that a unit has a value for, and their names in its class."""
 
 
 INSTRUMENT_NAMES = tuple(INSTRUMENTS)  # what files of all units begin with
 
 
-class HistoryWish(NamedTuple):
-    """Request for what a viewer lacks of a run's history."""
+@dataclass(frozen=True, slots=True)
+class HistoryWish:
+    """Request for the part of a run's history that a viewer lacks."""
 
-    run: int = 0  # the run that it has rows of; of another one all is sent
+    run: int = 0  # the run of which it has rows; of another one all is sent
     # instants of the last rows that it has, s since the run's first sample; None if it has none
     estimates_s: float | None = None
     temperature_s: float | None = None
-    ask: Literal["history"] = "history"
+
+
+def _short(name: str) -> str:
+    if len(name) > NAME_LIMIT:
+        raise InputError(f"the reference's name is longer than {NAME_LIMIT} characters")
+    return name
+
+
+class FilterChanges(TypedDict, total=False):
+    """Changes of the filter's input; a field that is absent stays as it is.
+
+    `reference` is a name, `reference_file` name and text of a profile or trajectory, `effects` the text of an effects
+    file, empty for none.
+    """
+
+    reference: str
+    reference_file: Annotated[tuple[Annotated[str, Meta(make=_short)], str], Meta(words="a name and a text")]
+    effects: str
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingWish:
-    """What the operator states when a recording begins; None leaves a field as the plan has it, "" empties it.
+    """Fields that the operator states for a recording; None leaves a field as the plan has it, "" empties it.
 
     `note` is a remark; the other fields are settings.
     """
@@ -86,7 +105,7 @@ def parse_place(text: str) -> Place:
 
 
 def batch_of(name: str) -> str:
-    """Batch of an acquisition that is called BATCH:UNIT; empty of one alone."""
+    """Return the batch of an acquisition that is called BATCH:UNIT; empty for any other name."""
     return name.partition(":")[0] if ":" in name else ""
 
 
@@ -133,9 +152,8 @@ class Plan(AcquisitionSettings):
         if self.rate_hz is not None and not MIN_RATE_HZ <= self.rate_hz <= most:
             raise InputError(_rate_words(self.rate_hz, *possible))
         if self.controller:
-            own = self.controller == self.port == VIRTUAL_PORT
-            if not own and self.controller.partition(":")[0] not in registry.CONTROLLERS:
-                raise InputError(f'`controller` is "{self.controller}"; it is one of: {registry.USAGE}')
+            if not self.controller == self.port == VIRTUAL_PORT:
+                acutrol.parse(self.controller)
             parse_limits(self.limits)
 
     def of_instrument(self, name: str) -> "Plan":
@@ -154,17 +172,21 @@ class Plan(AcquisitionSettings):
         return 1.0 / (self.rate_hz or INSTRUMENTS[self.instrument or DEFAULT].most_rate_hz)
 
     @property
-    def rotates(self) -> bool:
-        """Whether files are finished, and next ones begun, while recording.
+    def folder(self) -> Path:
+        """Folder of the first recording."""
+        return Path(self.output).parent if self.output else Path(self.logs)
 
-        Not where the reference comes from a file: that is told from one log's first sample on, so the next log could
-        not use it.
+    @property
+    def rotates(self) -> bool:
+        """True if a recording goes on in further files.
+
+        It does not if the reference comes from a file, whose time counts from one log's first sample.
         """
         return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
 
     @property
     def ends_unwatched_s(self) -> float | None:
-        """Seconds after which it ends by itself if nobody looks on; None where it measures, and goes on for ever."""
+        """Seconds without a viewer after which a virtual unit's acquisition ends; None of a real unit's."""
         return self.unwatched_s if self.port == VIRTUAL_PORT else None
 
     @property
@@ -196,7 +218,7 @@ DEMO = "demo"  # name and note of the demo's acquisition
 
 
 def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
-    """The demo: a virtual instrument with an effect to be found, recorded from the first packet as the defaults say."""
+    """Return the plan of the demo: a virtual instrument with an effect to be found, recorded from the first packet."""
     scenario = Path(__file__).with_name("demo.toml")
     return Plan(
         VIRTUAL_PORT,

@@ -1,6 +1,6 @@
-"""Finding the same unit again after its line was lost or it fell silent, and setting it up as it was.
+"""Find the same unit again after its line was lost or it fell silent, and set it up as it was.
 
-Runs in the thread that owns the port, for as long as it takes. Another unit is refused, and left as it was found.
+This runs in the thread that owns the port, for as long as it takes. Another unit is refused, and left as it was found.
 """
 
 import itertools
@@ -31,7 +31,7 @@ _SURE_ANSWERS = 2
 
 @dataclass(frozen=True, slots=True)
 class KnownUnit:
-    """The unit that an acquisition began with, and alone goes on with."""
+    """The unit that an acquisition began with; it goes on with no other."""
 
     identity: Identity  # what it said of itself
     baud: int  # speed of its line
@@ -55,7 +55,7 @@ class LineLost:
 
 @dataclass(frozen=True, slots=True)
 class StillAway:
-    """What is being waited for, in words; `refused` if that is because another unit answers."""
+    """The port or unit that is waited for, in words; `refused` if another unit answers in its place."""
 
     waits_for: str
     refused: bool
@@ -78,7 +78,7 @@ def ask_again_after_s(poll_hz: float | None) -> float:
 
 
 class AmidStream:
-    """Finds out soon whether a unit that was to stream has stopped, without stopping one whose line is held up.
+    """Detects that a streaming unit has stopped, without stopping one whose line is held up.
 
     It asks what a streaming unit answers. A unit that answers twice, and sends no packet before, between and after, was
     reset; a line that is held up brings packets with the answers, or nothing. A unit that is not known is not asked.
@@ -92,7 +92,7 @@ class AmidStream:
         self._asked_ns, self._answers, self._patience_s = 0, 0, _ANSWERS_WITHIN_S
 
     def has_stopped(self, now_ns: int, last_packet_ns: int) -> bool:
-        """Look, while nothing comes; whether it has stopped. Raises PortError."""
+        """Return True if the unit has stopped; to be called while nothing comes. Raises PortError."""
         last_ns = max(last_packet_ns, self._began_ns)
         silent_s, waited_s = (now_ns - last_ns) / 1e9, (now_ns - self._asked_ns) / 1e9
         if self._asked_ns <= last_ns:
@@ -106,7 +106,7 @@ class AmidStream:
                     return True
                 self._ask(now_ns)
         elif waited_s >= self._patience_s:
-            # a line that was held up hands all questions on at once, and their answers take the time of packets
+            # a line that was held up passes all questions on at once, and their answers take the time of packets
             self._patience_s *= 2.0
             self._ask(now_ns)
         return False
@@ -157,9 +157,9 @@ def find_again(
 ) -> tuple[Identity, str] | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
-    The host's port is opened anew if it was closed, or its name leads to another device by now. `emit` takes what is
-    waited for, whenever that changes; `streams`: whether the unit sends by itself, if it kept its power.
-    Returns what the unit says of itself and, in words, how it was found; None if `stopping` ended the wait.
+    The host's port is opened anew if it was closed, or its name leads to another device by now. `emit` is called with
+    the port or unit that is waited for, whenever that changes. `streams`: True if the unit streams as long as it keeps
+    its power. Returns the unit's identity and, in words, how it was found; None if `stopping` ended the wait.
     """
     port = host.port
     emitted: StillAway | None = None

@@ -26,8 +26,9 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import log_time, power_on, schemas
 from imutui.logbook.log_time import Timebase
 from imutui.logbook.session_info import SessionInfo
+from imutui.logbook.summary import FINISHED
 from imutui.logbook.writer import LogWriter
-from imutui.session import lifecycle, previous_log
+from imutui.session import lifecycle, metadata
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import attach, check_live, default_path, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
@@ -356,9 +357,9 @@ class Recording:
         # what this acquisition recorded before it was started anew
         previous = None
         if not self._has_recorded:
-            previous = previous_log.find(Path(plan.logs), info, finished_too=plan.unattended)
+            previous = metadata.previous_log(Path(plan.logs), info, finished_too=plan.unattended)
         own = uuid.uuid4().hex[:16]
-        file_info = replace(previous_log.naming(info, previous), note=note, log_id=own, power_on=own)
+        file_info = replace(metadata.naming(info, previous), note=note, log_id=own, power_on=own)
         self.writer = self._open_first(plan, file_info, path)
         self.space, self._file_plan, self.file_info, self._next_info = space, plan, file_info, file_info
         self._first_path, self.part, self._parts, self.lost = self.writer.path, 1, [], ""
@@ -366,7 +367,8 @@ class Recording:
         self._has_recorded = True
         self.event("acquisition", f"recording to {self._first_path.name}")
         if previous is not None:
-            self.event("acquisition", previous.in_words(), INFORMATION if previous.finished else WARNING)
+            level = INFORMATION if file_info.previous_end == FINISHED else WARNING
+            self.event("acquisition", metadata.continuation(file_info, previous), level)
         if plan.rotates != bool(plan.rotate_minutes or plan.rotate_mb):
             why = "the reference is told from one log's first sample on"
             self.event("acquisition", f"the recording stays in one file: {why}", WARNING)
@@ -525,7 +527,7 @@ class Recording:
             self.file_info, self.file_info, writer.path, result["log_sha256"] or "", run.first_stamp_ns or 0
         )
         memory = "" if run.filter is None else run.filter.memory()
-        self._next_info = previous_log.naming(replace(continued, memory=memory), None)
+        self._next_info = metadata.naming(replace(continued, memory=memory), None)
         if result["finished"]:
             passes, converged = sources.of_document(result).passes, "final" not in result or result["converged"]
             self._parts.append({"log": result["log"], "converged": converged, "passes": passes})

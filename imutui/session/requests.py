@@ -1,18 +1,24 @@
-"""The requests of viewers to an acquisition over its socket, and the replies, as JSON objects.
+"""The requests of viewers to an acquisition over its socket.
 
-`python -m imutui.session` answers, `client` asks, `ipc` carries. Each request has a type; what arrives is not trusted,
-and is read as the type that its `ask` names. A request that cannot be carried out gets a `Refusal`.
+Each request is a method of `Requests`. Its parameters are the fields of the JSON object that a viewer sends beside
+`ask`, the method's name, and those of `Sender`; its result is the field `reply` of what the viewer gets. What arrives
+is not trusted: it is read by the types of the parameters.
 """
 
-import pwd
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, NotRequired, TypeAlias, TypedDict
+from collections.abc import Callable, Mapping
+from dataclasses import field, make_dataclass
+from functools import cache
+from inspect import signature
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
 
-from filters.errors import InputError
 from imutui.declared import Meta, read
 from imutui.estimate_history import HistorySnapshot
-from imutui.plain_text import NAME_LIMIT
-from imutui.session.plan import HistoryWish, RecordingWish
+from imutui.session import observe
+from imutui.session.acquisition import Acquisition
+from imutui.session.engine import PATIENCE_S, Engine
+from imutui.session.lifecycle import EndReport
+from imutui.session.metadata import user_name
+from imutui.session.plan import FilterChanges, HistoryWish, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 from imutui.settings import Name, Note
 
@@ -20,135 +26,19 @@ if TYPE_CHECKING:
     from imutui.logbook.results import RunDocument
 
 LONGEST_WAIT_S = 86400.0
-CHANGES = ("begin_statistics", "mark", "record", "describe", "configure", "zero", "guide", "stop_recording")
-"""Requests that change something: one whose viewer has ceased to wait is not carried out later."""
 Seconds = Annotated[float, Meta(least=0.0, most=LONGEST_WAIT_S)]
-Request: TypeAlias = Mapping[str, object]
-"""A request as it travels: a JSON object that `parse` has not read yet."""
-
-
-def _short(name: str) -> str:
-    if len(name) > NAME_LIMIT:
-        raise InputError(f"the reference's name is longer than {NAME_LIMIT} characters")
-    return name
-
-
-class FilterChanges(TypedDict, total=False):
-    """What the filter takes from now on; a field that is absent stays as it is.
-
-    `reference` is a name, `reference_file` name and text of a profile or trajectory, `effects` the text of an effects
-    file, empty for none.
-    """
-
-    reference: str
-    reference_file: Annotated[tuple[Annotated[str, Meta(make=_short)], str], Meta(words="a name and a text")]
-    effects: str
-
-
-class SnapshotRequest(NamedTuple):
-    """State for a screen."""
-
-    since: int = 0  # number of the first packet wanted in the series
-    ask: Literal["snapshot"] = "snapshot"
-
-
-class StatisticsRequest(NamedTuple):
-    """Allan deviation, spectrum and histogram of a channel, 0 to 6."""
-
-    channel: int
-    ask: Literal["statistics"] = "statistics"
-
-
-class BeginStatisticsRequest(NamedTuple):
-    """Begin the statistics of all channels anew."""
-
-    ask: Literal["begin_statistics"] = "begin_statistics"
-
-
-class MarkRequest(NamedTuple):
-    """Put a mark of the operator into the recording."""
-
-    text: str
-    ask: Literal["mark"] = "mark"
-
-
-class RecordRequest(NamedTuple):
-    """Begin a recording."""
-
-    wish: RecordingWish = RecordingWish()
-    ask: Literal["record"] = "record"
-
-
-class DescribeRequest(NamedTuple):
-    """Change note and operator of the file that is being written; None leaves one as it is."""
-
-    note: Note | None = None
-    operator: Name | None = None
-    ask: Literal["describe"] = "describe"
-
-
-class ConfigureRequest(NamedTuple):
-    """Change what the filter takes."""
-
-    changes: FilterChanges
-    ask: Literal["configure"] = "configure"
-
-
-class ZeroRequest(NamedTuple):
-    """Have the unit zero its rate sensors."""
-
-    argument: int  # length of the average
-    ask: Literal["zero"] = "zero"
-
-
-class ProfileRequest(NamedTuple):
-    """The table profile that the reference comes from."""
-
-    ask: Literal["profile"] = "profile"
-
-
-class GuideRequest(NamedTuple):
-    """Guide the operator through the profile: begin, next, cancel or resume."""
-
-    do: str
-    wish: RecordingWish = RecordingWish()
-    yes_move: bool = False  # the user has allowed a table under command to move
-    ask: Literal["guide"] = "guide"
-
-
-class StopRecordingRequest(NamedTuple):
-    """Finish the file."""
-
-    ask: Literal["stop_recording"] = "stop_recording"
-
-
-class StopRequest(NamedTuple):
-    """End the acquisition."""
-
-    ask: Literal["stop"] = "stop"
-
-
-class WaitRequest(NamedTuple):
-    """Wait for the end."""
-
-    timeout_s: Seconds | None = None  # None: for ever
-    ask: Literal["wait"] = "wait"
-
-
-Asked: TypeAlias = (
-    SnapshotRequest | HistoryWish | StatisticsRequest | BeginStatisticsRequest | MarkRequest | RecordRequest
-    | DescribeRequest | ConfigureRequest | ZeroRequest | ProfileRequest | GuideRequest | StopRecordingRequest
-    | StopRequest | WaitRequest
-)  # fmt: skip
+_AS_PLANNED = RecordingWish()
+T = TypeVar("T")
 
 
 class Sender(NamedTuple):
-    """Fields that any request may have beside its own: who asks, and for how long it waits."""
+    """Fields of every request: the viewer that asks, and how long it waits."""
 
     by: Name = "a viewer that did not say who it is"  # the program, as the viewer states it
     terminal: Name = ""  # as the viewer states it
     peer: tuple[int, int] | None = None  # user id and process id as the kernel knows them; `ipc` adds it
-    patience_s: Seconds | None = None  # how long the viewer waits until the request is begun; None: as is usual
+    # how long the viewer waits until the request is begun; one that it has given up is not carried out later
+    patience_s: Seconds = PATIENCE_S
 
     @property
     def who(self) -> str:
@@ -159,59 +49,89 @@ class Sender(NamedTuple):
         return f"{self.by}, {user_name(uid)}{f' on {self.terminal}' if self.terminal else ''}, pid {pid}"
 
 
-def parse(request: Request) -> tuple[Asked, Sender]:
-    """Return a request as its type, and its sender; raises InputError with the field that does not fit."""
-    any_of: Any = Asked
-    own = {key: value for key, value in request.items() if key not in Sender._fields}
-    asked: Asked = read(own, any_of)
-    return asked, read({key: value for key, value in request.items() if key in Sender._fields}, Sender)
+class Requests:
+    """What viewers may ask of an acquisition; `client.Client` has the same methods, and documents them.
+
+    Each raises InputError with what is wrong with the request, or why it cannot be carried out now.
+    """
+
+    def __init__(self, engine: Engine, sender: Sender) -> None:
+        self._engine, self._sender = engine, sender
+
+    def _call(self, function: Callable[[Acquisition], T], *, late: bool = False) -> T:
+        return self._engine.call(function, self._sender.patience_s, late=late)
+
+    def snapshot(self, since: int = 0) -> Snapshot:
+        return self._call(lambda acquisition: observe.snapshot(acquisition, since), late=True)
+
+    def history(self, wish: HistoryWish) -> HistorySnapshot:
+        return self._call(lambda acquisition: acquisition.history(wish), late=True)
+
+    def statistics(self, channel: int) -> StatisticsSnapshot:
+        return self._call(lambda acquisition: acquisition.channel_statistics(channel), late=True)
+
+    def begin_statistics(self) -> None:
+        self._call(lambda acquisition: acquisition.begin_statistics())
+
+    def mark(self, text: str) -> None:
+        self._call(lambda acquisition: acquisition.mark(text, self._sender.who))
+
+    def record(self, wish: RecordingWish = _AS_PLANNED) -> str:
+        return self._call(lambda acquisition: acquisition.record(wish))
+
+    def describe(self, note: Note | None = None, operator: Name | None = None) -> None:
+        self._call(lambda acquisition: acquisition.recording.describe(note, operator))
+
+    def configure(self, changes: FilterChanges) -> None:
+        self._call(lambda acquisition: acquisition.configure(changes))
+
+    def zero(self, argument: int) -> str:
+        return self._engine.zero(argument, self._sender.patience_s)
+
+    def profile(self) -> ProfileDescription | None:
+        return self._call(lambda acquisition: acquisition.profile(), late=True)
+
+    def guide(self, do: str, wish: RecordingWish = _AS_PLANNED, yes_move: bool = False) -> None:
+        if do == "cancel":
+            self._engine.stop_table()  # before the worker comes to it, which may be busy with the recording
+        self._call(lambda acquisition: acquisition.guide(do, wish, self._sender.who, may_move=yes_move))
+
+    def stop_recording(self) -> "RunDocument":
+        return self._call(lambda acquisition: acquisition.stop_recording(self._sender.who))
+
+    def stop(self) -> EndReport:
+        self._engine.request_stop(self._sender.who)
+        self._engine.lifecycle.ended.wait()
+        return end_of(self._engine)
+
+    def wait(self, timeout_s: Seconds | None = None) -> EndReport | None:
+        """Return the end; None if the acquisition still runs after the timeout."""
+        return end_of(self._engine) if self._engine.lifecycle.ended.wait(timeout_s) else None
 
 
-class EndFinding(TypedDict):
-    """What must be said of an acquisition that has ended without failing; `exit_code` is of a `record` that saw it."""
-
-    exit_code: int
-    text: str
+def end_of(engine: Engine) -> EndReport:
+    """Return the record of the end of an acquisition that has ended."""
+    return engine.lifecycle.report(by_itself=engine.ended_by_itself, result=engine.result)
 
 
-class Reply(TypedDict, total=False):
-    """What is replied; which fields there are besides `ok` depends on the request."""
-
-    ok: Literal[True]
-    snapshot: Snapshot  # snapshot: state for a screen
-    history: HistorySnapshot  # history: biases and temperature of the run, what the viewer lacks of them
-    statistics: StatisticsSnapshot  # statistics: Allan deviation, spectrum and histogram of the channel
-    path: str  # record: of the file that has begun
-    said: str  # zero: what came of it
-    profile: ProfileDescription | None  # profile: what the reference comes from; None if from no table profile
-    result: "RunDocument | None"  # stop_recording, stop, wait: of the last recording
-    error: str | None  # stop, wait: why the acquisition failed, if it did
-    exit_code: int  # stop, wait: of the acquisition's process
-    findings: list[EndFinding]  # stop, wait: what must be said of one that did not fail
-    by_itself: bool  # stop, wait: whether nobody asked for the end
-    ended_by: str  # stop, wait: who or what asked for the end, in words
-    runs: bool  # wait: true if it runs still; the other fields of an end are not there then
+_METHODS = {name: method for name, method in vars(Requests).items() if not name.startswith("_")}
+_Asked: Any = Literal[tuple(_METHODS)]
 
 
-class Refusal(TypedDict):
-    """What could not be carried out, and why, for the user."""
-
-    ok: Literal[False]
-    error: str
-
-
-class StartReport(TypedDict):
-    """First line of the acquisition process on stdout: whether it runs; `error` and `exit_code` if it does not."""
-
-    ok: bool
-    pid: NotRequired[int]
-    error: NotRequired[str]
-    exit_code: NotRequired[int]
+def carry_out(engine: Engine, request: Mapping[str, object]) -> object:
+    """Carry out the request of a viewer, and return what the viewer gets; raises InputError as `Requests` does."""
+    ask: str = read(request.get("ask"), _Asked, "ask")
+    sender = read({key: value for key, value in request.items() if key in Sender._fields}, Sender)
+    own = {key: value for key, value in request.items() if key != "ask" and key not in Sender._fields}
+    return _METHODS[ask](Requests(engine, sender), **vars(read(own, _fields(ask))))
 
 
-def user_name(uid: int) -> str:
-    """Return the name of a user, or the id of one without a name."""
-    try:
-        return pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return str(uid)
+@cache
+def _fields(ask: str) -> type:
+    """Return a record whose fields are the parameters of a request's method."""
+    hints = get_type_hints(_METHODS[ask], {**globals(), "RunDocument": object}, include_extras=True)
+    fields = list[Any]()
+    for name, each in signature(_METHODS[ask]).parameters.items():
+        if name != "self":
+            fields.append((name, hints[name], *([] if each.default is each.empty else [field(default=each.default)])))
+    return make_dataclass(ask, fields)

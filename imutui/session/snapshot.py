@@ -1,7 +1,7 @@
-"""What viewers see of an acquisition: the shapes of its snapshot, the one contract between it and every viewer.
+"""The records that viewers get of an acquisition: its snapshot, and answers to other requests.
 
-Records only, as they travel over the socket (JSON objects); `observe` fills them. Times are seconds, sizes bytes,
-biases and channels in the instrument's own axes and sign. None stands for what is not known, or not there.
+They travel over the socket as JSON objects; `observe` fills the snapshot. Times are seconds, sizes bytes, biases and
+channels in the instrument's own axes and sign. None stands for a value that is unknown or absent.
 """
 
 from typing import Literal, TypedDict
@@ -11,13 +11,13 @@ from imutui.estimates import FilterSnapshot
 
 NO_SERIES = 2**62  # number of a packet that never comes: a snapshot from it on is one without a series
 
-# of an acquisition; "ended" is a viewer's word for one that does not answer any more
+# "ended" is a viewer's word for an acquisition that does not answer any more
 SessionState = Literal["connecting", "running", "stopping", "stopped", "failed", "ended"]
 GuideState = Literal["go", "hold", "done", "cancelled"]
 
 
 class EventLine(TypedDict):
-    """Something that happened: what the acquisition did, or met with."""
+    """An event of the acquisition."""
 
     utc: str
     name: str
@@ -25,7 +25,7 @@ class EventLine(TypedDict):
 
 
 class MarkLine(TypedDict):
-    """What the operator said; `t` since the recording began, None if it belongs to an earlier one."""
+    """A mark of the operator; `t` since the recording began, None if it belongs to an earlier one."""
 
     t: float | None
     utc: str
@@ -33,16 +33,16 @@ class MarkLine(TypedDict):
 
 
 class LineAdvice(TypedDict):
-    """Where to look, in a few words, when packets are lost or damaged, and when none come."""
+    """Likely places of a fault, in a few words, when packets are lost or damaged, and when none come."""
 
     losses: str
     silence: str
 
 
 class RecordingSnapshot(TypedDict):
-    """The file that is being written; `part` its number among the recording's, from 1.
+    """The file that is being written; `part` is its number among the recording's, from 1.
 
-    `to_full_s` is how long the disk has room, but for what is kept free of it.
+    `to_full_s` is the time until the disk has only the room that is kept free.
     """
 
     path: str
@@ -57,14 +57,14 @@ class RecordingSnapshot(TypedDict):
 
 
 class ReconnectingSnapshot(TypedDict):
-    """The unit is away: for how many `seconds`, and what is being waited for, in words."""
+    """A unit that has been away for `seconds`; `waits_for` names the missing port or unit, in words."""
 
     seconds: float
     waits_for: str
 
 
 class ReferenceSnapshot(TypedDict):
-    """What the filter is fed; `profile` whether it comes from a table profile, whose file's name is `file`."""
+    """The filter's reference; `profile` is true if it is a table profile, `file` the name of its file."""
 
     name: str
     file: str
@@ -72,9 +72,9 @@ class ReferenceSnapshot(TypedDict):
 
 
 class GuideSnapshot(TypedDict):
-    """Where the operator is in a table profile: at `segment` (from 0) of `count`, which goes on for `left_s` still.
+    """The operator's place in a table profile: `segment` (from 0) of `count`, which goes on for `left_s`.
 
-    `begun` has for each segment when it began, since the recording did; None if it has not been done.
+    `begun` is the time of each segment's begin since the recording began; None of one that has not begun.
     """
 
     state: GuideState
@@ -85,9 +85,9 @@ class GuideSnapshot(TypedDict):
 
 
 class ControllerSnapshot(TypedDict):
-    """A table under command: what its controller said `age_s` ago, angles and rates of outer, middle, inner.
+    """A table under command, as its controller reported `age_s` ago; angles and rates of outer, middle, inner.
 
-    `moves`: it turns under command, or is about to; `error`: why it is commanded no more, "" while it is.
+    `moves`: it turns under command, or is about to; `error`: why it is no longer commanded, "" while it is.
     `investigates`: `imutui investigate` gives its motions, and records and ends the acquisition.
     """
 
@@ -118,7 +118,7 @@ class ChannelSnapshot(TypedDict):
 
 
 class SeriesSnapshot(TypedDict):
-    """Packets since the last look: `t` since start, `values` a row of seven each; ask with `next` next time."""
+    """Packets since the number asked for: `t` since start, `values` a row of seven each; `next` is asked for next."""
 
     next: int
     t: list[float]
@@ -128,10 +128,9 @@ class SeriesSnapshot(TypedDict):
 class Snapshot(TypedDict):
     """Everything a screen shows of an acquisition.
 
-    `owner` is the user and the computer that it runs as and on.
-    `findings` are what will have to be said at its end, so far; `ended_by` says who or what asked for the end, empty
-    before; `min_free_bytes` is what recording leaves of a disk; `status` the unit's status word in words, "" where no
-    bit of it is set, or it has none.
+    `owner` is its user and computer. `findings` are those of its end so far. `ended_by` is the program or event that
+    asked for the end, empty before. Recording leaves `min_free_bytes` of a disk. `status` is the unit's status word in
+    words, "" if no bit is set or it has none.
     """
 
     name: str
@@ -192,7 +191,7 @@ class Snapshot(TypedDict):
 
 
 class SegmentDescription(TypedDict):
-    """A segment of a table profile: `text` what to do, in words, `seconds` from the operator's word on."""
+    """A segment of a table profile: `text` is the instruction, `seconds` count from the operator's word on."""
 
     kind: str
     text: str
@@ -210,7 +209,7 @@ class ProfileDescription(TypedDict):
 
 
 class ProbeAnswer(TypedDict):
-    """What answers at a port; empty or None if nothing does. `error` says why it cannot be used as it is, if so."""
+    """The unit that answers at a port; empty or None if none does. `error` is why it cannot be used, None if it can."""
 
     port: str
     answers: bool
@@ -237,7 +236,7 @@ class SpectrumSnapshot(TypedDict):
 
     `density` is the mean of a band (of power), `peak` its greatest value, which is at `peak_hz`. `averages` are the
     independent estimates in the mean: the relative standard deviation of `density` is 1/(2 √averages). `segments` were
-    averaged; lines `resolution_hz` apart are told apart.
+    averaged; lines `resolution_hz` apart are resolved.
     """
 
     hz: list[float]
@@ -250,7 +249,7 @@ class SpectrumSnapshot(TypedDict):
 
 
 class HistogramSnapshot(TypedDict):
-    """How often a channel read what, in bins of `width_counts` counts, which is `width` in its unit, from `edge` on.
+    """Histogram of a channel, in bins of `width_counts` counts, which is `width` in its unit, from `edge` on.
 
     `below` and `above` are packets outside the bins; `mean` and `sd` are of all packets.
     """
@@ -285,3 +284,17 @@ class StatisticsSnapshot(TypedDict):
     allan: AllanSnapshot | None
     spectrum: SpectrumSnapshot | None
     histogram: HistogramSnapshot | None
+
+
+def not_said(serial_number: str, version: str) -> str | None:
+    """Return which of these a unit did not report, in words; None if it reported both."""
+    missing = [name for name, said in (("serial number", serial_number), ("version", version)) if not said]
+    if not missing:
+        return None
+    said = f"the unit did not say its {' and its '.join(missing)}: the log has none."
+    return said if serial_number else f"{said} Were another unit in its place, nobody would know."
+
+
+def unit_in_words(instrument: str, serial_number: str) -> str:
+    """Return model and serial number, as far as they are known."""
+    return f"{instrument} #{serial_number}" if serial_number else f"{instrument} without a serial number"

@@ -26,11 +26,10 @@ from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.origin_gate import url
 from imutui.session import lifecycle, reconnection
-from imutui.session.identity import not_said
+from imutui.session.lifecycle import EndFinding
 from imutui.session.plan import Plan
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
-from imutui.session.requests import EndFinding
-from imutui.session.snapshot import EventLine, MarkLine, ReconnectingSnapshot
+from imutui.session.snapshot import EventLine, MarkLine, ReconnectingSnapshot, not_said
 from imutui.session.stream import INFORMATION, WARNING, Began, Block, Broke, Event, Said, Second, Why
 
 _MOST_TOLD = 20

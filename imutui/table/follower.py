@@ -1,7 +1,7 @@
-"""Whether a table follows what it was commanded: readings against motions. No link and no clock.
+"""Compares readings of a table with the motions that were commanded. No link and no clock.
 
-The follower knows for each axis the last motion and when it was commanded. It also knows where an axis is when the next
-motion is checked.
+The follower has the last motion of each axis and the time at which it was commanded, and unwraps the controller's
+angles. It checks the next motion from where the axis is.
 """
 
 import math
@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
-from filters.motion.segments import AXES
+from filters.motion.profile import Profile
+from filters.motion.segments import AXES, Dwell, Rate, Segment
 from imutui.table.motion import (
-    LEAD_S,
     OFF,
     RESTS_DPS,
     AxisLimits,
@@ -27,43 +27,53 @@ from imutui.table.motion import (
 )
 
 FOLLOW_DEG, FOLLOW_S = 0.5, 1.0
-"""How far, and for how long, angles may be off what limits of rate and acceleration explain."""
-# a link of 40 ms a command, three axes, and an acceleration that begins gently: angles may be so late, s
-_LATE_S = 0.25
-# what a rate's own error adds up to is forgotten over so many seconds
-_FORGET_S = 20.0
-_BEYOND_RATE = 1.1, 1.0  # share, deg/s: faster than its limit by so much is out of control
-_LEG_DEG = 170.0  # a controller that counts modulo 360 takes the short way: no leg may be half a turn
+"""Angles may be off the expected ones by so much, or by more for so long."""
+_LATE_S = 0.25  # delay of angles: a link of 40 ms a command, three axes, an acceleration that begins gently
+_FORGET_S = 20.0  # an angle that the error of a rate has added up is forgotten within this time
+_BEYOND_RATE = 1.1, 1.0  # share of the limit of rate, and deg/s more: an axis that is faster is out of control
+_LEG_DEG = 170.0  # a controller that counts modulo 360 goes the short way: a leg is less than half a turn
 _LINES = 8  # that the link carries from the check of a rate to the first reading after it
+_LEAD = Dwell((0.0, 0.0, 0.0), 1.0)  # rest with which an expected motion begins
+_FOR_EVER_S = 1e9
 
 
 class Expected:
-    """Where an axis should be since a motion was commanded at `since_s`, which may begin up to `late_s` later."""
+    """Angle and rate that an axis should have after a motion was commanded.
+
+    `begin`: the axis at that time, `since_s`. The motion may begin up to `late_s` later.
+    """
 
     def __init__(self, motion: Move | Turn, begin: Begin, since_s: float, late_s: float) -> None:
         self.motion, self.begin, self.since_s, self.late_s = motion, begin, since_s, late_s
         self.turns_dps = begin.rate_dps if isinstance(motion, Turn) else 0.0  # the profile is added to it
         self.forgot_s: float | None = None  # time of the last reading that an axis at constant rate was brought to
         self.off_since_s: float | None = None
-        self.angle_deg = 0.0  # added by `forget`
-        self._profile = motion.expected(begin)
-        self._piece, self._sweep = (math.inf, 0.0), [0.0] * 4
+        self.angle_deg = begin.angle_deg  # the profile is relative to it
+        segment: Segment = _LEAD
+        if isinstance(motion, Move):
+            segment = Dwell((0.0, 0.0, math.radians(motion.angle_deg - begin.angle_deg)), _FOR_EVER_S)
+        elif motion.rate_dps != begin.rate_dps:
+            segment = Rate("inner", math.radians(motion.rate_dps - begin.rate_dps), _FOR_EVER_S)
+        slew = motion.rate_dps if isinstance(motion, Move) else 1.0
+        self._profile = Profile((_LEAD, segment), slew=math.radians(slew), accel=math.radians(motion.accel_dps2))
+        self._piece, self._cubic = (math.inf, 0.0), [0.0] * 4
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Return angle and rate at a time."""
         since = max(0.0, t_s - self.since_s)
-        if not self._piece[0] <= since + LEAD_S < self._piece[1]:  # a look at the profile takes 20 times as long
-            start, end, cubics = self._profile.piece(since + LEAD_S)
+        x = since + _LEAD.seconds
+        if not self._piece[0] <= x < self._piece[1]:  # looking at the profile takes 20 times as long
+            start, end, cubics = self._profile.piece(x)
             self._piece = start, end
-            self._sweep = [math.degrees(each[AXES.index(self.motion.axis)]) for each in cubics]
-        x, (a, b, c, d) = since + LEAD_S - self._piece[0], self._sweep
+            self._cubic = [math.degrees(inner) for _, _, inner in cubics]
+        x, (a, b, c, d) = x - self._piece[0], self._cubic
         angle, rate = ((d * x + c) * x + b) * x + a, (3.0 * d * x + 2.0 * c) * x + b
         return self.angle_deg + self.turns_dps * since + angle, self.turns_dps + rate
 
     def forget(self, angle_deg: float, t_s: float) -> None:
-        """Draw what is expected of a constant rate to where the axis is, so that a scale error does not add up.
+        """Draw the expected angle of a constant rate to where the axis is, so that a scale error does not add up.
 
-        What the axis was late by when its rate changed is forgotten at once, when the change is over.
+        The lag of a change of rate is forgotten at once, when the change is over.
         """
         motion = self.motion
         if not isinstance(motion, Turn):
@@ -79,7 +89,7 @@ class Expected:
         self.forgot_s = t_s
 
     def strays(self, angle_deg: float, t_s: float) -> str:
-        """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
+        """Take an angle of the axis; returns in words how it does not follow, or ""."""
         should, rate = self.at(t_s)
         fastest = max(abs(rate), abs(self.at(t_s - self.late_s)[1]))
         if isinstance(self.motion, Turn) and self.forgot_s is None:
@@ -96,7 +106,7 @@ class Expected:
 
 
 class ExpectedSwing:
-    """An axis that should swing: its size is known, not its phase."""
+    """An axis that should swing; its amplitude is known, not its phase."""
 
     def __init__(self, motion: Swing, begin: Begin, since_s: float) -> None:
         self.motion, self.since_s = motion, since_s
@@ -104,7 +114,7 @@ class ExpectedSwing:
         self._swung = deque[tuple[float, float]]()
 
     def strays(self, angle_deg: float, t_s: float) -> str:
-        """Take the angle that an axis was read at; returns how it does not follow, in words, or ""."""
+        """Take an angle of the axis; returns in words how it does not follow, or ""."""
         axis, amplitude, period_s = self.motion.axis, self.motion.amplitude_deg, 1.0 / self.motion.hz
         self._swung.append((t_s, angle_deg))
         while self._swung[0][0] < t_s - max(period_s, FOLLOW_S):
@@ -155,14 +165,14 @@ class Follower:
         motion.check(self._begin(motion.axis), self._reach)
 
     def legs(self, motion: Motion) -> list[Motion]:
-        """Return the motions to command one after the other; a long move between stops has several."""
+        """Return the legs of a motion, to be commanded in turn; a long move between stops has several."""
         if isinstance(motion, Move):
             count_turns = self.limits[motion.axis].has_stops and motion.axis in self.wraps
             return [*motion.legs(self._begin(motion.axis), self.limits, _LEG_DEG if count_turns else math.inf)]
         return [motion]
 
     def begin(self, motion: Motion, since_s: float, took_s: float = 0.0) -> None:
-        """Expect a motion that was commanded, and may have begun at any time that the command took to be sent."""
+        """Expect a motion that was commanded; it began at any time while the command was sent."""
         begin = self._begin(motion.axis)
         self._expected[motion.axis] = (
             ExpectedSwing(motion, begin, since_s)
@@ -173,7 +183,7 @@ class Follower:
         self.mode = motion.mode
 
     def has_passed(self, leg: Motion) -> bool:
-        """Return whether an axis rests where a leg of its path ends."""
+        """Return whether the axis rests at the end of a leg."""
         k = AXES.index(leg.axis)
         near = isinstance(leg, Move) and abs(self.angles_deg[k] - leg.angle_deg) < FOLLOW_DEG
         return near and abs(self._rates_dps[k]) < RESTS_DPS
@@ -192,7 +202,7 @@ class Follower:
         return max((rate / accel + own.lag_s + _LATE_S for rate, own, accel in of), default=0.0)
 
     def wrong(self, state: TableState) -> str:
-        """Take a reading; returns how it disagrees with the motions, in words, or ""."""
+        """Take a reading; returns in words how it disagrees with the motions, or ""."""
         t_s = state.stamp_ns / 1e9
         self._take(state)
         if state.fault:

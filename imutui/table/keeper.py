@@ -1,18 +1,19 @@
-"""The keeper of a table: the one process that has the link, and passes every command through the gate.
+"""The keeper of a table, `python -m imutui.table.keeper URL [--limits TEXT]`: the one process that has the link.
 
-Its owner (`owner`) writes commands to the keeper's stdin, and reads reports from its stdout (`messages`). The keeper
-polls angles as fast as the link answers. It stops the table when the table does not follow a command, the
-controller reports a fault, the link is lost, or its owner falls silent, ends or is killed.
+Its owner (`owner`) starts it, writes commands to its stdin, and reads reports from its stdout (`messages`). The keeper
+checks each command, and polls angles as fast as the link answers. It stops the table when the table does not follow a
+command, the controller reports a fault, the link is lost, or its owner falls silent, ends or is killed.
 
 A stop gets in between any two lines to the controller. The keeper sends it over its link and over new ones until the
-controller confirms that the table rests; if none does, the keeper's last words ask for the emergency stop.
+controller confirms that the table rests; if none does, its last report asks for the emergency stop.
 """
 
+import argparse
 import contextlib
 import os
-import re
 import select
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -20,42 +21,44 @@ from dataclasses import replace
 
 from filters.errors import InputError
 from imutui import defects
-from imutui.table.controller import TableController, TableError, TableLinkError
+from imutui.table import acutrol, messages
+from imutui.table.acutrol import Acutrol
 from imutui.table.follower import Follower
-from imutui.table.messages import Command, Report, decode, encode
-from imutui.table.motion import OFF, Limits, Motion, Move, limits_of, narrower
+from imutui.table.links import TableError, TableLinkError
+from imutui.table.messages import Command, Report
+from imutui.table.motion import OFF, Limits, Motion, Move, limits_of, narrower, parse_limits
 
 SILENT_S = 1.0
-"""So long without a word of its owner, in real time, and the table is stopped."""
+"""The table is stopped when its owner has written nothing for so long."""
 BRAKES_S = 3.0
 """Time for an axis to come to rest, where its rate is not known."""
 _POLL_S = 1.0 / 200.0
 _AGAIN_S, _PATIENCE_S = 0.5, 60.0
-_ALIVE_S = 0.5  # between two words to the owner while a command takes its time
+_ALIVE_S = 0.5  # between two reports while a command is carried out
 _MOST = 1 << 16
 _wait = time.sleep
 
 
 class OwnerGoneError(Exception):
-    """The owner, which could stop the table, has ended or is silent; the message says which."""
+    """The owner, which could stop the table, has ended or is silent."""
 
 
 class StopAskedError(Exception):
-    """A stop waits to be carried out: the motion that is being sent is given up."""
+    """A stop waits to be carried out; the motion that is being sent is abandoned."""
 
 
-Connect = Callable[[bool], TableController]
-"""Makes a link; the argument is whether it may ask anything now."""
+Connect = Callable[[bool], Acutrol]
+"""Connects to the controller; the argument is False if nothing may be asked before a stop."""
 
 
 def stop_for_certain(
-    controller: TableController | None,
+    controller: Acutrol | None,
     connect: Connect,
     tell: Callable[[str], None],
     brakes_s: float = BRAKES_S,
     *,
     is_deaf: bool = False,
-) -> TableController | None:
+) -> Acutrol | None:
     """Stop a table, over new links where the one at hand fails, for a minute.
 
     `controller`: the link at hand; None: there is none.
@@ -69,7 +72,7 @@ def stop_for_certain(
         try:
             controller = controller or connect(False)
             controller.stop(brakes_s if is_deaf else None)
-        except Exception as error:  # noqa: BLE001 - whatever it fails with, another link is the next to be tried
+        except Exception as error:  # noqa: BLE001 - another link is tried next, whatever the error is
             if str(error) != said:
                 said = str(error)
                 tell(
@@ -89,23 +92,15 @@ def stop_for_certain(
 class Keeper:
     """Has the link until it ends.
 
-    `connect`: makes the link, and once more should it be lost.
+    `connect`: makes the link, and again if it is lost.
     `given`: limits that the operator gives.
-    `say`: takes each report for the owner.
-    `lines`: has the owner's commands.
+    `say`: called with each report for the owner.
+    `lines`: the owner's commands.
     Raises TableError if there is no controller.
     """
 
-    def __init__(
-        self,
-        connect: Connect,
-        given: Limits,
-        say: Callable[[Report], None],
-        lines: "Lines",
-    ) -> None:
-        self._connect = connect
-        self._say = say
-        self._lines = lines
+    def __init__(self, connect: Connect, given: Limits, say: Callable[[Report], None], lines: "Lines") -> None:
+        self._connect, self._say, self._lines = connect, say, lines
         self._controller = controller = connect(True)
         identity = controller.identify()
         read = controller.limits()
@@ -118,7 +113,7 @@ class Keeper:
         self._stops = 0  # how many the owner has asked for
         self._alive_s = time.monotonic()
         controller.meanwhile = self._heed
-        say(Report(identity=identity, axes=controller.axes, limits=self.limits))
+        say(Report(identity, controller.axes, self.limits))
 
     def _heed(self) -> None:
         """Look for a stop, and whether time runs out, while the controller is busy; raises what interrupts it."""
@@ -146,14 +141,11 @@ class Keeper:
                 legs.popleft()
                 self._start(legs[0])
 
-    def carry_out(self, command: Command | Report) -> bool:
-        """Carry out a command, or report why it is refused. Returns whether to go on.
+    def carry_out(self, command: Command) -> bool:
+        """Carry out a command, or report why it is refused; returns False if the keeper is to end.
 
         Raises TableError if the controller does not do it.
         """
-        if isinstance(command, Report):
-            self._say(command)
-            return True
         refused = ""
         try:
             match command.do:
@@ -185,7 +177,7 @@ class Keeper:
     def _go(self, command: Command) -> None:
         self._refuse_before_a_stop(command)
         if not self._enabled:
-            raise InputError("nothing moves before it is enabled: somebody must say so, and the interlock be closed")
+            raise InputError("nothing moves before it is enabled: ask the user, then enable the table")
         if not self._follower.angles_deg:
             raise InputError("no angles were read yet; ask again")
         if len({motion.axis for motion in command.motions}) < len(command.motions):
@@ -244,7 +236,7 @@ class Keeper:
         self._controller = found or self._controller
         return found is not None
 
-    def _connected(self, asks: bool) -> TableController:
+    def _connected(self, asks: bool) -> Acutrol:
         controller = self._connect(asks)
         controller.meanwhile = self._heed
         return controller
@@ -262,7 +254,7 @@ class Lines:
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._rest = b""
-        self.waiting: deque[Command | Report] = deque()  # a refusal in place of a line that is no command
+        self.waiting: deque[Command] = deque()
         self.signal = ""
         self._since_s = time.monotonic()  # when the owner wrote last
 
@@ -274,23 +266,14 @@ class Lines:
                 raise OwnerGoneError("the program that commanded the table has ended.")
             self._since_s = time.monotonic()
             *lines, self._rest = (self._rest + data).split(b"\n")
-            self.waiting += [_command(line) for line in lines if line.strip()]
+            self.waiting += map(messages.command, lines)
         elif time.monotonic() - self._since_s > SILENT_S:
             raise OwnerGoneError(f"the program that commanded the table has said nothing for {SILENT_S:g} s.")
 
     @property
     def stop_waits(self) -> bool:
         """True if a command or a signal that waits stops the table."""
-        stops = (isinstance(each, Command) and each.do in ("stop", "off") for each in self.waiting)
-        return bool(self.signal) or any(stops)
-
-
-def _command(line: bytes) -> Command | Report:
-    try:
-        return decode(line, Command)
-    except InputError as error:
-        number = re.search(rb'"number": *(\d+)', line)
-        return Report(refused=str(error), to=int(number[1]) if number else 0)
+        return bool(self.signal) or any(each.do in ("stop", "off") for each in self.waiting)
 
 
 def writer(descriptor: int) -> Callable[[Report], None]:
@@ -298,17 +281,20 @@ def writer(descriptor: int) -> Callable[[Report], None]:
     os.set_blocking(descriptor, False)
 
     def say(report: Report) -> None:
-        # a line shorter than a pipe's unit of writing goes whole or not at all; a reader that has gone is seen by its
-        # end
+        # a line shorter than a pipe's unit of writing is written whole or not at all; stdin shows an owner's end
         with contextlib.suppress(BlockingIOError, BrokenPipeError):
-            os.write(descriptor, encode(report))
+            os.write(descriptor, messages.encode(report))
 
     return say
 
 
-def run(connect: Connect, given: Limits) -> int:
-    """Keep a table until the owner or a signal ends it, or something is wrong; returns the process's exit code."""
-    say, lines = writer(1), Lines(0)
+def main() -> int:
+    """Keep the table at a URL until the owner or a signal ends it, or something is wrong; returns the exit code."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("url")
+    asked.add_argument("--limits", default="")
+    given = asked.parse_args()
+    say, lines, keeper = writer(1), Lines(0), None
 
     def ask_to_end(number: int, _: object) -> None:
         lines.signal = signal.Signals(number).name
@@ -316,24 +302,20 @@ def run(connect: Connect, given: Limits) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, ask_to_end)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    is_error, is_deaf = True, False
     try:
-        keeper = Keeper(connect, given, say, lines)
-    except TableError as error:
-        say(Report(error=str(error), ended=True))
-        return 4
-    try:
+        keeper = Keeper(lambda asks: acutrol.connect(given.url, asks=asks), parse_limits(given.limits), say, lines)
         _keep(keeper, lines)
-    except TableError as error:
-        keeper.end(str(error), is_error=True, is_deaf=isinstance(error, TableLinkError))
-        return 4
-    except OwnerGoneError as gone:
-        keeper.end(str(gone), is_error=True)
-        return 4
+        why, is_error = (f"ended by {lines.signal}." if lines.signal else "ended as told."), bool(lines.signal)
+    except (InputError, TableError, OwnerGoneError) as error:
+        why, is_deaf = str(error), isinstance(error, TableLinkError)
     except Exception as error:  # noqa: BLE001 - a defect of our own: whatever it is, the table must not turn on
-        keeper.end(defects.told(error), is_error=True)
-        return 4
-    keeper.end(f"ended by {lines.signal}." if lines.signal else "ended as told.", is_error=bool(lines.signal))
-    return 0
+        why = defects.told(error)
+    if keeper is None:
+        say(Report(error=why, ended=True))
+    else:
+        keeper.end(why, is_error=is_error, is_deaf=is_deaf)
+    return 4 if is_error else 0
 
 
 def _keep(keeper: Keeper, lines: Lines) -> None:
@@ -346,3 +328,7 @@ def _keep(keeper: Keeper, lines: Lines) -> None:
         while lines.waiting:
             if not keeper.carry_out(lines.waiting.popleft()):
                 return
+
+
+if __name__ == "__main__":
+    sys.exit(main())

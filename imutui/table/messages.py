@@ -1,55 +1,67 @@
-"""What owner and keeper of a table write to each other: a record a line, as JSON."""
+"""Messages between the owner and the keeper of a table: a record a line, as JSON.
+
+Both are processes of one installation, so that neither checks what the other writes.
+"""
 
 import json
-from dataclasses import asdict, dataclass, field, fields
-from typing import Literal, TypeVar
+from dataclasses import asdict, dataclass, field
+from typing import Literal
 
 from filters.errors import InputError
-from imutui.declared import read
-from imutui.table.motion import AxisLimits, Motion, TableState
+from imutui.table.motion import OSCILLATION, POSITION, RATE, AxisLimits, Motion, Move, Swing, TableState, Turn
 
-T = TypeVar("T")
+_MOTIONS: dict[str, type[Motion]] = {POSITION: Move, RATE: Turn, OSCILLATION: Swing}
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the owner asks for; the keeper's answer has its number."""
+    """A command of the owner; the keeper's answer has its number."""
 
     do: Literal["beat", "enable", "go", "stop", "off"]
     motions: tuple[Motion, ...] = ()  # of "go": begin at once, each of another axis
-    stops: int = 0  # how many stops the owner had asked for when it decided on the command, this one included
+    stops: int = 0  # stops that the owner had asked for when it decided on the command, this one included
     number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What the keeper reports; one without anything in it says that the keeper lives."""
+    """A report of the keeper; one with nothing in it shows that the keeper lives."""
 
     identity: str = ""  # identity, axes, limits: of the first report
     axes: tuple[str, ...] = ()
     limits: dict[str, AxisLimits] = field(default_factory=dict)
     state: TableState | None = None
-    to: int = 0  # the number of a command that was carried out, or refused
+    to: int = 0  # number of a command that was carried out or refused
     refused: str = ""  # why it was refused
     said: str = ""
-    error: str = ""  # why the keeper ends, if not as told
-    ended: bool = False  # these are its last words: it has done what it could for the table to stand still
-
-
-_USUAL: dict[type, Command | Report] = {Command: Command("beat"), Report: Report()}
+    error: str = ""  # why the keeper ends, if its owner did not ask for it
+    ended: bool = False  # the last report: the keeper has done what it could for the table to stand still
 
 
 def encode(record: Command | Report) -> bytes:
-    """Return a record as a line, without what it leaves as usual."""
-    usual, names = _USUAL[type(record)], [each.name for each in fields(record)]
-    said = {name: value for name in names if (value := getattr(record, name)) != getattr(usual, name) or name == "do"}
+    """Return a record as a line, without its empty fields."""
+    said = {name: value for name in record.__slots__ if (value := getattr(record, name))}
     return json.dumps(said, default=asdict).encode() + b"\n"
 
 
-def decode(line: bytes, kind: type[T]) -> T:
-    """Return the record of a line; raises InputError if it is none."""
+def command(line: bytes) -> Command:
+    """Return the command of a line of the owner."""
+    said = json.loads(line)
+    motions = tuple(_MOTIONS[each["mode"]](**each) for each in said.pop("motions", ()))
+    return Command(**said, motions=motions)
+
+
+def report(line: bytes) -> Report:
+    """Return the report of a line of the keeper; raises InputError if the keeper was killed while it wrote the line."""
     try:
-        value = json.loads(line)
-    except ValueError:
-        raise InputError(f"no {kind.__name__.lower()}: {line[:200].decode(errors='replace')}") from None
-    return read(value, kind)
+        said = json.loads(line)
+    except ValueError as error:
+        raise InputError(f"the keeper's line is not whole: {error}") from error
+    if "state" in said:
+        state = said["state"]
+        state |= {"angles_deg": tuple(state["angles_deg"]), "rates_dps": tuple(state["rates_dps"])}
+        said["state"] = TableState(**state)
+    if "axes" in said:
+        limits = {axis: AxisLimits(**own) for axis, own in said.pop("limits", {}).items()}
+        said |= {"axes": tuple(said["axes"]), "limits": limits}
+    return Report(**said)

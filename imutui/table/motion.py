@@ -1,11 +1,10 @@
-"""Motions of an axis of a table: checked against limits, commanded, expected, and recognised when they are there.
+"""Motions of an axis of a table: check them against limits, and recognise when the axis has reached them.
 
-The only module that knows limits, paths and braking room. No link and no clock. All is in deg and s.
+No link and no clock. Angles are in deg, times in s. Angles are unwrapped: they continue through whole turns.
 
-Limits come from the controller or from the operator; the narrower one counts. Angles are unwrapped: they go on through
-whole turns. A path never leaves the limits, and an axis must always have room to stop: with the acceleration of its own
-motion, which its drive brakes with, after the lag of the table and the latency of the link. An axis outside its limits
-may move back towards them, and no farther out.
+Limits come from the controller or from the operator; the narrower one counts. A path never leaves the limits, and an
+axis must always have room to stop: with the acceleration of its own motion, which its drive brakes with, after the lag
+of the table and the latency of the link. An axis outside its limits may move back towards them, and no farther out.
 """
 
 import math
@@ -16,26 +15,23 @@ from typing import ClassVar, Final, Literal, TypeAlias
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
+from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment
 
 OFF: Final = "off"
 POSITION: Final = "position"
 RATE: Final = "rate"
 OSCILLATION: Final = "oscillation"
 MODES = (OFF, POSITION, RATE, OSCILLATION)
-"""Of an axis, the less active first."""
+"""Modes of an axis, the least active first."""
 RESTS_DPS = 0.01
-"""An axis that turns slower than this stands still."""
+"""An axis that is slower than this stands still."""
 LAG_S = 0.1
-"""Time by which an axis follows the reference of its drive, where the controller says nothing of its jerk."""
-LEAD_S = 1.0
-"""Rest with which an expected motion begins."""
+"""Time by which an axis is behind the reference of its drive, if the controller does not report its jerk."""
 SETTLED_DEG, SETTLED_S = 0.02, 1.0
-"""A move has arrived when its axis has been so near to its angle, and stood still, for so long."""
+"""A move is there when its axis has been so near to its angle, and has stood still, for so long."""
 _STANDS_DPS = 1.0  # an axis that is slower than this may be sent to an angle
-_OVER_S = 2.0  # a second each for a rate to be recognised, and for its end to be sent
-_FOR_EVER_S = 1e9
-_EPSILON = 1e-6  # deg: no way to go
+_OVER_S = 2.0  # one second until a rate is recognised, and one until its end is sent
+_EPSILON = 1e-6  # deg: a smaller angle of a missing axis is zero
 _RATE_S, _RATE_SHARE, _RATE_DPS = 0.3, 0.01, 0.05  # a mean rate over so long is reached within a share, or so much
 _SWINGS, _PERIODS = 0.9, 3.0  # a swing is there at this share of its amplitude, or after so many periods at half of it
 _LIMITS = 'such as "inner=200/100, outer=30/50/-90/90": deg/s, deg/s^2, and of an axis with stops low and high deg'
@@ -151,35 +147,30 @@ def limits_of(axis: str, limits: Limits) -> AxisLimits:
 
 @dataclass(frozen=True, slots=True)
 class TableState:
-    """What a controller says of its axes: outer, middle, inner; an axis that the table has not is at 0.0."""
+    """The axes as a controller reports them: outer, middle, inner; an axis that the table lacks is at 0.0."""
 
     stamp_ns: int  # host's monotonic time, half-way between question and answer
     uncertainty_ns: int  # half of the time between
-    angles_deg: tuple[float, float, float]  # without jumps where an axis turns without end
+    angles_deg: tuple[float, float, float]  # from the keeper on unwrapped
     rates_dps: tuple[float, float, float]
     mode: str  # one of MODES, the most active one of the axes
     fault: str  # in words; "" where there is none
 
-    @property
-    def rests(self) -> bool:
-        """Whether all axes stand still."""
-        return all(abs(rate) < RESTS_DPS for rate in self.rates_dps)
-
 
 class Readings:
-    """Readings since a motion was commanded at `begun_ns`, as far back as is needed to see that it is there."""
+    """Readings since motions were commanded, as far back as shows whether they are there."""
 
     def __init__(self) -> None:
         self._states: deque[TableState] = deque()
         self._begun_ns, self._keep_s = 0, 0.0
 
     def begin(self, now_ns: int, motions: "Iterable[Motion]") -> None:
-        """Forget what was read before some motions are commanded."""
+        """Forget earlier readings: motions are commanded now."""
         self._states.clear()
         self._begun_ns, self._keep_s = now_ns, 1.5 * max((motion.seen_s for motion in motions), default=SETTLED_S)
 
     def add(self, states: Iterable[TableState]) -> None:
-        """Take readings, the newest last."""
+        """Add readings, the newest last."""
         self._states += states
         while self._states and self._states[0].stamp_ns < self._states[-1].stamp_ns - self._keep_s * 1e9:
             self._states.popleft()
@@ -199,7 +190,7 @@ class Readings:
         return [state.angles_deg[k] for state in last], [state.rates_dps[k] for state in last]
 
     def stands(self, axis: str) -> bool:
-        """Return whether an axis rests: of one that swings the mean rate is zero, and the angles differ."""
+        """Return whether an axis rests; one that swings has a mean rate of zero, and angles that differ."""
         angles, rates = self.last(axis, SETTLED_S / 2.0)
         return bool(rates) and abs(_mean(rates)) < RESTS_DPS and max(angles) - min(angles) < SETTLED_DEG
 
@@ -220,9 +211,9 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """An axis goes to an angle and rests there; one without stops takes the short way."""
+    """An axis goes to an angle and rests there; an axis without stops goes the short way."""
 
-    seen_s: ClassVar[float] = SETTLED_S  # readings over so long show that the motion is there
+    seen_s: ClassVar[float] = SETTLED_S  # readings over so long show whether the motion is there
     axis: str
     angle_deg: float
     rate_dps: float  # no faster than this
@@ -236,14 +227,8 @@ class Move:
         own.check(self.axis, rate_dps=self.rate_dps, accel_dps2=self.accel_dps2, angles_deg=[target])
         if not self.rate_dps > 0.0:
             raise InputError(f"the {self.axis} axis is asked to move at {self.rate_dps:g} deg/s; it must be positive")
-        if abs(begin.rate_dps) > _STANDS_DPS:
-            raise InputError(f"the {self.axis} axis turns still; have it stand first: a rate of zero")
+        _refuse_while_it_turns(self.axis, begin)
         _check_room(self, begin, own, begin.rate_dps)
-
-    def expected(self, begin: Begin) -> Profile:
-        """Return where all axes should be, from a rest of `LEAD_S` on; the motion begins gently."""
-        there = Dwell(_angles(self.axis, self.angle_deg), _FOR_EVER_S)
-        return _profile(self, begin, there, slew_dps=self.rate_dps)
 
     def end_deg(self, begin: Begin, limits: Limits) -> float:
         """Return the unwrapped angle at which the motion ends."""
@@ -251,7 +236,7 @@ class Move:
         return self.angle_deg if own.has_stops else begin.angle_deg - own.off(begin.angle_deg, self.angle_deg)
 
     def legs(self, begin: Begin, limits: Limits, longest_deg: float) -> "list[Move]":
-        """Return moves of at most so many degrees to make one after the other."""
+        """Return the moves that make up this one, each of at most so many degrees."""
         way = self.end_deg(begin, limits) - begin.angle_deg
         count = max(1, math.ceil(abs(way) / longest_deg))
         ends = [begin.angle_deg + way * n / count for n in range(1, count)] + [begin.angle_deg + way]
@@ -262,7 +247,7 @@ class Move:
         return abs(self.angle_deg - begin.angle_deg) / self.rate_dps + self.rate_dps / self.accel_dps2 + SETTLED_S
 
     def is_there(self, readings: Readings, limits: Limits) -> bool:
-        """Return whether the motion has come to what was asked."""
+        """Return whether the readings show the motion that was asked for."""
         angles, _ = readings.last(self.axis, SETTLED_S)
         near = (abs(limits[self.axis].off(angle, self.angle_deg)) < SETTLED_DEG for angle in angles)
         return bool(angles) and all(near) and readings.stands(self.axis)
@@ -274,7 +259,7 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """An axis turns at a rate of either sign, from its present one on; at zero it rests."""
+    """An axis changes from its present rate to another, of either sign; at zero it rests."""
 
     seen_s: ClassVar[float] = SETTLED_S
     axis: str
@@ -294,11 +279,6 @@ class Turn:
             return
         for rate in (self.rate_dps, turns):
             _check_room(self, begin, own, rate)
-
-    def expected(self, begin: Begin) -> Profile:
-        """Return what the motion adds to an axis that goes on turning as it begins, from a rest of `LEAD_S` on."""
-        change = math.radians(self.rate_dps - begin.rate_dps)
-        return _profile(self, begin, Rate(self.axis, change, _FOR_EVER_S) if change else None)
 
     def takes_s(self, begin: Begin) -> float:
         return abs(self.rate_dps - begin.rate_dps) / self.accel_dps2 + SETTLED_S
@@ -346,6 +326,8 @@ class Swing:
         """
         own = limits_of(self.axis, limits)
         size, hz = self.amplitude_deg, self.hz
+        if begin.centre_deg is None:
+            _refuse_while_it_turns(self.axis, begin)
         if not (math.isfinite(size) and size >= 0.0 and math.isfinite(hz) and hz > 0.0):
             raise InputError(f"`amplitude_deg` is {size} and `hz` {hz}, not a size and a frequency")
         centres = {begin.angle_deg, begin.angle_deg if begin.centre_deg is None else begin.centre_deg}
@@ -376,6 +358,11 @@ def braking_deg(rate_dps: float, accel_dps2: float, late_s: float = 0.0) -> floa
     return abs(rate_dps) * late_s + rate_dps**2 / (2.0 * accel_dps2)
 
 
+def _refuse_while_it_turns(axis: str, begin: Begin) -> None:
+    if abs(begin.rate_dps) > _STANDS_DPS:
+        raise InputError(f"the {axis} axis turns, at {begin.rate_dps:.2f} deg/s; have it stand first: a rate of zero")
+
+
 def _check_room(motion: Motion, begin: Begin, limits: AxisLimits, rate_dps: float) -> None:
     """Refuse a rate whose way until the axis rests leaves the limits; raises InputError."""
     low, high = limits.ends
@@ -389,17 +376,6 @@ def _check_room(motion: Motion, begin: Begin, limits: AxisLimits, rate_dps: floa
         )
 
 
-def _profile(motion: Motion, begin: Begin, segment: Segment | None, slew_dps: float = 1.0) -> Profile:
-    lead = Dwell(_angles(motion.axis, begin.angle_deg), LEAD_S)
-    parts = (lead,) if segment is None else (lead, segment)
-    return Profile(parts, slew=math.radians(slew_dps), accel=math.radians(motion.accel_dps2))
-
-
-def _angles(axis: str, angle_deg: float) -> tuple[float, float, float]:
-    outer, middle, inner = (math.radians(angle_deg) if each == axis else 0.0 for each in AXES)
-    return outer, middle, inner
-
-
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
@@ -407,20 +383,9 @@ def _mean(values: Sequence[float]) -> float:
 # ------------------------------------------------------------------------------------------------------------- profiles
 
 
-def in_degrees(angle: float) -> float:
+def _degrees(angle: float) -> float:
     """Convert an angle or a rate from radians, without the rounding of the conversion."""
     return round(math.degrees(angle), 9)
-
-
-def moves(angles_deg: Mapping[str, float], limits: Limits, rate_dps: float, accel_dps2: float) -> tuple[Move, ...]:
-    """Return the moves of some axes to angles, at the pace of the slowest axis if that is less than asked.
-
-    Raises InputError if the table has no such axis.
-    """
-    own = [limits_of(axis, limits) for axis in angles_deg]
-    rate = min([rate_dps, *(each.rate_dps for each in own)])
-    accel = min([accel_dps2, *(each.accel_dps2 for each in own)])
-    return tuple(Move(axis, angle, rate, accel) for axis, angle in angles_deg.items())
 
 
 def of_segment(segment: Segment, profile: Profile, limits: Limits) -> tuple[Motion, ...]:
@@ -428,21 +393,20 @@ def of_segment(segment: Segment, profile: Profile, limits: Limits) -> tuple[Moti
 
     Raises InputError if a controller can't be commanded so, or the table has no such axis.
     """
-    rate, accel = in_degrees(profile.slew), in_degrees(profile.accel)
-    match segment:
-        case Dwell():
-            wanted = zip(AXES, map(in_degrees, segment.angles), strict=True)
-            return moves(
-                {axis: angle for axis, angle in wanted if axis in limits or abs(angle) > _EPSILON}, limits, rate, accel
-            )
-        case Rate():
-            own = limits_of(segment.axis, limits)
-            return (Turn(segment.axis, in_degrees(segment.rate), min(accel, own.accel_dps2)),)
-        case Sine():
-            own = limits_of(segment.axis, limits)
-            return (Swing(segment.axis, in_degrees(segment.amplitude), segment.hz, own.accel_dps2),)
-        case Sampled():
-            raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
+    rate, accel = _degrees(profile.slew), _degrees(profile.accel)
+    if isinstance(segment, Dwell):
+        angles = dict(zip(AXES, map(_degrees, segment.angles), strict=True))
+        wanted = [axis for axis, angle in angles.items() if axis in limits or abs(angle) > _EPSILON]
+        every = [limits_of(axis, limits) for axis in wanted]
+        rate = min([rate, *(own.rate_dps for own in every)])
+        accel = min([accel, *(own.accel_dps2 for own in every)])
+        return tuple(Move(axis, angles[axis], rate, accel) for axis in wanted)
+    if isinstance(segment, Sampled):
+        raise InputError("a controller is commanded by dwells, rates and sines; this is a row of angles")
+    own = limits_of(segment.axis, limits)
+    if isinstance(segment, Rate):
+        return (Turn(segment.axis, _degrees(segment.rate), min(accel, own.accel_dps2)),)
+    return (Swing(segment.axis, _degrees(segment.amplitude), segment.hz, own.accel_dps2),)
 
 
 def check_profile(profile: Profile, limits: Limits, begin_deg: Sequence[float]) -> None:

@@ -1,7 +1,6 @@
-"""The owner's side of a table: starts the keeper, commands through it, and stops the table if the keeper dies.
+"""The owner of a table: starts the keeper, commands through it, and stops the table if the keeper dies.
 
-The keeper stops the table when its owner dies, and the owner when its keeper does. A user who kills both at once has to
-press the emergency stop.
+The keeper stops the table when its owner dies. A user who kills both at once has to press the emergency stop.
 """
 
 import contextlib
@@ -17,10 +16,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from filters.errors import InputError
-from imutui.table.controller import TableError
+from imutui.table import messages
+from imutui.table.acutrol import connect
 from imutui.table.keeper import BRAKES_S, stop_for_certain
-from imutui.table.messages import Command, Report, decode, encode
-from imutui.table.registry import connect
+from imutui.table.links import TableError
+from imutui.table.messages import Command, Report
 
 if TYPE_CHECKING:
     from imutui.table.motion import AxisLimits, TableState
@@ -34,12 +34,12 @@ _MOST_STATES = 1 << 16
 
 
 class KeptTable:
-    """A table that a keeper has the link to; `close` has the keeper stop it and end.
+    """A table whose link a keeper has; `close` has the keeper stop the table and end.
 
-    `limits_text`: of `motion.parse_limits`, what the operator gives.
-    `lives`: whether the commanding program still does its work; the keeper stops the table soon after it returns False.
+    `limits_text`: limits of the operator, as `motion.parse_limits` reads them.
+    `lives`: returns whether the commanding program works; the keeper stops the table soon after it returns False.
     `starts`: False starts no keeper, as if it had ended.
-    `identity`, `axes`, `limits`: what the controller reports, narrowed by what the operator gives.
+    `identity`, `axes`, `limits`: those of the controller; limits are narrowed by the operator's.
     Raises TableError if there is no controller, or no keeper within `_START_S`.
     """
 
@@ -58,13 +58,13 @@ class KeptTable:
         self._closing = self._told_its_end = False
         self._started, self._ended, self._writing = threading.Event(), threading.Event(), threading.Lock()
         self._numbers = itertools.count(1)  # of commands: an answer names the one that it belongs to
-        self._awaited: dict[int, str | None] = {}  # answers that are awaited, by number; None: not there yet
+        self._awaited: dict[int, str | None] = {}  # refusals by number of a command, "" if it is done; None: no answer
         self._answered = threading.Condition()
         self._accel_dps2 = math.inf  # the gentlest acceleration that was commanded
         if not starts:
             self._ended.set()
             return
-        command = [sys.executable, "-P", "-m", "imutui.table", url, "--limits", limits_text]
+        command = [sys.executable, "-P", "-m", "imutui.table.keeper", url, "--limits", limits_text]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         self._heard_s = time.monotonic()
         threading.Thread(target=self._read, name="table", daemon=True).start()
@@ -85,26 +85,22 @@ class KeptTable:
             raise TableError(self.error or "the keeper of the table did not start.")
 
     @property
-    def pid(self) -> int:
-        """Of the keeper."""
-        return self._process.pid
-
-    @property
     def has_ended(self) -> bool:
-        """Whether the keeper has ended."""
+        """True if the keeper has ended."""
         return self._ended.is_set()
 
     def send(self, command: Command) -> None:
-        """Have the keeper carry out a command; a refusal is in `news`, the keeper's end in `error`."""
+        """Have the keeper carry out a command; a refusal is added to `news`, the keeper's end is in `error`."""
         self._write(replace(command, number=next(self._numbers)))
 
     def _write(self, command: Command) -> None:
         if command.do == "enable":
             self.enabled = True
         self._accel_dps2 = min([self._accel_dps2, *(motion.accel_dps2 for motion in command.motions)])
+        line = messages.encode(command)
         with contextlib.suppress(OSError, ValueError), self._writing:  # the reader reports a keeper that has gone
             assert self._process.stdin is not None
-            self._process.stdin.write(encode(command))
+            self._process.stdin.write(line)
             self._process.stdin.flush()
 
     def ask(self, command: Command, timeout_s: float = 30.0) -> None:
@@ -141,8 +137,8 @@ class KeptTable:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._heard_s = time.monotonic()
-            with contextlib.suppress(InputError):  # the last line of one that was killed
-                self._take(decode(line, Report))
+            with contextlib.suppress(InputError):  # the last line of a keeper that was killed
+                self._take(messages.report(line))
             self._started.set()
         self._process.wait()
         if not self._told_its_end:

@@ -1,6 +1,6 @@
-"""A virtual controller on a port of this machine, with the time kept: several hosts may be connected at once.
+"""Serves a virtual controller on a port of this machine, to several hosts at once.
 
-A host that goes does not stop the table, as it is assumed of a real one.
+The end of a connection does not stop the table, as is assumed of a real one.
 """
 
 import selectors
@@ -14,26 +14,18 @@ from typing import Self
 
 from filters.errors import InputError
 from filters.simulation.scenario import TableFault
-from imutui.table import acutrol
 from imutui.table.acutrol_virtual import VirtualAcutrol
 
 _LOOK_UP_S = 0.02
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
+LONGEST_LINE = 4096
+"""Bytes after which a line without an end is given up."""
 
-@dataclass(frozen=True, slots=True)
-class Style:
-    """How answers look on the line."""
-
-    prefix: bytes  # before the text of each
-    end: bytes  # behind it
-    acknowledges: bool  # whether a command that asks nothing is answered
-
-
-# the eight characters are made up: a driver cuts them off unseen, and then takes "OK" for the whole of the rest
-TCP = Style(b"00000000", b"", True)
-BUS = Style(b"", b"\n", False)
-"""As on GPIB, and as it is assumed of a serial line."""
+# the eight characters are made up: a driver cuts them off unread, and compares the rest with "OK"
+TCP = b"00000000"
+BUS = b""
+"""As on GPIB, and assumed of a serial line: no prefix, a line end, and no answer to a command that asks nothing."""
 
 
 @dataclass(slots=True)
@@ -41,8 +33,28 @@ class _Host:
     """A connection, and the answers that it waits for."""
 
     socket: socket.socket
-    decoder: acutrol.CommandDecoder = field(default_factory=acutrol.CommandDecoder)
+    lines: "Lines" = field(default_factory=lambda: Lines())
     waiting: deque[tuple[float, bytes]] = field(default_factory=deque)  # when it is due, and what
+
+
+class Lines:
+    """Bytes from a host in, lines out."""
+
+    def __init__(self) -> None:
+        self._begun = b""
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take bytes from the line; returns the lines that have ended and are not empty."""
+        *lines, self._begun = (self._begun + data).split(b"\n")
+        if len(self._begun) > LONGEST_LINE:
+            lines, self._begun = [*lines, self._begun], b""
+        return [text for line in lines if (text := line.decode("ascii", "replace").strip())]
+
+
+def encode_answer(said: Sequence[tuple[bool, str]], prefix: bytes) -> bytes:
+    """Return the answers of `VirtualAcutrol.carry_out` as a line: `TCP` or `BUS`, by its prefix."""
+    texts = [text for asks, text in said if asks or prefix]
+    return prefix + ";".join(texts).encode("ascii", "replace") + b"\n" * (not prefix) if texts else b""
 
 
 class TableServer:
@@ -50,10 +62,11 @@ class TableServer:
 
     `address`: of loopback; port 0 takes one that is free.
     `clock`: the table's time, s.
-    `faults`: of the link; others are the controller's.
-    `ahead_s`: by how much of its time the table goes on ahead of the clock, so that whoever stands on it can be told in
-      greater steps; so much later do commands act.
-    `log`: called with each command that is no question.
+    `prefix`: of its answers, `TCP` or `BUS`.
+    `faults`: those of the link are used; others are the controller's.
+    `ahead_s`: time by which the table is ahead of the clock, so that a unit on it is moved in greater steps; commands
+      act so much later.
+    `log`: called with each line that is no question.
     Raises InputError for an address elsewhere, OSError for one that is taken.
     """
 
@@ -63,14 +76,14 @@ class TableServer:
         address: tuple[str, int],
         clock: Callable[[], float],
         *,
-        style: Style = TCP,
+        prefix: bytes = TCP,
         faults: Sequence[TableFault] = (),
         ahead_s: float = 0.0,
         log: Callable[[str], None] = lambda text: None,
     ) -> None:
         if address[0] not in _LOOPBACK:
             raise InputError(f"a virtual controller is served on loopback only, such as 127.0.0.1:0, not {address[0]}")
-        self._controller, self._clock, self._style, self._log = controller, clock, style, log
+        self._controller, self._clock, self._prefix, self._log = controller, clock, prefix, log
         self._ahead_s = ahead_s
         self._of_link = [fault for fault in faults if fault.kind in ("silent", "cut", "slow")]
         self._lock = threading.Lock()
@@ -82,7 +95,7 @@ class TableServer:
         self._thread = threading.Thread(target=self._serve, name="table", daemon=True)
 
     def known(self) -> float:
-        """Have the table go on; returns the time until which its motion is known, s."""
+        """Advance the table; returns the time until which its motion is known, s."""
         with self._lock:
             self._controller.advance(self._clock() + self._ahead_s)
             return self._controller.table.now
@@ -124,7 +137,7 @@ class TableServer:
         return min(max(min(due) - self._clock(), 0.0), _LOOK_UP_S) if due else _LOOK_UP_S
 
     def _served(self, host: _Host, is_ready: bool) -> bool:
-        """Carry out the lines of a host and send the answers that are due; returns whether it is still there."""
+        """Carry out the lines of a host and send the answers that are due; returns False if it has gone."""
         now = self._clock()
         if self._fault("cut", now) is not None:
             return False
@@ -143,19 +156,14 @@ class TableServer:
     def _hear(self, host: _Host, data: bytes, now: float) -> None:
         slow = self._fault("slow", now)
         due = now if slow is None else now + slow.delay
-        for line in host.decoder.feed(data):
-            told = [command for command in line if not (isinstance(command, acutrol.Command) and command.asks)]
-            if told:
-                self._log("; ".join(map(str, told)))
+        for line in host.lines.feed(data):
             with self._lock:
                 said = self._controller.carry_out(line, now)
-            asked = [isinstance(command, acutrol.Command) and command.asks for command in line]
-            if self._style.acknowledges:
-                texts = [acutrol.DONE if text is None else text for text in said]
-            else:
-                texts = [text or "" for text, asks in zip(said, asked, strict=True) if asks]
-            if texts and self._fault("silent", now) is None:
-                host.waiting.append((due, acutrol.encode_answer(texts, self._style.prefix, self._style.end)))
+            if not all(asks for asks, _ in said):
+                self._log(line)
+            answer = encode_answer(said, self._prefix)
+            if answer and self._fault("silent", now) is None:
+                host.waiting.append((due, answer))
 
     def _fault(self, kind: str, now: float) -> TableFault | None:
         return next((f for f in self._of_link if f.kind == kind and f.at <= now < f.at + f.seconds), None)

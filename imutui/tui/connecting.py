@@ -379,7 +379,7 @@ class Leaving:
         connection.pause()
         context.say("stopping: finishing the file" if recording else "stopping the acquisition", "wait")
         try:
-            result = await in_thread(lambda: client.stop("the screen"))
+            result = (await in_thread(lambda: client.stop("the screen")))["result"]
         except FAULTS as error:
             return messages.fault(error)
         finally:

@@ -25,7 +25,7 @@ from imutui.instrument.imu400.driver import Imu400cd
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reader
-from imutui.session import client, ipc, port_probe
+from imutui.session import client, ipc
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan
 
@@ -160,7 +160,7 @@ def test_what_is_no_working_imu400cd_is_named_with_the_next_step() -> None:
 def test_a_line_that_echoes_is_no_unit_of_either_kind() -> None:
     """A ping comes back as an IMU381 answers it; one question more tells them apart."""
     with Device(Habits(echo=True)) as device:
-        found = port_probe.probe(device.port)
+        found = client.probe(device.port)
         assert not found["answers"]
         assert "not as a Crossbow IMU" in str(found["error"])
         with Port(device.port, 115200) as port, pytest.raises(InstrumentError, match="no question is answered"):

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from helpers.commands import imutui
 from helpers.processes import LIMIT_S, command_line, started, wait_until
-from helpers.tables import served
+from helpers.tables import rests, served
 from helpers.traces import whole_document
 
 from imutui.cli import investigate
@@ -19,7 +19,7 @@ from imutui.jobs.investigation_diary import DIARY, LAST_GOOD, Diary, DiaryDocume
 from imutui.report import trace_report
 from imutui.report.blocks import Table
 from imutui.session import client
-from imutui.table.registry import connect
+from imutui.table.acutrol import connect
 
 pytestmark = pytest.mark.usefixtures("home")
 
@@ -144,7 +144,7 @@ def test_whatever_stops_it_stops_the_table_and_the_motion_is_made_again(tmp_path
                 assert f"--resume -o {folder}" in told
                 state = controller.read()
                 assert state.mode == "off"
-                assert state.rests
+                assert rests(state)
                 kept = json.loads((folder / DIARY).read_text())
                 assert [(r["kind"], r["log"]) for r in kept["rounds"]] == [("start", "")]
                 assert kept["spent_s"] > 0.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.commands import imutui, imutui_json
 from helpers.processes import LIMIT_S, command_line, started, virtual_process
-from helpers.tables import served, wait_for
+from helpers.tables import rests, served, wait_for
 
 from filters.imu import STANDARD_GRAVITY
 from filters.simulation import TableFault, TableModel
@@ -25,7 +25,7 @@ from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import messages
 from imutui.instrument.uut.frames import Frame
 from imutui.instrument.virtual import Wire
-from imutui.table import registry
+from imutui.table.acutrol import connect
 from imutui.table.motion import Turn
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def test_the_table_stands_when_the_command_is_ended(number: signal.Signals) -> N
             watcher = it.connected()
             wait_for(watcher, lambda state: state.rates_dps[2] > 45.0)
             process.send_signal(number)
-            wait_for(watcher, lambda state: state.mode == "off" and state.rests)
+            wait_for(watcher, lambda state: state.mode == "off" and rests(state))
             code = process.wait(LIMIT_S)
             assert process.stderr is not None
             assert ("the table was stopped" in process.stderr.read()) is (number == signal.SIGINT)
@@ -88,7 +88,7 @@ def test_stop_brings_to_rest_what_somebody_else_has_set_going() -> None:
         other.start(Turn("outer", 30.0, 200.0))
         wait_for(other, lambda state: state.rates_dps[0] > 25.0)
         assert "stopped" in imutui("table", "stop", "--controller", it.url).stdout
-        assert wait_for(other, lambda state: state.rests).mode == "off"
+        assert wait_for(other, rests).mode == "off"
 
 
 def test_nothing_moves_before_somebody_has_said_so() -> None:
@@ -157,7 +157,7 @@ def test_a_unit_of_any_kind_reads_at_its_own_instants_what_the_table_did(name: s
     wire: Wire[DataPacket, object] = Wire(unit, on_packet=lambda packet, at: packets.append((packet, at)), began=0.0)
     baud = INSTRUMENTS[name].power_up_bauds[0]
     with table.served(unit) as url:
-        controller = registry.connect(url)
+        controller = connect(url)
         controller.enable()
         wire.arrived(7.3, baud)
         now[0] = 7.3

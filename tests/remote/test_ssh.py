@@ -192,7 +192,7 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     goes_on(connection)
     login("status").wait_for(f"{connection.name} (pid {connection.pid})")
     login("attach").wait_for("● REC", "asked 20")
-    result = connection.stop()
+    result = connection.stop()["result"]
     assert result is not None
     assert result["lost_packets"] == 0
     assert_gapless(reader.read(Path(result["log"]), raw=True))

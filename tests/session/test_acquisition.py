@@ -88,7 +88,7 @@ def test_live_and_replayed_results_are_equal(home: Path) -> None:
     def recorded(rate: float, sampling: str, seconds: float) -> dict[str, Any]:
         asked = plan(home, rate_hz=rate, sampling=sampling, duration_s=seconds, name=f"{sampling}-{rate:.0f}")
         with virtual() as port:
-            return client.start(replace(asked, port=port, note=asked.name)).wait(60.0) or {}
+            return client.start(replace(asked, port=port, note=asked.name)).wait(60.0)["result"] or {}
 
     with ThreadPoolExecutor(len(cases)) as pool:
         for case, live in zip(cases, pool.map(recorded, *zip(*cases, strict=True)), strict=True):
@@ -112,7 +112,7 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
         for name in ("PYTHONPATH", "IMUTUI_TEST_UNIT_TIME"):
             monkeypatch.setenv(name, environment[name])
         asked = plan(home, port=port, rate_hz=20.0, duration_s=30.0, accel_sign=1, mount="x,-y,-z", reference="gravity")
-        live = client.start(asked).wait(120.0)
+        live = client.start(asked).wait(120.0)["result"]
     assert live is not None
     log = reader.read(Path(live["log"]), raw=True)
     assert [(*p.counts, p.temperature, p.ticks) for p in ros_messages.packets(log)] == packets_of(home / "sent")[
@@ -255,7 +255,7 @@ def summary(log: reader.Log) -> dict[str, Any]:
 
 def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: Path, start: Start) -> None:
     asked = {"rate_hz": 133.0, "duration_s": 4.5, "rotate_minutes": 1.25 / 60.0, "note": "long"}
-    live = start(home / "sent", **asked).wait(120.0)
+    live = start(home / "sent", **asked).wait(120.0)["result"]
     assert live is not None
     paths = [Path(part["log"]) for part in live["parts"]]
     assert paths[-1] == Path(live["log"])

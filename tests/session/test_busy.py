@@ -15,10 +15,8 @@ from helpers.acquisitions import Running, acquiring
 from helpers.processes import LIMIT_S, wait_until
 
 from imutui.logbook import reader
-from imutui.session import __main__ as process
-from imutui.session import client, ipc
+from imutui.session import client, ipc, requests
 from imutui.session.client import SessionError
-from imutui.session.requests import CHANGES
 
 
 @contextmanager
@@ -43,23 +41,25 @@ def busy(run: Running) -> Iterator[None]:
 def ask(run: Running, **request: Any) -> dict[str, Any]:
     """Reply of the process to a request of somebody who waits for a tenth of a second."""
     line = json.dumps({"patience_s": 0.1, **request}).encode()
-    return dict(ipc.reply_to(line, partial(process.carry_out, run.engine)))
+    return dict(ipc.reply_to(line, partial(requests.carry_out, run.engine)))
 
 
-FIELDS: dict[str, dict[str, Any]] = {
+CHANGES: dict[str, dict[str, Any]] = {
+    "begin_statistics": {},
     "mark": {"text": "behind the back"},
     "record": {"wish": {}},
     "describe": {"note": "behind the back"},
     "configure": {"changes": {"reference": "gravity"}},
     "zero": {"argument": 30},
     "guide": {"do": "cancel", "wish": {}},
+    "stop_recording": {},
 }
 
 
 def test_what_was_refused_because_the_worker_is_busy_is_not_done_later(home: Path) -> None:
     with acquiring(home) as run:
         with busy(run):
-            replies = {name: ask(run, ask=name, **FIELDS.get(name, {})) for name in CHANGES}
+            replies = {name: ask(run, ask=name, **fields) for name, fields in CHANGES.items()}
         run.more_packets()
         assert run.seen()["recording"] is not None
         events, log = run.content()
@@ -96,7 +96,7 @@ def test_no_error_of_the_system_reaches_a_viewer_without_words() -> None:
     def fail(_: object) -> Any:
         raise TimeoutError
 
-    assert ipc.reply_to(b'{"ask": "snapshot"}', fail)["error"] == "it failed: TimeoutError"  # type: ignore[typeddict-item]
+    assert ipc.reply_to(b'{"ask": "snapshot"}', fail)["error"] == "it failed: TimeoutError"
 
 
 def test_a_client_whose_patience_ends_hears_so_in_words(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,12 +106,12 @@ def test_a_client_whose_patience_ends_hears_so_in_words(home: Path, monkeypatch:
     hangs = threading.Event()
     with acquiring(home) as run:
         lock = ipc.lock("default")
-        server = ipc.Server("default", partial(process.carry_out, run.engine))
+        server = ipc.Server("default", partial(requests.carry_out, run.engine))
         threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
         viewer = client.Client("default")
         with busy(run), pytest.raises(SessionError, match="did nothing of this"):
             viewer.mark("behind the back")
-        server.answer = lambda request: {"said": str(hangs.wait(LIMIT_S))}
+        server.answer = lambda request: hangs.wait(LIMIT_S)
         with pytest.raises(SessionError, match="has not answered for 1 s"):
             viewer.stop()
         hangs.set()

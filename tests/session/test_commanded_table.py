@@ -62,8 +62,9 @@ def the_log(home: Path) -> Path:
 def test_a_profile_runs_by_itself_and_is_recorded_with_what_the_table_did(home: Path) -> None:
     with served() as it, virtual() as port:
         connection = client.start(plan(home, it, port))
-        result = connection.wait(120.0)
-        assert (connection.ended_by_itself, connection.findings) == (True, [])
+        end = connection.wait(120.0)
+        assert (end["by_itself"], end["findings"]) == (True, [])
+        result = end["result"]
         assert result is not None
         assert stands(it)
     log = reader.read(Path(result["log"]))
@@ -112,8 +113,8 @@ def test_the_table_stands_when_either_process_is_killed(home: Path, victim: str)
         os.kill(keeper if victim == "keeper" else connection.pid, signal.SIGKILL)
         wait_until(lambda: stands(it))
         if victim == "keeper":
-            connection.wait(LIMIT_S)
-            assert any("keeper of the table" in finding["text"] for finding in connection.findings)
+            findings = connection.wait(LIMIT_S)["findings"]
+            assert any("keeper of the table" in finding["text"] for finding in findings)
         assert reader.read(the_log(home)).finished == (victim == "keeper")
 
 
@@ -125,10 +126,10 @@ def test_the_table_stands_the_file_is_whole_and_it_is_said(home: Path, wrong: st
         else:
             strike(it, TableFault(0.0, wrong))
         wait_until(lambda: stands(it))
-        connection.wait(LIMIT_S)
+        findings = connection.wait(LIMIT_S)["findings"]
         said = {"unit": "line to the unit", "interlock": "interlock", "stuck": "does not follow"}[wrong]
-        assert any("in segment 1: " in f["text"] and said in f["text"] for f in connection.findings)
-        assert max(finding["exit_code"] for finding in connection.findings) == 4
+        assert any("in segment 1: " in f["text"] and said in f["text"] for f in findings)
+        assert max(finding["exit_code"] for finding in findings) == 4
     log = reader.read(the_log(home))
     assert (log.finished, log.damage) == (True, "")
     assert [event.text for event in log.events if event.name == "mark"] == ["segment 1", "segment 1 ends"]
@@ -146,7 +147,7 @@ def test_a_profile_beyond_limits_is_refused_before_anything_moves_or_is_recorded
 def test_a_controller_without_a_profile_is_recorded_and_never_commanded(home: Path) -> None:
     with served() as it, virtual() as port:
         still = plan(home, it, port, reference="level", reference_file=("", ""), yes_move=False, duration_s=1.0)
-        result = client.start(still).wait(LIMIT_S)
+        result = client.start(still).wait(LIMIT_S)["result"]
         assert it.told == []
     assert result is not None
     assert reader.read(Path(result["log"])).states.stamp_ns.size > 10

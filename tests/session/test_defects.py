@@ -17,7 +17,7 @@ from helpers.units import virtual
 from filters.kalman import runner
 from imutui.instrument.frame_search import FrameDecoder
 from imutui.logbook import reader
-from imutui.session import client, end_report, lifecycle
+from imutui.session import client, lifecycle
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.session.run import Run
@@ -119,7 +119,7 @@ def test_whoever_follows_it_hears_of_the_fault_and_gets_exit_code_1(
         plan = Plan(port, record=True, filter="none", logs=str(home / "logs"), unattended=True)
         connection = client.start(plan)
         wait_until(lambda: client.running() == [])
-    report = end_report.read("default", connection.pid)
+    report = lifecycle.read_end("default", connection.pid)
     assert report is not None
     assert REPORTED in str(report["error"])
     [log] = (home / "logs").glob("*.mcap")

@@ -94,7 +94,7 @@ def test_a_unit_that_is_not_virtual_is_recorded_on_without_a_viewer(home: Path) 
         wait_until(lambda: path.stat().st_size > size + 10_000)  # some seconds of 20 Hz
         again = client.attach(connection.name)
         assert again.snapshot()["ends_unwatched_s"] is None
-        assert (again.stop() or {})["finished"]
+        assert (again.stop()["result"] or {})["finished"]
 
 
 def test_a_virtual_unit_does_not_outlive_an_acquisition_that_was_killed(home: Path) -> None:

@@ -25,7 +25,7 @@ from imutui.cli import follow_acquisition
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.uut import unit as uut_unit
 from imutui.logbook import reader, summary
-from imutui.session import client, end_report, ipc
+from imutui.session import client, ipc, processes
 from imutui.session.plan import VIRTUAL_PORT, Plan
 
 SILENT_FROM_S = 0.4
@@ -120,15 +120,15 @@ signal.pause()
 def test_a_file_without_a_message_is_not_left_and_one_with_a_message_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: str
 ) -> None:
-    monkeypatch.setattr(end_report, "_GRACE_S", 0.1)
+    monkeypatch.setattr(processes, "_GRACE_S", 0.1)
     log = tmp_path / "made" / "for it" / "a.mcap"
-    missing = end_report.missing_folders(Plan(VIRTUAL_PORT, output=str(log)))
+    missing = processes.missing_folders(Plan(VIRTUAL_PORT, output=str(log)))
     assert missing == [log.parent, log.parent.parent]
     with started([sys.executable, "-c", HELD_UP, str(log), messages]) as process:
         assert process.stdout is not None
         assert process.stdout.readline()
         assert log.exists()
-        end_report.end_unbegun(process, missing)
+        processes.end_unbegun(processes.Process(process.pid), missing)
     if messages == "none":
         assert list(tmp_path.iterdir()) == []
     else:
@@ -235,9 +235,9 @@ def test_a_service_is_not_started_again_for_what_a_filter_found(
     """Whoever stops it gets 0; one that ended by itself tells why it did; by hand the verdict counts."""
     result: Any = {"log": "a.mcap", "converged": False, "health": [], "alarms": [], "parts": []}
     finding = {"text": "the unit was silent at the end", "exit_code": 4}
-    connection: Any = SimpleNamespace(name="a", findings=[finding], ended_by_itself=by_itself)
+    end: Any = {"name": "a", "findings": [finding], "by_itself": by_itself, "result": result}
     asked = Plan("p", unattended=unattended)
-    assert follow_acquisition.exit_code(asked, result, connection, terminated) == code
+    assert follow_acquisition.exit_code(asked, end, terminated) == code
 
 
 def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:

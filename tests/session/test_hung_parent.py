@@ -17,8 +17,8 @@ import os, signal, sys
 if sys.orig_argv[-3:-2] == ["imutui.session"]:
     os.kill(os.getpid(), signal.SIGSTOP)
 if "record" in sys.orig_argv:
-    from imutui.session import preloaded
-    preloaded._SILENT_S = {silent_s}
+    from imutui.session import processes
+    processes._SILENT_S = {silent_s}
 """
 
 

@@ -123,7 +123,7 @@ class Recorded:
 
 def test_a_mover_is_sent_to_each_segment_once_and_left_when_the_guide_is_cancelled() -> None:
     mover = Recorded()
-    one, (first, second, _) = Guide(PROFILE, mover), PROFILE.segments
+    one, (first, second, _) = Guide(PROFILE, mover), PROFILE.segments  # type: ignore[arg-type]
     assert (one.look(0), one.look(S)) == (None, None)
     with pytest.raises(ValueError, match="by itself"):
         one.do("next", S, recording=True)
@@ -168,7 +168,7 @@ def test_a_profile_is_gone_through_on_a_virtual_unit_and_its_biases_are_found(ho
     connection = client.start(plan, timeout=90.0)
     connection.guide("begin", yes_move=True)
     wait_until(lambda: (connection.snapshot(2**62)["guide"] or {}).get("state") == "done")
-    result = connection.stop() or {}
+    result = connection.stop()["result"] or {}
     marks = [event.text for event in reader.read(Path(result["log"])).events if event.name == "mark"]
     assert marks == ["segment 1", "segment 2", "segment 3"]
     found, true = result["final"], truth(3)

@@ -41,8 +41,8 @@ from imutui.jobs import check
 from imutui.logbook import reader, schemas
 from imutui.session import lifecycle, observe, reconnection
 from imutui.session.engine import Engine
+from imutui.session.lifecycle import EndFinding
 from imutui.session.plan import Plan
-from imutui.session.requests import EndFinding
 from imutui.session.snapshot import NO_SERIES, Snapshot
 
 LIMIT_S = 60.0

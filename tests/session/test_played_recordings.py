@@ -36,7 +36,7 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
             duration_s=SECONDS,
             accel_sign=1, mount="x,-y,-z", reference="gravity",
         )  # fmt: skip
-        live = client.start(asked).wait(240.0)
+        live = client.start(asked).wait(240.0)["result"]
     assert live is not None
     assert (live["lost_packets"], live["bad_checksums"]) == (0, 0)
     return Path(live["log"])
@@ -100,7 +100,7 @@ def test_live_equals_replay_of_a_unit_that_is_turned(home: Path, monkeypatch: py
         asked = Plan(
             port, logs=str(home / "logs"), record=True, rate_hz=50.0, duration_s=40.0, accel_sign=1, reference="turned"
         )
-        live = client.start(asked).wait(120.0)
+        live = client.start(asked).wait(120.0)["result"]
     assert live is not None
     assert untimed(live) == replayed(live["log"], code=None)
     assert live["reference"] == "turned"

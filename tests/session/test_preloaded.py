@@ -14,7 +14,7 @@ from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan
-from imutui.session.preloaded import Forked, Parent
+from imutui.session.processes import Parent, Process
 
 
 def test_what_is_forked_outlives_its_parent_and_the_death_of_another(tmp_path: Path) -> None:
@@ -32,7 +32,7 @@ def test_what_is_forked_outlives_its_parent_and_the_death_of_another(tmp_path: P
         wait_until(lambda: has_ended(a.pid))
         before = b.snapshot()["packets"]
         wait_until(lambda: b.snapshot()["packets"] > before + 20)
-        result = b.stop()
+        result = b.stop()["result"]
         wait_until(lambda: has_ended(b.pid))
         for lock in (runtime / "imutui").glob("*.lock"):
             end_owner(lock)
@@ -46,7 +46,6 @@ def test_a_child_that_has_ended_by_then_is_one_that_has_ended() -> None:
     """It may fail before its number has come over: the other units of a batch are not given up for it."""
     with subprocess.Popen(["true"]) as process:
         process.wait()
-    forked = Forked(process.pid)
-    forked.terminate()
-    forked.kill()
-    forked.wait(0.0)
+    forked = Process(process.pid)
+    forked.send(signal.SIGKILL)
+    assert forked.has_ended()

@@ -121,11 +121,11 @@ def test_terminated_without_the_unit_it_finishes_the_file_at_once_and_says_so(ho
     os.kill(connection.pid, signal.SIGTERM)
     wait_until(lambda: connection.end() is not None)
     assert connection.end()["ended_by"].startswith("the signal SIGTERM")
-    live = connection.wait(30.0) or {}
-    (finding,) = connection.findings
+    end = connection.wait(30.0)
+    (finding,) = end["findings"]
     assert finding["exit_code"] == 4
     assert "gone at the end" in finding["text"]
-    log = reader.read(Path(live["log"]))
+    log = reader.read(Path((end["result"] or {})["log"]))
     assert log.finished
     assert finding["text"] in [event.text for event in log.events]
 

@@ -13,12 +13,11 @@ from helpers.processes import wait_until
 from helpers.units import virtual
 
 from imutui.command_line import joined
-from imutui.logbook import reader
+from imutui.logbook import reader, summary
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import client, ipc, previous_log
+from imutui.session import client, ipc, metadata
 from imutui.session.plan import Plan
-from imutui.session.previous_log import PreviousLog
 
 NOW = SessionInfo(serial_number="7", acquisition="table", host="here", boot_id="b2", log_id="new")
 BEFORE = replace(NOW, log_id="old", boot_id="b1")
@@ -46,7 +45,7 @@ def killed(connection: client.Client) -> Path:
 def finished(connection: client.Client) -> Path:
     """Stop an acquisition; returns its file."""
     recorded(connection, 2)
-    result = connection.stop()
+    result = connection.stop()["result"]
     assert result is not None
     return Path(result["log"])
 
@@ -61,8 +60,8 @@ def written(path: Path, info: SessionInfo, *, end: bool) -> Path:
     return path
 
 
-def found(folder: Path, info: SessionInfo = NOW, *, finished_too: bool = True) -> PreviousLog | None:
-    return previous_log.find(folder, info, finished_too=finished_too)
+def found(folder: Path, *, finished_too: bool = True) -> summary.Summary | None:
+    return metadata.previous_log(folder, NOW, finished_too=finished_too)
 
 
 def test_an_acquisition_that_was_killed_goes_on_in_a_new_file_that_says_so(home: Path) -> None:
@@ -100,10 +99,13 @@ def test_the_run_of_the_computer_tells_a_crash_from_a_restart(
     written(tmp_path / "a.mcap", replace(BEFORE, boot_id=boot), end=end)
     previous = found(tmp_path)
     assert previous is not None
-    assert (previous.name, previous.log_id, previous.finished, previous.restart) == ("a.mcap", "old", end, restart)
-    assert ("restart of the computer" in previous.in_words()) == (restart == "computer")
-    assert ("crash" in previous.in_words()) == (restart == "process" and not end)
-    (*_, said) = previous.in_words().split("known")
+    named = metadata.naming(NOW, previous)
+    how = "finished" if end else "unfinished"
+    assert (named.previous, named.previous_id, named.previous_end, named.restart) == ("a.mcap", "old", how, restart)
+    event = metadata.continuation(named, previous)
+    assert ("restart of the computer" in event) == (restart == "computer")
+    assert ("crash" in event) == (restart == "process" and not end)
+    (*_, said) = event.split("known")
     recover = joined("imutui", "recover", tmp_path / "a.mcap", "-o", tmp_path / "a_recovered.mcap")
     assert said == ("" if end else f"; `{recover}` makes it whole")
 
@@ -116,7 +118,7 @@ def test_only_the_last_log_of_the_same_acquisition_unit_and_computer_counts(tmp_
     writer = LogWriter(tmp_path / "now.mcap", BEFORE, "", time.time_ns())
     previous = found(tmp_path, finished_too=False)
     assert previous is not None
-    assert previous.name == "a.mcap"
+    assert previous.path.name == "a.mcap"
     writer.finish({}, time.time_ns())
     os.utime(first, (1.0, 1.0))
     assert found(tmp_path, finished_too=False) is None
@@ -128,13 +130,12 @@ def test_a_link_that_leads_nowhere_and_a_pipe_hide_no_log(tmp_path: Path) -> Non
     (tmp_path / "gone.mcap").symlink_to(tmp_path / "nowhere")
     os.mkfifo(tmp_path / "pipe.mcap")
     (tmp_path / "folder.mcap").mkdir()
-    found = previous_log.find(tmp_path, NOW, finished_too=True)
-    assert found is not None
-    assert found.name == "old.mcap"
+    previous = found(tmp_path)
+    assert previous is not None
+    assert previous.path.name == "old.mcap"
 
 
 def test_what_was_before_a_recording_is_not_said_of_its_later_files() -> None:
-    previous = PreviousLog(Path("a.mcap"), "old", False, 0.0, "process")
-    told = previous_log.naming(NOW, previous)
-    assert (told.previous, told.previous_end) == ("a.mcap", "unfinished")
-    assert previous_log.naming(told, None) == NOW
+    named = metadata.naming(NOW, summary.Summary(Path("a.mcap"), state=summary.UNFINISHED))
+    assert (named.previous, named.previous_end) == ("a.mcap", "unfinished")
+    assert metadata.naming(named, None) == NOW

@@ -13,11 +13,12 @@ import pytest
 from helpers.processes import wait_until
 from helpers.tables import Served, served, strike
 
+from filters.errors import InputError
 from filters.simulation import TableFault, TableModel
-from imutui.table import owner
-from imutui.table.controller import TableError
-from imutui.table.messages import Command
-from imutui.table.motion import Motion, Move, Swing, Turn
+from imutui.table import messages, owner
+from imutui.table.links import TableError
+from imutui.table.messages import Command, Report
+from imutui.table.motion import AxisLimits, Motion, Move, Swing, TableState, Turn
 from imutui.table.owner import KeptTable
 
 TURNING = math.radians(5.0)
@@ -74,7 +75,7 @@ def test_nothing_moves_before_it_is_enabled() -> None:
         ([Turn("inner", 10.0, 200.0)], "its limit is 100"),
         ([Turn("inner", 10.0, 0.0)], "positive"),
         ([Turn("up", 10.0, 50.0)], "up"),
-        ([Turn("inner", math.nan, 50.0)], "rate_dps"),
+        ([Turn("inner", math.nan, 50.0)], "nan deg/s"),
         ([Turn("inner", 10.0, 50.0), Move("middle", 91.0, 10.0, 10.0)], "-90 to 90"),
         ([Move("middle", 9.0, 0.0, 10.0)], "positive"),
         ([Swing("inner", 10.0, 2.0, 100.0)], "its limit is 50"),
@@ -127,7 +128,7 @@ def test_the_table_stands_after_a_fault_and_why_is_said(fault: TableFault, said:
 def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, signal.SIGKILL)
+        os.kill(table._process.pid, signal.SIGKILL)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         assert "were sent from here" in table.error
@@ -136,7 +137,7 @@ def test_the_owner_stops_the_table_when_its_keeper_is_killed() -> None:
 def test_a_keeper_that_hangs_is_killed_and_the_table_stopped() -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, signal.SIGSTOP)
+        os.kill(table._process.pid, signal.SIGSTOP)
         wait_until(lambda: table.has_ended)
         assert stands(it)
 
@@ -145,7 +146,7 @@ def test_a_keeper_that_hangs_is_killed_and_the_table_stopped() -> None:
 def test_a_keeper_that_is_told_to_end_stops_the_table_first(number: signal.Signals) -> None:
     with served() as it, kept(it) as table:
         turning(it, table)
-        os.kill(table.pid, number)
+        os.kill(table._process.pid, number)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         assert number.name in table.error
@@ -199,7 +200,7 @@ def test_a_stop_gets_in_between_the_commands_of_a_move_on_a_slow_link() -> None:
         table.send(Command("go", tuple(Move(axis, 90.0, 20.0, 100.0) for axis in table.axes)))
         wait_until(lambda: ":mode:position 1" in it.told)
         before = len(it.told)
-        os.kill(table.pid, signal.SIGINT)
+        os.kill(table._process.pid, signal.SIGINT)
         wait_until(lambda: table.has_ended)
         assert stands(it)
         after = [told for told in it.told[before:] if "limit" not in told]
@@ -218,12 +219,29 @@ def test_a_second_command_does_not_take_a_table_that_turns_under_anothers() -> N
         assert abs(it.table.axes["inner"].rate) > TURNING
 
 
+def test_messages_are_read_as_they_were_written() -> None:
+    motions = Move("inner", 1.0, 2.0, 3.0), Turn("outer", -1.0, 2.0), Swing("middle", 1.0, 2.0, 3.0)
+    for command in (Command("beat"), Command("go", motions, stops=2, number=7)):
+        assert messages.command(messages.encode(command)) == command
+    state = TableState(1, 2, (0.0, 1.0, 2.0), (3.0, 4.0, 5.0), "rate", "")
+    limits = {"inner": AxisLimits(1.0, 2.0, None, 3.0)}
+    for report in (
+        Report(),
+        Report("table", ("inner",), limits),
+        Report(state=state, to=3, refused="no"),
+        Report(ended=True),
+    ):
+        assert messages.report(messages.encode(report)) == report
+    with pytest.raises(InputError, match="not whole"):
+        messages.report(messages.encode(Report(state=state))[:-9])
+
+
 def test_an_answer_belongs_to_its_command() -> None:
     with served() as it, kept(it) as table:
-        table.send(Command("jump"))  # type: ignore[arg-type]
+        table.send(Command("go", (Turn("inner", 5.0, 100.0),)))  # refused: the table is not enabled
         table.ask(Command("enable"))
         with pytest.raises(TableError, match="not one of"):
-            table.ask(Command("jump"))  # type: ignore[arg-type]
+            go(table, Turn("up", 5.0, 100.0))
 
 
 def test_a_keeper_that_hangs_on_its_link_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

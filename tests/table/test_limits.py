@@ -19,12 +19,11 @@ from filters.motion.segments import Dwell, Rate, Segment, Sine
 from filters.simulation import TableModel, TurnTable
 from imutui.session import commanded_table
 from imutui.session.commanded_table import CommandedTable
-from imutui.table import acutrol_host, keeper
-from imutui.table.acutrol import DONE, CommandDecoder, encode_answer
-from imutui.table.acutrol_host import Acutrol
+from imutui.table import acutrol, keeper
+from imutui.table.acutrol import Acutrol
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import TableError, TableLinkError
 from imutui.table.keeper import Keeper
+from imutui.table.links import TableError, TableLinkError
 from imutui.table.messages import Command, Report
 from imutui.table.motion import Motion, Move, Swing, TableState, Turn, parse_limits
 
@@ -54,7 +53,6 @@ class Wire:
 
     def __init__(self, controller: VirtualAcutrol, clock: Clock, latency_s: float) -> None:
         self.controller, self._clock, self._latency_s = controller, clock, latency_s
-        self._decoder = CommandDecoder()
         self._answers: deque[tuple[float, bytes]] = deque()
         self.is_silent, self.is_closed = False, False
         self.sent: list[str] = []
@@ -64,10 +62,10 @@ class Wire:
             raise TableLinkError("the link is closed.")
         self.sent.append(data.decode().strip())
         arrives = self._clock.now + self._latency_s / 2.0
-        for line in self._decoder.feed(data):
-            texts = [text or DONE for text in self.controller.carry_out(line, max(arrives, self.controller.table.now))]
-            if not self.is_silent:
-                self._answers.append((arrives + self._latency_s / 2.0, encode_answer(texts, b"", b"\n")))
+        said = self.controller.carry_out(self.sent[-1], max(arrives, self.controller.table.now))
+        if not self.is_silent:
+            answer = ";".join(text for _, text in said).encode() + b"\n"
+            self._answers.append((arrives + self._latency_s / 2.0, answer))
 
     def receive(self, patience_s: float) -> bytes:
         until = self._clock.now + patience_s
@@ -172,7 +170,7 @@ class Kept:
 def kept(limits: str = "", latency_s: float = 0.002, at_deg: float = 0.0, **model: Any) -> Iterator[Kept]:
     clock = Clock()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (acutrol_host, keeper, commanded_table):
+        for module in (acutrol, keeper, commanded_table):
             patch.setattr(module, "time", clock)
         patch.setattr(keeper, "_wait", clock.sleep)
         controller = VirtualAcutrol(TurnTable(TableModel(seed=3, **({"axes": ("inner",)} | model))))
@@ -184,7 +182,7 @@ def kept(limits: str = "", latency_s: float = 0.002, at_deg: float = 0.0, **mode
         def connect(asks: bool) -> Acutrol:
             wire.is_closed = False
             wire.sent.append("connected")
-            return Acutrol(wire, asks=asks)
+            return Acutrol(wire, asks=asks)  # type: ignore[arg-type]
 
         made = Keeper(connect, parse_limits(limits), told.append, NoLines())  # type: ignore[arg-type]
         it = Kept(made, wire, clock, told)

@@ -15,12 +15,11 @@ import pytest
 from filters.errors import InputError
 from filters.simulation import TableModel, TurnTable
 from imutui.instrument.pseudo_terminal import PseudoTerminal
-from imutui.table import registry
-from imutui.table.acutrol import Command, CommandDecoder, encode_answer
+from imutui.table.acutrol import connect
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.controller import TableError, TableLinkError
+from imutui.table.links import TableError, TableLinkError
 from imutui.table.motion import MODES, AxisLimits, Move
-from imutui.table.server import TableServer
+from imutui.table.server import BUS, Lines, TableServer, encode_answer
 
 # ---------------------------------------------------------------------------------------- what no controller says well
 
@@ -67,32 +66,33 @@ LIMITS = b"00000000400,500,20000,0,0,440\n"
 )
 def test_an_answer_that_is_none_is_told_as_it_stands(answer: bytes, why: str) -> None:
     with saying(answer, answer) as url, pytest.raises(TableError, match=why) as error:
-        registry.connect(url).limits()
+        connect(url).limits()
     assert "\n" not in str(error.value)
 
 
 def test_an_answer_may_come_byte_by_byte() -> None:
     with saying(LIMITS, b"00000000359.5;-0.25\n") as url:
-        controller = registry.connect(url)
+        controller = connect(url)
         assert controller.limits()["inner"] == AxisLimits(400.0, 500.0, None, None)
 
 
 def test_a_mode_that_nobody_has_seen_is_taken_for_the_most_active() -> None:
-    with saying(b"00000000Tracking;Closed\n", LIMITS, b"000000001.0;2.0\n") as url:
-        assert registry.connect(url).read().mode == MODES[-1]
+    with saying(b"00000000Tracking;Closed\n", b"000000001.0;2.0\n") as url:
+        assert connect(url).read().mode == MODES[-1]
 
 
 def test_it_is_stopped_whatever_it_says_of_its_modes() -> None:
     """Rate zero, rate mode and mode off are sent; that it rests with its modes off is not taken for granted."""
 
     class Odd(VirtualAcutrol):
-        def _said(self, command: Command) -> str:
-            return "not known" if command.words == ("mode",) else super()._said(command)
+        def carry_out(self, line: str, now: float) -> list[tuple[bool, str]]:
+            said = super().carry_out(line, now)
+            return [(True, "not known")] * len(said) if line.startswith(":mode?") else said
 
     told: list[str] = []
     controller = Odd(TurnTable(TableModel(axes=("inner",))))
     with TableServer(controller, ("127.0.0.1", 0), time.monotonic, log=told.append) as server:
-        host = registry.connect(f"acutrol://127.0.0.1:{server.port}?axes=inner")
+        host = connect(f"acutrol://127.0.0.1:{server.port}?axes=inner")
         with pytest.raises(TableError, match="not known"):
             host.stop()
     assert [line for line in told if "interlock" not in line][:3] == [
@@ -105,7 +105,7 @@ def test_it_is_stopped_whatever_it_says_of_its_modes() -> None:
 
 def test_a_host_that_hangs_up_is_a_lost_link() -> None:
     with saying(LIMITS) as url:
-        controller = registry.connect(url)
+        controller = connect(url)
         controller.limits()
         with pytest.raises(TableLinkError):
             controller.read()
@@ -131,22 +131,22 @@ def test_a_host_that_hangs_up_is_a_lost_link() -> None:
 )
 def test_an_address_that_is_none_is_refused_in_words(url: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
-        registry.connect(url)
+        connect(url)
 
 
 def test_a_controller_that_is_not_there_is_told_with_its_address() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(TableLinkError, match=f"can't be reached.*{port}"):
-        registry.connect(f"acutrol://127.0.0.1:{port}")
+        connect(f"acutrol://127.0.0.1:{port}")
     with pytest.raises(TableLinkError, match="no such port"):
-        registry.connect("acutrol+serial:/dev/nothing-there")
+        connect("acutrol+serial:/dev/nothing-there")
 
 
 def test_gpib_needs_a_library_and_says_which(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvisa", None)  # an import of it fails, as where it is not installed
     with pytest.raises(InputError, match="gpib"):
-        registry.connect("acutrol+gpib:GPIB0::1::INSTR")
+        connect("acutrol+gpib:GPIB0::1::INSTR")
 
 
 def test_a_serial_line_is_a_terminals(tmp_path: Path) -> None:
@@ -155,20 +155,18 @@ def test_a_serial_line_is_a_terminals(tmp_path: Path) -> None:
     with PseudoTerminal(tmp_path / "line") as pty:
 
         def serve() -> None:
-            decoder = CommandDecoder()
+            lines = Lines()
             while not closing.is_set():
                 pty.release()
                 if not select.select([pty], (), (), 0.02)[0]:
                     continue
-                for line in decoder.feed(pty.read()):
-                    said = controller.carry_out(line, 0.0)
-                    texts = [t or "" for t, c in zip(said, line, strict=True) if isinstance(c, Command) and c.asks]
-                    pty.write(encode_answer(texts, b"", b"\n") if texts else b"")
+                for line in lines.feed(pty.read()):
+                    pty.write(encode_answer(controller.carry_out(line, 0.0), BUS))
 
         thread = threading.Thread(target=serve)
         thread.start()
         try:
-            host = registry.connect(f"acutrol+serial:{tmp_path / 'line'}?baud=19200")
+            host = connect(f"acutrol+serial:{tmp_path / 'line'}?baud=19200")
             assert host.axes == ("inner",)
             host.enable()
             host.start(Move("inner", 30.0, 50.0, 100.0))
@@ -208,7 +206,7 @@ def test_a_bus_is_spoken_to_by_pyvisa(tmp_path: Path, monkeypatch: pytest.Monkey
     pytest.importorskip("pyvisa_sim")
     (tmp_path / "bus.yaml").write_text(BUS_DEVICE)
     monkeypatch.setenv("PYVISA_LIBRARY", f"{tmp_path / 'bus.yaml'}@sim")
-    controller = registry.connect("acutrol+gpib:GPIB0::1::INSTR")
+    controller = connect("acutrol+gpib:GPIB0::1::INSTR")
     assert controller.axes == ("inner",)
     assert controller.identify() == "SIM TABLE"
     assert controller.limits() == {"inner": AxisLimits(400.0, 500.0, None, None)}
@@ -218,4 +216,4 @@ def test_a_bus_is_spoken_to_by_pyvisa(tmp_path: Path, monkeypatch: pytest.Monkey
     controller.stop()
     controller.close()
     with pytest.raises(TableLinkError, match="GPIB0::9::INSTR"):
-        registry.connect("acutrol+gpib:GPIB0::9::INSTR")
+        connect("acutrol+gpib:GPIB0::9::INSTR")

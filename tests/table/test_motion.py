@@ -78,6 +78,12 @@ def test_a_motion_beyond_limits_is_refused(motion: Motion, why: str) -> None:
         motion.check(Begin(0.0), LIMITS)
 
 
+@pytest.mark.parametrize("motion", [Move("inner", 10.0, 20.0, 50.0), Swing("inner", 1.0, 0.5, 100.0)])
+def test_an_axis_that_turns_is_neither_moved_nor_swung(motion: Motion) -> None:
+    with pytest.raises(InputError, match=r"turns, at 5\.00 deg/s; have it stand first"):
+        motion.check(Begin(0.0, 5.0, 50.0), LIMITS)
+
+
 def test_what_is_expected_of_a_turn_is_added_to_the_rate_that_the_axis_has() -> None:
     """From one rate straight to another, and on at it for as long as need be."""
     model = Expected(Turn("inner", -20.0, 50.0), Begin(5.0, 30.0), 0.0, 0.0)
@@ -241,6 +247,12 @@ def test_a_rate_towards_a_stop_is_told_while_there_is_room_to_brake() -> None:
     when, said = run(of, states)
     assert "comes to its limit" in said
     assert 20.0 * when + braking_deg(20.0, 50.0) < 90.0
+
+
+def test_angles_that_a_controller_counts_modulo_360_continue_through_whole_turns() -> None:
+    of = follower()
+    assert run(of, [reading(t, inner=-40.0 * t % 360.0, mode="off") for t in steps(20.0)]) == (math.inf, "")
+    assert of.angles_deg[2] == pytest.approx(-40.0 * steps(20.0)[-1])
 
 
 def test_a_swing_that_comes_to_a_stop_is_told() -> None:

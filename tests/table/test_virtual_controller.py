@@ -11,9 +11,8 @@ from helpers.tables import served
 from filters.channels import DPS
 from filters.errors import InputError
 from filters.simulation import TableModel, TurnTable
-from imutui.table.acutrol import parse
 from imutui.table.acutrol_virtual import VirtualAcutrol
-from imutui.table.server import BUS, TCP, Style, TableServer
+from imutui.table.server import BUS, TCP, TableServer
 
 ONE = TableModel(axes=("inner",), encoder_noise=0.0, rate_noise=0.0, encoder_offset_sd=0.0)
 OK = b"00000000OK"
@@ -38,17 +37,13 @@ TCP_DIALOGUE = [
 BUS_DIALOGUE = [
     (b"*idn?\n", b"IMUTUI,VIRTUAL SIM TABLE,0,1 axes\n"),
     (b":limit:absolute? 1\n", b"400,500,20000,0,0,440\n"),
-    (b":limit:acc? pos,1\n", b"500\n"),
-    (b":limit:rate? synt,1\n", b"400\n"),
-    (b":Interlock:Reset\n:mode:off 1\n:int:close 1\n:interlock? 1\n", b"Closed\n"),
+    (b":Interlock:Reset 1\n:mode:off 1\n:int:close 1\n:interlock? 1\n", b"Closed\n"),
     (b":mode:synt 1\n:dem:osc 1,0,0,0\n:mode? 1\n", b"Synthesis\n"),
     (b":mode:rate 1\n:dem:rate 1,0\n:mode? 1\n", b"Rate\n"),
-    (b":lim:acc pos,1,300\n:lim:rate rate,1,100\n:limit:acc? pos,1\n", b"300\n"),
-    (b":limit ALL,P,100,90,80\n:limit:acc? pos,1;rate? pos,1;jerk? pos,1\n", b"90;100;80\n"),
-    (b":mode 1,pos\n:dem:pos 1,0\n:mode? 1\n", b"Position\n"),
-    (b":read:pos? 1;rate? 1;acc? 1\n", b"0.0000;0.0000;0.000\n"),
-    (b"*stb?\n", b"0\n"),
-    (b":d:p 1,0\n:m:p ALL\n:d:p? 1\n", b"0.0000\n"),
+    (b":lim:acc pos,1,300\n:lim:rate rate,1,100\n:mode? 1\n", b"Rate\n"),
+    (b":mode:pos 1\n:dem:pos 1,0\n:mode? 1\n", b"Position\n"),
+    (b":read:pos? 1;rate? 1\n", b"0.0000;0.0000\n"),
+    (b":d:p 1,0\n:m:p 1\n:d:p? 1\n", b"0.0000\n"),
     (b":d:r 1,0\n:m:r 1\n:mode? 1\n", b"Rate\n"),
     (b":int:open 1\n:interlock? 1;:mode? 1\n", b"Open;Off\n"),
 ]
@@ -71,9 +66,9 @@ class Host:
         self._socket.close()
 
 
-@pytest.mark.parametrize(("style", "dialogue"), [(TCP, TCP_DIALOGUE), (BUS, BUS_DIALOGUE)], ids=["tcp", "bus"])
-def test_drivers_are_answered_as_they_expect(style: Style, dialogue: list[tuple[bytes, bytes]]) -> None:
-    with served(ONE, style=style) as it:
+@pytest.mark.parametrize(("prefix", "dialogue"), [(TCP, TCP_DIALOGUE), (BUS, BUS_DIALOGUE)], ids=["tcp", "bus"])
+def test_drivers_are_answered_as_they_expect(prefix: bytes, dialogue: list[tuple[bytes, bytes]]) -> None:
+    with served(ONE, prefix=prefix) as it:
         host = Host(it.server.port)
         for sent, answer in dialogue:
             assert host.ask(sent, len(answer)) == answer, sent
@@ -81,7 +76,7 @@ def test_drivers_are_answered_as_they_expect(style: Style, dialogue: list[tuple[
 
 
 def test_a_dialogue_is_the_same_byte_by_byte() -> None:
-    with served(ONE, style=BUS) as it:
+    with served(ONE, prefix=BUS) as it:
         host = Host(it.server.port)
         for sent, answer in BUS_DIALOGUE:
             for byte in sent[:-1]:
@@ -90,29 +85,28 @@ def test_a_dialogue_is_the_same_byte_by_byte() -> None:
         host.close()
 
 
-def answered(controller: VirtualAcutrol, line: str, now: float = 0.0) -> list[str | None]:
-    return controller.carry_out(parse(line), now)
+def answered(controller: VirtualAcutrol, line: str, now: float = 0.0) -> list[str]:
+    return [text for _, text in controller.carry_out(line, now)]
 
 
 def ready(model: TableModel = ONE) -> VirtualAcutrol:
     controller = VirtualAcutrol(TurnTable(model))
-    assert answered(controller, ":int:reset;close all;:mode:off all") == [None, None, None]
+    assert answered(controller, ":int:reset 1;close 1;:mode:off 1") == ["OK"] * 3
     return controller
 
 
 @pytest.mark.parametrize(
     "line",
     [
-        "nonsense", ":read:position? 2", ":read:position?", ":read:pos? all,1", ":demand:rate 1", ":demand:rate 1,fast",
-        ":demand:rate 1,nan", ":demand:rate 1,401", ":demand:delta 1,181", ":demand:osc 1,90,2,0", ":limit:acc pos,1,0",
-        ":limit:rate pos,1,401", ":limit:acc off,1,10", ":limit 1,P,1,1", ":mode:fast 1", ":mode 1,fast",
+        "nonsense", ":read:position? 2", ":read:position?", ":read:pos? 1,1", ":demand:rate 1", ":demand:rate 1,fast",
+        ":demand:rate 1,nan", ":demand:rate 1,401", ":demand:osc 1,90,2,0", ":limit:acc pos,1,0",
+        ":limit:rate pos,1,401", ":limit:acc off,1,10", ":mode:fast 1", ":demand:pos:now 1", ":", "?", ":read", "*rst",
         ":mode:rate 7", ":interlock? 2", ":demand:osc? 1", ":limit:rate? pos",
     ],
 )  # fmt: skip
 def test_what_can_not_be_done_is_answered_in_words_and_changes_nothing(line: str) -> None:
     controller = ready()
     (said,) = answered(controller, line)
-    assert said is not None
     assert re.fullmatch(r"Command not recognized|Bad argument|Out of range", said)
     assert answered(controller, ":mode? 1;:demand:rate? 1;position? 1") == ["Off", "0.0000", "0.0000"]
 
@@ -120,17 +114,15 @@ def test_what_can_not_be_done_is_answered_in_words_and_changes_nothing(line: str
 def test_no_mode_is_entered_while_the_interlock_is_open() -> None:
     controller = VirtualAcutrol(TurnTable(ONE))
     assert answered(controller, ":mode:rate 1") == ["Interlock not closed"]
-    assert answered(controller, ":mode:off 1;:mode? 1") == [None, "Off"]
+    assert answered(controller, ":mode:off 1;:mode? 1") == ["OK", "Off"]
 
 
 def test_a_mode_moves_to_its_demand_as_soon_as_it_is_entered() -> None:
     controller = ready()
-    assert answered(controller, ":demand:position 1,10") == [None]
+    assert answered(controller, ":demand:position 1,10") == ["OK"]
     assert answered(controller, ":read:pos? 1", 2.0) == ["0.0000"]
     answered(controller, ":mode:position 1", 2.0)
     assert answered(controller, ":read:pos? 1;rate? 1", 6.0) == ["10.0000", "0.0000"]
-    assert answered(controller, ":demand:delta 1,-20;:read:pos? 1", 6.0)[0] is None
-    assert answered(controller, ":read:pos? 1", 10.0) == ["350.0000"]
 
 
 def test_limits_of_its_mode_hold_and_can_be_changed_on_the_way() -> None:
@@ -142,16 +134,8 @@ def test_limits_of_its_mode_hold_and_can_be_changed_on_the_way() -> None:
     assert math.isclose(controller.table.axes["inner"].accel_limit, 100.0 * DPS)
 
 
-def test_acceleration_is_read_as_well() -> None:
-    controller = ready()
-    answered(controller, ":limit:acc rate,1,50;:demand:rate 1,100;:mode:rate 1")
-    (said,) = answered(controller, ":read:acc? 1", 1.0)
-    assert said is not None
-    assert float(said) == pytest.approx(50.0, abs=0.5)
-
-
 def test_equal_lines_at_equal_times_are_answered_alike() -> None:
-    def all_of_it() -> list[list[str | None]]:
+    def all_of_it() -> list[list[str]]:
         controller = ready(TableModel(seed=8))
         answered(controller, ":demand:rate 3,50;:mode:rate 3")
         return [answered(controller, ":read:pos? 3;rate? 3", 0.1 * n) for n in range(40)]

@@ -11,8 +11,8 @@ from helpers.shapes import whole
 from imutui.estimate_history import HistorySnapshot
 from imutui.estimates import Bias, FilterSnapshot, live_biases
 from imutui.logbook.results import ReadingsDocument, RunDocument
-from imutui.session.client import SessionError, SessionGoneError
-from imutui.session.end_report import EndReport
+from imutui.session.client import EndReport, SessionError, SessionGoneError
+from imutui.session.lifecycle import Lifecycle
 from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import (
     ControllerSnapshot,
@@ -279,10 +279,10 @@ class FakeClient:
         """How it ended, if a test says so."""
         return self.report
 
-    def stop(self, by: str = "") -> RunDocument | None:
+    def stop(self, by: str = "") -> EndReport:
         self.asked.append("stop")
         self.gone = "the acquisition has ended"
-        return result() if self.recording else None
+        return Lifecycle(self.name).report(result=result() if self.recording else None)
 
     def close(self) -> None:
         self.closed = True

@@ -408,14 +408,13 @@ class _Engine:
 
 
 def _take_request(path: Path) -> None:
-    from imutui.session import __main__ as process
-    from imutui.session import ipc
+    from imutui.session import ipc, requests
 
     folder, logs = path.parent, path.with_name("logs")
     before = {path for path in folder.rglob("*") if not path.is_relative_to(logs)}
     engine = _Engine(logs)
     for line in (*path.read_bytes().split(b"\n")[:20], _REQUESTS[0], _REQUESTS[-2]):
-        reply = ipc.reply_to(line, lambda request: process.carry_out(engine, request))  # type: ignore[arg-type]
+        reply = ipc.reply_to(line, lambda request: requests.carry_out(engine, request))  # type: ignore[arg-type]
         json.dumps(reply)
         if not reply["ok"] and "a defect of imutui" in reply["error"]:
             raise AssertionError(reply["error"])

@@ -108,7 +108,7 @@ def silent(folder: Path, seconds: float) -> Silence:
         told = time.monotonic_ns()
         wait_until(lambda: messages.silence(it.state()) is None)
         over = time.monotonic_ns()
-        log = it.client.stop()
+        log = it.client.stop()["result"]
     assert log is not None
     # as the acquisition read them: whoever writes to the wire may be held up before it looks at a clock
     arrived = np.array(
@@ -157,7 +157,7 @@ def unplugged(folder: Path) -> Unplugged:
         wait_until(lambda: _seen(connection)["packets"] > count)
         back = time.monotonic() - since
         assert name != first
-        log = Path((connection.stop() or {})["log"])
+        log = Path((connection.stop()["result"] or {})["log"])
         link.unlink()
     events = reader.read(log).events
     assert [event.name for event in events].count("gap") == 1, events

@@ -14,7 +14,6 @@ from imutui.session import client as session
 from imutui.session.client import SessionError
 from imutui.session.plan import PAPER_PLACE, Plan, demo
 from imutui.session.snapshot import ProbeAnswer
-from imutui.tui.pages.connect import text
 from imutui.tui.pages.connect.form import ConnectForm
 
 FILE = PATH.rsplit("/", 1)[1]
@@ -169,7 +168,7 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
 
     def probe(port: str) -> ProbeAnswer:
         asked.append(port)
-        answer = text.not_answered(port, f"{port}: in use by picocom (pid 12)")
+        answer = session.not_answered(port, f"{port}: in use by picocom (pid 12)")
         if port == "/dev/ttyUSB0":
             return {**answer, "answers": True, "serial_number": "9911750", "firmware": "IMU400CD 1.2", "error": None}
         return answer

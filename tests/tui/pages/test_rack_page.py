@@ -6,7 +6,7 @@ import pytest
 from helpers.fake_batch import BAD_AXIS, Batch, Unit, settled
 from helpers.pilot import SMALLEST
 
-from imutui.session import end_report
+from imutui.session import lifecycle
 from imutui.session.client import SessionGoneError
 
 
@@ -157,11 +157,13 @@ async def test_s_stops_a_unit_after_asking(batch: Batch) -> None:
 
 
 async def test_one_that_was_asked_to_end_is_no_fault(batch: Batch, home: Path) -> None:
-    end_report.write("lot:2", "ana on pts/1", None)
+    ended = lifecycle.Lifecycle("lot:2")
+    ended.stop("ana on pts/1")
+    lifecycle.write_end(ended.report())
     async with batch.opened() as see:
         batch.units["lot:2"].gone = 'the acquisition "lot:2" has ended.'
         await see("j → – ENDED | ended by ana on pts/1 | 1 × RED  2 ● GREEN | S starts it again")
-        end_report.write("lot:2", "", "the disk is full")
+        lifecycle.write_end(lifecycle.failed("lot:2", lifecycle.DISK, "the disk is full"))
         await see("→ × ENDED | the disk is full | 2 × RED")
 
 

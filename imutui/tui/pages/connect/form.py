@@ -205,7 +205,7 @@ class ConnectForm(Vertical):
             try:
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
             except (session.SessionError, OSError) as error:
-                found = text.not_answered(port, str(error))
+                found = session.not_answered(port, str(error))
             if not self.query("#ports"):  # the page has gone meanwhile
                 return
             self._found(port, found["instrument"])

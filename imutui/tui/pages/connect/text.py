@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass
-from typing import cast
 
 from filters.errors import InputError
 from imutui.session.plan import MIN_RATE_HZ, VIRTUAL_PORT, Driver, of_model
@@ -95,12 +94,6 @@ def label(choice: Choice, answers: dict[str, str]) -> str:
     if answer is None:
         return choice.label
     return f"{formatting.port_name(choice.value, _NAME):{_NAME}}  {formatting.clipped(answer, _ANSWER)}"
-
-
-def not_answered(port: str, error: str) -> ProbeAnswer:
-    """What stands for an answer where asking itself failed."""
-    empty = {"answers": False, "instrument": "", "serial_number": "", "firmware": "", "baud": None}
-    return cast("ProbeAnswer", {"port": port, **empty, "error": error})
 
 
 def answered(found: ProbeAnswer) -> str:
