@@ -206,6 +206,11 @@ def _wrong(value: object, shape: object, path: _Path) -> InputError:
     return InputError(f"{_before(path[: max(keys - 1, 0)])}{what} is {shown}, not {allowed}")
 
 
+def in_words(values: Iterable[object]) -> str:
+    """Return values as a list in a sentence; an empty text is named."""
+    return ", ".join(str(value) or "(empty)" for value in values)
+
+
 def _allowed(shape: Any, key: str) -> str:
     """Return in words what the value of a key may be."""
     kind, of, meta = _split(shape)
@@ -214,7 +219,7 @@ def _allowed(shape: Any, key: str) -> str:
     if kind is typing.Union:
         return " or ".join(dict.fromkeys(_allowed(member, key) for member in of if member is not NoneType))
     if words := of if kind is typing.Literal else meta.allowed:
-        return f"one of: {', '.join(map(str, words))}"
+        return f"one of: {in_words(words)}"
     if kind not in (int, float):
         if kind is list and (_split(of[0])[0] in (dict, typing.Union) or _is_record(_split(of[0])[0])):
             return f"a list of tables [[{key}]]"

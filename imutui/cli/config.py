@@ -34,6 +34,7 @@ def command(
 
 def _text(loaded: "Config") -> str:
     """Settings as TOML, in columns, each with its source and what else it may be."""
+    from imutui.declared import in_words
     from imutui.settings import SETTINGS
 
     lines = ["# looked for, the last one wins; then the environment, then flags:"]
@@ -46,7 +47,7 @@ def _text(loaded: "Config") -> str:
             section = key.split(".")[0]
             lines.append("")
         allowed = SETTINGS[key].allowed
-        choice = f"; one of {', '.join(map(str, allowed))}" if allowed else ""
+        choice = f"; one of {in_words(allowed)}" if allowed else ""
         mark = "#" if loaded.settings[key].value is None else ""  # TOML has no word for it
         lines.append(f"{mark + key:<{wide}} = {value:<{min(wider, 24)}}  # {loaded.settings[key].source}{choice}")
     return "\n".join(lines)

@@ -292,8 +292,7 @@ def test_the_system_knows_a_growing_file_by_its_name(tmp_path: Path) -> None:
 ELSEWHERE = {
     "imutui/logbook/atomic_file.py": "the writer itself",
     "imutui/defects.py": "mkstemp in the temporary folder, where nothing of imutui may be needed any more",
-    "imutui/session/batch.py": "a link, not a file",
-    "imutui/session/client.py": "appends to what the process says, in the private runtime folder",
+    "imutui/session/processes.py": "appends to the stderr of a process, in the private runtime folder",
     "imutui/session/ipc.py": "locks in the private runtime folder",
     "imutui/jobs/campaign/results_folder.py": "the journal, which only grows, and its lock; no link is followed",
     "imutui/instrument/pseudo_terminal.py": "a link to a terminal",
