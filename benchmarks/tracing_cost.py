@@ -61,7 +61,7 @@ def write(path: Path, hours: float) -> None:
     log.imu(BASE_NS, BASE_NS, np.zeros(3), np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     log.encoded(schemas.TEMPERATURE, of_degc, BASE_NS, BASE_NS)
     log.flush()
-    log.give_up()
+    log._file.close()
     channels: dict[str, int] = {}
     with path.open("rb") as stream, contextlib.suppress(EndOfFile):
         for record in StreamReader(stream).records:
