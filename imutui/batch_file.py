@@ -1,27 +1,6 @@
-"""Files that say which units are recorded at once (TOML): the table of a batch.
+"""Read and write the file of a batch (TOML): the units that are recorded at once. docs/formats.md has the format.
 
-What is for all of them stands at the top, a unit each in a table `unit`; a unit has a port or a serial number, the rest
-may be absent::
-
-    rate = 100.0                       # Hz
-    filter = "spkf"
-    note = "acceptance, second lot"
-    operator = "ana"
-    table = "T1"
-    place = "room 2"
-    profile = "six.toml"               # beside this file, or a ready-made one's name: one motion for all
-
-    [[unit]]
-    serial = "9911750"                 # on whichever port it answers
-
-    [[unit]]
-    port = "/dev/ttyUSB3"
-    name = "left"                      # default: the serial number, else the number of the table in the file
-    instrument = "IMU381"              # default: the unit is asked
-    mount = "x,-y,-z"
-    effects = "left.toml"              # beside this file
-
-The batch is called as its file is, without the suffix. No unit's acquisition is known here: see `imutui.session.batch`.
+The batch has the name of its file without the suffix. `imutui.session.batch` starts the acquisitions.
 """
 
 import re
@@ -39,19 +18,19 @@ from imutui.instrument.names import NAMES, VIRTUAL_PORT
 from imutui.settings import FilterName, Name, Note
 
 COMMON = ("rate", "filter", "note", "operator", "table", "place", "profile")
-"""Keys at the top of the file, which are for all units."""
+"""Keys at the top of the file; they apply to all units."""
 _OF_UNIT = ("port", "serial", "name", "instrument", "mount", "effects")
 _WORD = re.compile(r"[\w-][\w.-]*")
 _FIND = "`imutui devices --probe` lists the units that answer, with port and serial number"
 
 
 class BatchError(InputError):
-    """A batch is not what it should be; the message says which file, table, key, and what to do."""
+    """A batch file is wrong; the message names file, table, key, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit of a batch; what is empty is as it is configured, or asked of the unit."""
+    """A unit of a batch. An empty field takes the configured value, or that of the unit."""
 
     name: str  # one word, of one unit of the batch
     port: str = ""  # port, serial: one of them
@@ -63,7 +42,7 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Units that are recorded at once, and what is the same for all; None where it is as it is configured."""
+    """Units that are recorded at once, and their common values. None takes the configured value."""
 
     path: Path  # of its file
     units: tuple[Unit, ...]
@@ -76,19 +55,19 @@ class Batch:
     profile: str | None = None  # path of a profile's file, or the name of a ready-made one
 
     def wrong(self, what: str) -> BatchError:
-        """That something in its file cannot be."""
+        """Return the error for something in its file."""
         return BatchError(
             f"{self.path}: {what.rstrip('.')}. Nothing was started; correct the file, then the same again."
         )
 
     @property
     def name(self) -> str:
-        """What it is called: as its file, in one word."""
+        """Name of its file, as one word."""
         return re.sub(r"[^\w.-]+", "-", self.path.stem).strip("-.") or "batch"
 
 
 def read(path: Path) -> Batch:
-    """Batch of a file; raises BatchError if it can't be read, or is none."""
+    """Return the batch of a file; raises BatchError if the file cannot be read, or holds no batch."""
     try:
         document = toml_text.parse(outside_file.read(path, toml_text.LIMIT))
         return declared.make(document, _Batch, partial(_batch, path))
@@ -102,7 +81,7 @@ def read(path: Path) -> Batch:
 
 
 def to_toml(batch: Batch, about: tuple[str, ...] = ()) -> str:
-    """Text of a batch's file, with a comment for each unit."""
+    """Return the text of a batch's file, with a comment for each unit."""
     head = [(key, getattr(batch, key)) for key in COMMON]
     lines = [f"{key} = {toml_text.value(value)}" for key, value in head if value is not None]
     for unit, said in zip(batch.units, about or ("",) * len(batch.units), strict=True):
