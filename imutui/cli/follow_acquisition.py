@@ -29,7 +29,7 @@ from imutui.verdict.rules import SITE_NOT_STATED
 if TYPE_CHECKING:
     from imutui.logbook.results import RunDocument
 
-_REFRESH_S = 0.25
+_REFRESH_S, _PIECE_S = 0.25, 1.0
 ENDED_EARLY = "ended before the first packet came: nothing was recorded"
 
 
@@ -154,8 +154,10 @@ def _whose(end: EndReport) -> str:
 
 def _watch(connection: Client) -> EndReport:
     """Show the acquisition until it ends; returns the record of its end."""
-    if not sys.stderr.isatty():
-        return connection.wait()
+    while not sys.stderr.isatty():
+        # in pieces: a signal that comes just before a read that blocks is handled only when the read returns
+        with contextlib.suppress(TimeoutError):
+            return connection.wait(_PIECE_S)
     with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
         while True:
             with contextlib.suppress(TimeoutError):
