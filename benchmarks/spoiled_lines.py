@@ -1,8 +1,8 @@
-"""Packets that the decoders find on spoiled lines, and packets that they find and nobody sent.
+"""Packets that the decoders find on spoiled lines, and false packets, which were never sent.
 
     python benchmarks/spoiled_lines.py [--shares 0.02 0.1 0.3 0.5] [--streams 10] [--packets 4000] [--seed 1]
 
-Streams of units at rest, of which a share of the packets is spoiled: bits turned, bytes lost or put in, packets lost
+Streams of units at rest, with a share of the packets spoiled: bits turned, bytes lost or put in, packets lost
 whole. They are decoded in pieces of 37 bytes. "Whole" are the packets that reach the host undamaged, "us a packet" is
 the processor time that one takes.
 """

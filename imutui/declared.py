@@ -203,6 +203,8 @@ def _wrong(value: object, shape: object, path: _Path) -> InputError:
     shown = shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}…"
     what = f"{items}`{name}`" if name else "it"
     allowed = _allowed(shape, f"[{name}]" if numbers else f"{name}")
+    if isinstance(value, float) and math.isfinite(value) and allowed == "a finite number":
+        allowed = "a number of plausible size"
     return InputError(f"{_before(path[: max(keys - 1, 0)])}{what} is {shown}, not {allowed}")
 
 

@@ -44,7 +44,7 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
     ),
     "huge": (
         lambda d: {**d, "error": [{**d["error"][0], "before": 1e300}]},
-        "result, error 1: `before` is 1e+300, not",
+        "result, error 1: `before` is 1e+300, not a number of plausible size",
     ),
     "lack": (lambda d: {key: value for key, value in d.items() if key != "weak"}, "result: `weak` is missing"),
     "other": (lambda d: {"name": "x"}, "it states no version"),
